@@ -1,0 +1,72 @@
+"""Find every plane a depth image or point cloud can justify, how many there are, and rank them.
+
+>>> import planewise as pw
+>>> camera = pw.cameras.NYU
+>>> sensor = pw.Sensor(max_depth=10.0, resolution=0.001, noise=pw.noise.proportional(0.01))
+
+``pw.detect_planes(depth, camera, sensor)`` does everything; `Detector` is the same call for a
+stream; `detect_planes_in_points` takes free points. The parts they are made of can be composed by
+hand: `observe`, `information`, `find`.
+
+Frame: x right, y down, z forward. Planes: normal . x + distance = 0, |normal| = 1, distance >= 0, so
+that normals face the sensor. Information in nats; that of a plane is negative when it pays.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from planewise import cameras, noise, sensors
+from planewise._version import __version__
+from planewise.camera import PinholeCamera
+from planewise.information import information
+from planewise.model import Curve, Move, Plane, PlaneModel
+from planewise.objective import Objective
+from planewise.observation import observe, observe_points
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.detect import (
+        Detector,
+        Options,
+        detect_planes,
+        detect_planes_in_points,
+        find,
+    )
+
+__all__ = [
+    "Curve",
+    "Detector",
+    "Move",
+    "Objective",
+    "Options",
+    "PinholeCamera",
+    "Plane",
+    "PlaneModel",
+    "Sensor",
+    "__version__",
+    "cameras",
+    "detect_planes",
+    "detect_planes_in_points",
+    "find",
+    "information",
+    "noise",
+    "observe",
+    "observe_points",
+    "sensors",
+]
+
+# Numba takes longer to import than everything else together: it waits for the first detection.
+_LAZY = {"Detector", "Options", "detect_planes", "detect_planes_in_points", "find"}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        from planewise import detect
+
+        return getattr(detect, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return __all__

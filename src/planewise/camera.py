@@ -1,0 +1,245 @@
+"""The pinhole camera: from pixels to rays.
+
+Frame: x right, y down, z forward, origin at the optical centre. Pixel (0, 0) is the centre of the
+upper left pixel. The ray of a pixel is r = (u, v, 1) and a reading z on it is the point z r.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
+_UNDISTORT_STEPS = 50
+_UNDISTORT_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, kw_only=True)
+class PinholeCamera:
+    """Intrinsics of a camera without skew.
+
+    Parameters
+    ----------
+    fx, fy : float
+        Focal lengths in pixels.
+    cx, cy : float
+        Principal point in pixels; pixel centres have integer coordinates.
+    width, height : int, optional
+        Size of the image they hold for, in pixels. Where given, an image of another size is
+        refused.
+    distortion : tuple of float, optional
+        Radial-tangential coefficients (k1, k2, p1, p2[, k3]) as OpenCV and ROS ("plumb_bob") order
+        them. Rays are undistorted once per camera and image size.
+
+    Raises
+    ------
+    ValueError
+        If a focal length is not positive, or a number is not finite.
+
+    Examples
+    --------
+    >>> camera = PinholeCamera(fx=500, fy=500, cx=320, cy=240)
+    >>> camera.rays((480, 640))[240, 320]
+    array([0., 0., 1.])
+    """
+
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int | None = None
+    height: int | None = None
+    distortion: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
+        for name in ("fx", "fy"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"camera: {name} must be a positive number of pixels, got {value}")
+        if not all(map(math.isfinite, (self.cx, self.cy, *self.distortion))):
+            raise ValueError(f"camera: numbers must be finite, got {self}")
+        if len(self.distortion) not in (0, 4, 5):
+            raise ValueError(
+                "camera: distortion must be (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), "
+                f"got {len(self.distortion)} numbers"
+            )
+        if (self.width is None) != (self.height is None) or min(
+            self.width or 1, self.height or 1
+        ) < 1:
+            raise ValueError(
+                f"camera: width and height must be given together and be positive, "
+                f"got {self.width} and {self.height}"
+            )
+
+    def check(self, shape: tuple[int, int]) -> None:
+        """Refuse an image that these intrinsics cannot belong to.
+
+        Parameters
+        ----------
+        shape : (height, width)
+            Of the image, in pixels.
+
+        Raises
+        ------
+        ValueError
+            If the image has another size than the camera, a field of view above 150 or below 8
+            degrees (small crops of a long lens excepted), or a principal point more than an image
+            away from it.
+        """
+        height, width = shape
+        if self.width is not None and (self.height, self.width) != shape:
+            raise ValueError(
+                f"camera is for images of {self.width} x {self.height} pixels, "
+                f"the depth image has {width} x {height}; use camera.scaled or camera.cropped"
+            )
+        for axis, size, focal, centre in (
+            ("x", width, self.fx, self.cx),
+            ("y", height, self.fy, self.cy),
+        ):
+            if not size / 7.5 <= focal <= max(7 * size, _LONGEST_FOCAL):
+                field_of_view = math.degrees(2 * math.atan(size / (2 * focal)))
+                raise ValueError(
+                    f"camera: f{axis} = {focal:g} px sees {field_of_view:.3g} degrees over {size} "
+                    "pixels, which no depth camera does; focal lengths are in pixels of this image"
+                )
+            if not -size <= centre <= 2 * size:
+                raise ValueError(
+                    f"camera: c{axis} = {centre:g} px lies far outside an image of {size} pixels; "
+                    "are the intrinsics for another image size?"
+                )
+
+    def rays(self, shape: tuple[int, int]) -> Array:
+        """Undistorted rays of all pixels.
+
+        Parameters
+        ----------
+        shape : (height, width)
+            Of the image, in pixels.
+
+        Returns
+        -------
+        ndarray, shape (height, width, 3)
+            (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy. Read-only: it is computed once
+            per camera and image size.
+        """
+        return _rays(self, shape)
+
+    def pixel_area(self, shape: tuple[int, int]) -> Array:
+        """Area du dv that each pixel covers on the plane z = 1, in square metres.
+
+        Parameters
+        ----------
+        shape : (height, width)
+            Of the image, in pixels; at least 2 x 2.
+        """
+        return _pixel_area(self, shape)
+
+    def project(self, points: Array) -> Array:
+        """Pixel coordinates (x, y) of points in front of the camera.
+
+        Parameters
+        ----------
+        points : ndarray, shape (..., 3)
+            In the camera frame, metres.
+        """
+        u, v = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
+        if any(self.distortion):
+            u, v = self._distort(u, v)
+        return np.stack((self.fx * u + self.cx, self.fy * v + self.cy), axis=-1)
+
+    def scaled(self, factor: float) -> PinholeCamera:
+        """Return the camera of the image resized by `factor` (pixel centres at integers)."""
+        size = (None, None)
+        if self.width is not None and self.height is not None:
+            size = (round(self.width * factor), round(self.height * factor))
+        return PinholeCamera(
+            fx=self.fx * factor,
+            fy=self.fy * factor,
+            cx=(self.cx + 0.5) * factor - 0.5,
+            cy=(self.cy + 0.5) * factor - 0.5,
+            width=size[0],
+            height=size[1],
+            distortion=self.distortion,
+        )
+
+    def cropped(self, top: int, left: int, shape: tuple[int, int]) -> PinholeCamera:
+        """Return the camera of the crop whose first pixel is (`top`, `left`)."""
+        return PinholeCamera(
+            fx=self.fx,
+            fy=self.fy,
+            cx=self.cx - left,
+            cy=self.cy - top,
+            width=shape[1],
+            height=shape[0],
+            distortion=self.distortion,
+        )
+
+    def describe(self) -> dict[str, float | list[float]]:
+        """Say in plain types what the camera is, for result files."""
+        out: dict[str, float | list[float]] = {
+            "fx": self.fx,
+            "fy": self.fy,
+            "cx": self.cx,
+            "cy": self.cy,
+        }
+        if any(self.distortion):
+            out["distortion"] = list(self.distortion)
+        return out
+
+    def _distort(self, u: Array, v: Array) -> tuple[Array, Array]:
+        k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        return (
+            u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
+            v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
+        )
+
+    def _undistort(self, u: Array, v: Array) -> tuple[Array, Array]:
+        """Invert the distortion by fixed-point iteration."""
+        x, y = u, v
+        for _ in range(_UNDISTORT_STEPS):
+            du, dv = self._distort(x, y)
+            du, dv = u - du, v - dv
+            x, y = x + du, y + dv
+            error = max(np.abs(du).max(), np.abs(dv).max())
+            if error < _UNDISTORT_TOLERANCE:
+                return x, y
+            if not error < 1e3:
+                break
+        raise ValueError(
+            f"camera: distortion {self.distortion} cannot be undone over the whole image; "
+            "are the coefficients in the order k1, k2, p1, p2, k3?"
+        )
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
+    height, width = shape
+    u = np.broadcast_to((np.arange(width) - camera.cx) / camera.fx, shape)
+    v = np.broadcast_to((np.arange(height) - camera.cy)[:, None] / camera.fy, shape)
+    if any(camera.distortion):
+        u, v = camera._undistort(u, v)
+    rays = np.stack((u, v, np.ones(shape)), axis=-1)
+    rays.flags.writeable = False
+    return rays
+
+
+@lru_cache(maxsize=4)
+def _pixel_area(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
+    if any(camera.distortion):
+        rays = camera.rays(shape)
+        u_y, u_x = np.gradient(rays[..., 0])
+        v_y, v_x = np.gradient(rays[..., 1])
+        area = np.abs(u_x * v_y - u_y * v_x)
+    else:
+        area = np.full(shape, 1.0 / (camera.fx * camera.fy))
+    area.flags.writeable = False
+    return np.asarray(area)

@@ -1,0 +1,29 @@
+"""Where compiled code is kept, and whether it is there: the first compilation is announced."""
+
+from __future__ import annotations
+
+import logging
+from functools import lru_cache
+from pathlib import Path
+
+from planewise import kernels
+
+_LOG = logging.getLogger("planewise")
+
+
+def cache_directory() -> Path:
+    """Folder in which Numba keeps the compiled loops (NUMBA_CACHE_DIR moves it)."""
+    return Path(kernels.score_rays.stats.cache_path)
+
+
+def is_cached() -> bool:
+    """Whether the loops of this version have been compiled on this machine before."""
+    written = [index.stat().st_mtime for index in cache_directory().glob("kernels.*.nbi")]
+    return bool(written) and max(written) >= Path(kernels.__file__).stat().st_mtime
+
+
+@lru_cache(maxsize=1)
+def announce() -> None:
+    """Say once, before the wait, that code has to be compiled."""
+    if not is_cached():
+        _LOG.warning("compiling for this machine, once (some 10 s) ...")

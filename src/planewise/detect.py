@@ -1,0 +1,288 @@
+"""The one call: from a depth image, a stream of them, or points to a ranked model of planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planewise import compilation, threads
+from planewise.camera import PinholeCamera
+from planewise.evaluate import MAX_PLANES, evaluator
+from planewise.joint import joint_search
+from planewise.model import Curve, PlaneModel
+from planewise.objective import Objective, as_objective
+from planewise.observation import Observation, observe, observe_points
+from planewise.problem import Problem
+from planewise.propose import propose
+from planewise.rank import describe, merge_into_better, ranked
+from planewise.sensor import Sensor
+from planewise.sequential import sequential_search, trial_count
+
+Search = Literal["joint", "sequential"]
+Seed = int | np.random.Generator
+
+_MAX_PLANES = {"joint": 64, "sequential": 8}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to search.
+
+    Parameters
+    ----------
+    search : {"joint", "sequential"}
+        All planes together, or the paper's one after the other.
+    objective : {"paper"} or Objective
+        What is minimised.
+    confidence : float
+        c of the paper: probability that a plane's sample is drawn from it alone (sequential).
+    inlier_ratio : float
+        r of the paper: share of the readings on the smallest plane sought (sequential).
+    max_planes : int, optional
+        Largest number of planes; ``None`` means 8 for the sequential search, as in the paper, and
+        64 for the joint one, which stops by itself.
+    rng : int or numpy.random.Generator
+        Seed. With an int every call gives the same answer for the same input.
+    threads : int, optional
+        Threads for the compiled loops; ``None`` means one per processor. No result depends on it.
+    """
+
+    search: Search = "joint"
+    objective: Objective | str = "paper"
+    confidence: float = 0.99
+    inlier_ratio: float = 0.1
+    max_planes: int | None = None
+    rng: Seed = 0
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.search not in _MAX_PLANES:
+            raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
+        as_objective(self.objective)
+        trial_count(self.confidence, self.inlier_ratio)
+        if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
+            raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
+        if self.threads is not None and self.threads < 1:
+            raise ValueError(f"threads must be at least 1, got {self.threads}")
+
+    def describe(self) -> dict[str, object]:
+        """Say in plain types what was asked for, for result files."""
+        out: dict[str, object] = {
+            "search": self.search,
+            "objective": self.objective if isinstance(self.objective, str) else "custom",
+            "max_planes": self.max_planes or _MAX_PLANES[self.search],
+            "rng": self.rng if isinstance(self.rng, int) else "generator",
+        }
+        if self.search == "sequential":
+            out |= {"confidence": self.confidence, "inlier_ratio": self.inlier_ratio}
+        return out
+
+
+def detect_planes(
+    depth: ArrayLike,
+    camera: PinholeCamera,
+    sensor: Sensor,
+    *,
+    depth_scale: float | None = None,
+    search: Search = "joint",
+    objective: Objective | str = "paper",
+    confidence: float = 0.99,
+    inlier_ratio: float = 0.1,
+    max_planes: int | None = None,
+    rng: Seed = 0,
+    threads: int | None = None,
+) -> PlaneModel:
+    """Find every plane a depth image can justify, best first.
+
+    Parameters
+    ----------
+    depth : array_like, shape (H, W)
+        Metres if floating point, units of `depth_scale` if integer. 0, NaN, infinity and readings
+        outside the sensor's range are "no reading".
+    camera : PinholeCamera
+        Intrinsics; `planewise.cameras` has presets.
+    sensor : Sensor
+        Range, resolution and noise; `planewise.sensors` has presets.
+    depth_scale : float, optional
+        Metres per unit of integer depth; ``None`` means the sensor's resolution.
+    search, objective, confidence, inlier_ratio, max_planes, rng, threads
+        See `Options`.
+
+    Returns
+    -------
+    PlaneModel
+        Labels, planes, information. A frame with fewer than three readings gives a model without
+        planes whose `note` says why.
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed; the message names it and says what was expected.
+
+    Examples
+    --------
+    >>> import numpy as np, planewise as pw
+    >>> wall = np.full((48, 64), 2.0) + np.random.default_rng(0).normal(0, 0.005, (48, 64))
+    >>> camera = pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24)
+    >>> model = pw.detect_planes(wall, camera, pw.Sensor(max_depth=10, noise=0.005))
+    >>> len(model.planes), model.planes[0].normal.round(2)
+    (1, array([ 0., 0., -1.]))
+    """
+    options = Options(
+        search=search,
+        objective=objective,
+        confidence=confidence,
+        inlier_ratio=inlier_ratio,
+        max_planes=max_planes,
+        rng=rng,
+        threads=threads,
+    )
+    return find(observe(depth, camera, sensor, depth_scale=depth_scale), options)
+
+
+def detect_planes_in_points(
+    points: ArrayLike,
+    sensor: Sensor,
+    *,
+    search: Search = "joint",
+    objective: Objective | str = "paper",
+    confidence: float = 0.99,
+    inlier_ratio: float = 0.1,
+    max_planes: int | None = None,
+    rng: Seed = 0,
+    threads: int | None = None,
+) -> PlaneModel:
+    """Find every hyperplane that free points in n dimensions can justify, best first.
+
+    Parameters
+    ----------
+    points : array_like, shape (k, n)
+        Metres, n >= 2; rows that are not finite are no reading.
+    sensor : Sensor
+        `max_depth` is R, the extent a coordinate may take; noise is normal to the plane.
+    search, objective, confidence, inlier_ratio, max_planes, rng, threads
+        See `Options`.
+
+    Returns
+    -------
+    PlaneModel
+        `labels` has shape (k,).
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed.
+    """
+    options = Options(
+        search=search,
+        objective=objective,
+        confidence=confidence,
+        inlier_ratio=inlier_ratio,
+        max_planes=max_planes,
+        rng=rng,
+        threads=threads,
+    )
+    return find(observe_points(points, sensor), options)
+
+
+class Detector:
+    """`detect_planes` for a stream: camera, sensor and options are checked and prepared once.
+
+    Parameters
+    ----------
+    camera, sensor
+        As in `detect_planes`.
+    **options
+        Keyword options of `detect_planes`.
+
+    Examples
+    --------
+    >>> import numpy as np, planewise as pw
+    >>> detector = pw.Detector(pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24), pw.Sensor(noise=0.01))
+    >>> len(detector(np.full((48, 64), 2.0)))
+    1
+    """
+
+    def __init__(
+        self,
+        camera: PinholeCamera,
+        sensor: Sensor,
+        *,
+        depth_scale: float | None = None,
+        **options: object,
+    ) -> None:
+        self.camera, self.sensor, self.depth_scale = camera, sensor, depth_scale
+        self.options = Options(**options)  # type: ignore[arg-type]
+
+    def __call__(self, depth: ArrayLike) -> PlaneModel:
+        """Detect the planes of one frame."""
+        frame = observe(depth, self.camera, self.sensor, depth_scale=self.depth_scale)
+        return find(frame, self.options)
+
+
+def find(observation: Observation, options: Options) -> PlaneModel:
+    """Find the planes of an observation: propose, select, label, refine, rank.
+
+    Parameters
+    ----------
+    observation : Observation
+        From `observe` or `observe_points`.
+    options : Options
+        How to search.
+
+    Returns
+    -------
+    PlaneModel
+        Planes, best first.
+    """
+    objective = as_objective(options.objective)
+    most = options.max_planes or _MAX_PLANES[options.search]
+    structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
+    empty = objective.empty(observation)
+    if observation.count < observation.dimension:
+        return _no_planes(observation, options, empty)
+
+    compilation.announce()
+    rng = np.random.default_rng(options.rng)
+    readings = evaluator(
+        observation, objective.thresholds(observation), options.threads or threads.available()
+    )
+    problem = Problem(evaluator=readings, empty=empty, structure=structure)
+    if options.search == "sequential":
+        trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
+        solution, curve = sequential_search(problem, trials=trials, rng=rng)
+        solution = merge_into_better(problem, solution)
+    else:
+        candidates = propose(observation, readings, rng)
+        solution, curve = joint_search(problem, candidates, rng=rng)
+    solution = ranked(solution)
+    return PlaneModel(
+        labels=observation.unflatten(solution.assignment.labels),
+        planes=describe(observation, readings, solution),
+        information=solution.phi,
+        curve=curve,
+        readings=observation.count,
+        structure=tuple(structure[: len(solution) + 1].tolist()),
+        search=options.search,
+        objective=options.describe()["objective"],  # type: ignore[arg-type]
+        note="" if len(solution) else curve.reason,
+        settings=options.describe(),
+    )
+
+
+def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:
+    return PlaneModel(
+        labels=np.zeros(observation.shape, np.uint16),
+        planes=(),
+        information=empty,
+        curve=Curve(information=np.array([empty]), chosen=0, reason=observation.note),
+        readings=observation.count,
+        structure=(0.0,),
+        search=options.search,
+        objective=options.describe()["objective"],  # type: ignore[arg-type]
+        note=observation.note,
+        settings=options.describe(),
+    )

@@ -1,0 +1,198 @@
+"""The information of a model in nats: the paper's equations, one pure function each.
+
+Symbols: k readings, N planes, R range, eps resolution, n dimension of space, f freedom of a reading
+(n for free points, 1 on a known ray), delta residual, sigma standard deviation of a reading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planewise.observation import Observation
+
+Array = NDArray[np.float64]
+
+
+def coordinate_information(range: float, resolution: float) -> float:
+    """ln(R / eps): one coordinate that may take any of R / eps values."""
+    return math.log(range / resolution)
+
+
+def outlier_information(freedom: int, range: float, resolution: float) -> float:
+    """C_out = f ln(R / eps): a reading that no plane explains (paper, eq. 1 and 10)."""
+    return freedom * coordinate_information(range, resolution)
+
+
+def plane_information(dimension: int, range: float, resolution: float) -> float:
+    """n ln(R / eps): the parameters of one hyperplane (paper, below eq. 1)."""
+    return dimension * coordinate_information(range, resolution)
+
+
+def mask_information(readings: int, planes: int) -> float:
+    """k ln(N + 1): the assignment of every reading to a plane or to none (paper, eq. 5)."""
+    return readings * math.log(planes + 1)
+
+
+def residual_information(residual: ArrayLike, sigma: ArrayLike, resolution: float) -> Array:
+    """delta^2 / (2 sigma^2) + 1/2 ln(2 pi sigma^2 / eps^2): the last term of eq. 4."""
+    residual, sigma = np.asarray(residual, float), np.asarray(sigma, float)
+    return np.asarray(
+        0.5 * (residual / sigma) ** 2 + 0.5 * np.log(2 * np.pi * (sigma / resolution) ** 2)
+    )
+
+
+def inlier_information(
+    residual: ArrayLike, sigma: ArrayLike, freedom: int, range: float, resolution: float
+) -> Array:
+    """I(x | plane) = (f - 1) ln(R / eps) + residual information (paper, eq. 4)."""
+    within = outlier_information(freedom - 1, range, resolution)
+    return within + residual_information(residual, sigma, resolution)
+
+
+def threshold(sigma: ArrayLike, range: float) -> Array:
+    """tau = ln(R / (sigma sqrt(2 pi))): what a reading saves on a plane it fits exactly.
+
+    A reading is an inlier where delta^2 / (2 sigma^2) < tau; eps has cancelled.
+    """
+    return np.asarray(np.log(range / (np.asarray(sigma, float) * math.sqrt(2 * math.pi))))
+
+
+def gain(residual: ArrayLike, sigma: ArrayLike, range: float) -> Array:
+    """g = delta^2 / (2 sigma^2) - tau: inlier minus outlier information, negative when it pays."""
+    residual, sigma = np.asarray(residual, float), np.asarray(sigma, float)
+    return np.asarray(0.5 * (residual / sigma) ** 2 - threshold(sigma, range))
+
+
+def outlier_model(readings: int, freedom: int, range: float, resolution: float) -> float:
+    """Phi_0 = k f ln(R / eps), model O (paper, eq. 1)."""
+    return readings * outlier_information(freedom, range, resolution)
+
+
+def one_plane_model(
+    residual: ArrayLike,
+    sigma: ArrayLike,
+    outliers: int,
+    *,
+    dimension: int,
+    freedom: int,
+    range: float,
+    resolution: float,
+) -> float:
+    """Phi_1, model 1P+O (paper, eq. 5).
+
+    Parameters
+    ----------
+    residual, sigma : array_like, shape (k_1,)
+        Of the inliers, in metres.
+    outliers : int
+        k_0.
+    dimension, freedom : int
+        n and f.
+    range, resolution : float
+        R and eps in metres.
+    """
+    return planes_model(
+        [(residual, sigma)],
+        outliers,
+        dimension=dimension,
+        freedom=freedom,
+        range=range,
+        resolution=resolution,
+    )
+
+
+def planes_model(
+    inliers: Sequence[tuple[ArrayLike, ArrayLike]],
+    outliers: int,
+    *,
+    dimension: int,
+    freedom: int,
+    range: float,
+    resolution: float,
+) -> float:
+    """Phi_N, model NP+O (paper, eq. 6).
+
+    Parameters
+    ----------
+    inliers : sequence of (residual, sigma)
+        One pair of arrays of shape (k_i,) per plane, in metres.
+    outliers : int
+        k_0.
+    dimension, freedom : int
+        n and f.
+    range, resolution : float
+        R and eps in metres.
+
+    Examples
+    --------
+    >>> phi = planes_model([([0.0], [0.01])], 1, dimension=3, freedom=1, range=10, resolution=0.001)
+    >>> round(phi, 6)  # 2 ln 2 + (1 + 3) ln 10^4 + 1/2 ln(2 pi 100)
+    41.44918
+    """
+    readings = outliers + sum(np.size(residual) for residual, _ in inliers)
+    phi = mask_information(readings, len(inliers))
+    phi += outliers * outlier_information(freedom, range, resolution)
+    for residual, sigma in inliers:
+        phi += plane_information(dimension, range, resolution)
+        phi += float(inlier_information(residual, sigma, freedom, range, resolution).sum())
+    return phi
+
+
+def information(observation: Observation, planes: ArrayLike, labels: ArrayLike) -> float:
+    """Phi of any planes and any labelling on an observation: the judge of every search.
+
+    Parameters
+    ----------
+    observation : Observation
+        From `planewise.observe` or `planewise.observe_points`.
+    planes : array_like, shape (N, n + 1), or sequence of Plane
+        Unit normal and distance of each.
+    labels : array_like of int
+        Of the shape of the input, or one per reading: 0 for none, j for the j-th plane.
+
+    Returns
+    -------
+    float
+        Nats, under the paper's objective (eq. 6, and eq. 10 for readings on rays).
+
+    Raises
+    ------
+    ValueError
+        If shapes do not agree, or a label names no plane.
+    """
+    rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], float)  # type: ignore[union-attr]
+    n = observation.dimension
+    rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows
+    if rows.ndim != 2 or rows.shape[1] != n + 1:
+        raise ValueError(f"planes: expected shape (N, {n + 1}), got {rows.shape}")
+    marks = np.asarray(labels)
+    if marks.dtype.kind not in "iu":
+        raise ValueError(f"labels must be integers, got dtype {marks.dtype}")
+    if marks.shape == observation.shape:
+        marks = marks.reshape(-1)[observation.index]
+    if marks.shape != (observation.count,):
+        raise ValueError(
+            f"labels: expected shape {observation.shape} or ({observation.count},), "
+            f"got {np.shape(labels)}"
+        )
+    if marks.size and not 0 <= marks.min() <= marks.max() <= len(rows):
+        raise ValueError(
+            f"labels must lie between 0 and {len(rows)}, the number of planes, "
+            f"got {marks.min()} to {marks.max()}"
+        )
+    inliers = []
+    for j, row in enumerate(rows, start=1):
+        mine = marks == j
+        inliers.append((observation.residuals(row)[mine], observation.sigma[mine]))
+    return planes_model(
+        inliers,
+        int(np.count_nonzero(marks == 0)),
+        dimension=n,
+        freedom=observation.freedom,
+        range=observation.range,
+        resolution=observation.resolution,
+    )

@@ -1,0 +1,213 @@
+"""The joint search: all planes together, every reading with its best plane, moves by exact Phi.
+
+Choosing planes so that sum_i min_j gain_ij plus what N planes cost is lowest is facility location.
+A lazy greedy choice among candidates on a sample of the readings gives a first model; then planes
+are refitted, dropped, merged, added and exchanged as long as Phi falls, first on the sample, at last
+on all readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.evaluate import Evaluator
+from planewise.model import Curve, Move
+from planewise.problem import Problem, Solution
+
+Array = NDArray[np.float64]
+
+_SAMPLE = 16_384  # readings on which candidates are judged
+_BATCH = 32  # candidates looked at together by the lazy greedy choice
+_EXTRA = 2  # planes beyond the best number that the curve shows
+_TOLERANCE = 1e-3  # nats
+_ROUNDS = 30  # moves on the sample at most
+_SHARED = 0.5  # of a plane's gain that another must offer for the pair to be worth a merge
+
+
+def joint_search(
+    problem: Problem, candidates: Array, *, rng: np.random.Generator
+) -> tuple[Solution, Curve]:
+    """Find all planes together.
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    candidates : ndarray, shape (T, p)
+        Planes to choose from.
+    rng : numpy.random.Generator
+        Draws the sample.
+
+    Returns
+    -------
+    solution : Solution
+        Planes and labels at a local minimum of Phi over all moves.
+    curve : Curve
+        Phi with the first 0 ... N planes in order of what they save, and with a few more.
+    """
+    moves: list[Move] = []
+    sample, chosen = _sample(problem, rng)
+    start, spare = _greedy(sample, candidates)
+    draft = sample.refine(sample.solve(start))
+    moves.append(Move(kind="greedy", planes=len(draft), information=draft.phi))
+    for kind, better in _descend(sample, draft, candidates):
+        draft = better
+        moves.append(Move(kind=kind, planes=len(draft), information=draft.phi))
+    solution = problem.refine(problem.solve(draft.parameters))
+    moves.append(Move(kind="all readings", planes=len(solution), information=solution.phi))
+    for kind, better in _descend(problem, solution, None):
+        solution = better
+        moves.append(Move(kind=kind, planes=len(solution), information=solution.phi))
+    return solution, _curve(problem, solution, spare, moves)
+
+
+def _sample(problem: Problem, rng: np.random.Generator) -> tuple[Problem, NDArray[np.int64]]:
+    """Readings drawn one from each of equal runs in raster order, each standing for its run."""
+    count = problem.evaluator.count
+    if count <= _SAMPLE:
+        return problem, np.arange(count)
+    chosen = ((np.arange(_SAMPLE) + rng.random(_SAMPLE)) * (count / _SAMPLE)).astype(np.int64)
+    sample = Problem(
+        evaluator=problem.evaluator.subset(chosen),
+        empty=problem.empty,
+        structure=problem.structure,
+        weight=count / _SAMPLE,
+    )
+    return sample, chosen
+
+
+def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array]:
+    """Add the plane that saves most, up to where none pays for its parameters; cut at the best N.
+
+    Returns the planes up to the lowest Phi, and the next few for the curve.
+    """
+    bounds = problem.evaluator.scores(candidates)
+    floor = np.zeros(problem.evaluator.count)
+    chosen: list[Array] = []
+    phi = [problem.phi(0, 0.0)]
+    # What a plane must save at the least: its parameters; the mask code only adds to that.
+    cost = float(np.diff(problem.structure).min()) if problem.max_planes else np.inf
+    while len(chosen) < problem.max_planes:
+        pick = _lazy_best(problem.evaluator, candidates, bounds, floor)
+        plane, saved = problem.refine_one(candidates[pick], floor)
+        if not problem.weight * saved < -cost:
+            break
+        chosen.append(plane)
+        floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
+        phi.append(problem.phi(len(chosen), float(floor.sum())))
+    best = int(np.argmin(phi))
+    planes = np.array(chosen).reshape(len(chosen), candidates.shape[1])
+    return planes[:best], planes[best : best + _EXTRA]
+
+
+def _lazy_best(evaluator: Evaluator, candidates: Array, bounds: Array, floor: Array) -> int:
+    """Candidate that saves most above `floor`; `bounds` hold what each saved above a lower floor.
+
+    Savings only shrink as the floor falls (submodularity), so candidates whose old bound is no
+    better than a fresh one need no second look.
+    """
+    fresh = np.zeros(len(candidates), bool)
+    while True:
+        order = np.argpartition(bounds, min(_BATCH, len(bounds) - 1))[:_BATCH]
+        stale = order[~fresh[order]]
+        best = int(order[np.argmin(bounds[order])])
+        if fresh[best] or not stale.size:
+            return best
+        bounds[stale] = evaluator.scores(candidates[stale], floor)
+        fresh[stale] = True
+
+
+def _descend(
+    problem: Problem, solution: Solution, candidates: Array | None
+) -> Iterator[tuple[str, Solution]]:
+    """Yield better and better solutions until no move lowers Phi."""
+    for _ in range(_ROUNDS):
+        for kind, trial in _moves(problem, solution, candidates):
+            if trial.phi < solution.phi - _TOLERANCE:
+                solution = trial
+                yield kind, solution
+                break
+        else:
+            return
+
+
+def _moves(
+    problem: Problem, solution: Solution, candidates: Array | None
+) -> Iterator[tuple[str, Solution]]:
+    """Changes worth a try, the most promising first; each is refitted and has its exact Phi."""
+    n = len(solution)
+    losses = _losses(problem, solution)
+    step = problem.structure[n] - problem.structure[n - 1] if n else 0.0
+    for j in np.argsort(losses, kind="stable"):
+        if losses[j] > 2 * step:
+            break
+        yield "drop", problem.refine(problem.solve(np.delete(solution.parameters, j, axis=0)))
+    for i, j in _mergeable(problem, solution):
+        labels = solution.assignment.labels.copy()
+        labels[labels == j + 1] = i + 1
+        joined = problem.evaluator.refit(solution.parameters, labels)
+        yield "merge", problem.refine(problem.solve(np.delete(joined, j, axis=0)))
+    if candidates is None or n == 0:
+        return
+    if n < problem.max_planes:
+        added = _with_best(problem, solution.parameters, solution.assignment.best, candidates)
+        yield "add", problem.refine(problem.solve(added))
+    for j in np.argsort(losses, kind="stable")[:3]:
+        others = np.delete(solution.parameters, j, axis=0)
+        rest = problem.solve(others)
+        swapped = _with_best(problem, others, rest.assignment.best, candidates)
+        yield "exchange", problem.refine(problem.solve(swapped))
+
+
+def _losses(problem: Problem, solution: Solution) -> Array:
+    """Nats by which the data term rises when each plane is dropped, from one pass.
+
+    Every reading of a dropped plane falls back to its second-best gain.
+    """
+    chosen = solution.assignment
+    rise = np.bincount(
+        chosen.labels, weights=chosen.second - chosen.best, minlength=len(solution) + 1
+    )
+    return np.asarray(problem.weight * rise[1 : len(solution) + 1])
+
+
+def _mergeable(problem: Problem, solution: Solution) -> list[tuple[int, int]]:
+    """Pairs (i, j) such that plane i explains much of what plane j explains."""
+    pairs = []
+    labels, best = solution.assignment.labels, solution.assignment.best
+    for j in range(len(solution)):
+        mine = np.flatnonzero(labels == j + 1)
+        if not mine.size:
+            continue
+        offered = problem.evaluator.subset(mine).scores(solution.parameters)
+        own = best[mine].sum()
+        pairs += [
+            (offered[i] / own, i, j) for i in range(len(solution)) if i != j and own < 0
+        ]
+    pairs.sort(reverse=True)
+    return [(i, j) for share, i, j in pairs if share > _SHARED]
+
+
+def _with_best(problem: Problem, planes: Array, floor: Array, candidates: Array) -> Array:
+    """Return the planes and the candidate that saves most beside them."""
+    pick = int(np.argmin(problem.evaluator.scores(candidates, floor)))
+    plane, _ = problem.refine_one(candidates[pick], floor)
+    return np.vstack((planes, plane[None]))
+
+
+def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]) -> Curve:
+    """Exact Phi with the first 0 ... N planes, largest loss first, then with spare ones."""
+    order = np.argsort(-_losses(problem, solution), kind="stable")
+    room = problem.max_planes - len(solution)
+    planes = np.vstack((solution.parameters[order], spare[:room]))
+    gains = problem.evaluator.assign(planes).cumulative
+    phi = np.array([problem.phi(n, float(gain)) for n, gain in enumerate(gains)])
+    reason = "no move lowers the information"
+    if len(solution) == problem.max_planes:
+        reason = f"reached max_planes = {problem.max_planes}"
+    elif len(solution) == 0:
+        reason = "no plane saves more than it costs"
+    return Curve(information=phi, chosen=len(solution), reason=reason, moves=tuple(moves))

@@ -1,0 +1,175 @@
+"""Results: a plane, a ranked model of planes, and the curve that fixed their number."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plane:
+    """One detected plane: normal . x + distance = 0 in the frame of the input.
+
+    Attributes
+    ----------
+    normal : ndarray, shape (n,)
+        Unit normal. It faces the origin (the sensor): distance is never negative.
+    distance : float
+        Metres from the origin.
+    information : float
+        Nats that its readings save against being outliers; negative, the lower the better.
+    count : int
+        Readings on it.
+    rms : float
+        Root mean square residual in metres (along the ray for depth images).
+    centroid : ndarray, shape (n,)
+        Mean of its readings in space, metres.
+    covariance : ndarray, shape (n + 1, n + 1)
+        Of (normal, distance): the inverse Fisher information. NaN where the readings do not
+        determine it.
+    area : float
+        Area its readings cover, in square metres; NaN for free points.
+    bounding_box : tuple of int
+        (top, left, bottom, right) in pixels, the last two exclusive; empty for free points.
+    """
+
+    normal: Array
+    distance: float
+    information: float
+    count: int
+    rms: float
+    centroid: Array
+    covariance: Array
+    area: float = float("nan")
+    bounding_box: tuple[int, ...] = ()
+
+    @property
+    def coefficients(self) -> Array:
+        """(normal, distance) as one row."""
+        return np.append(self.normal, self.distance)
+
+    @property
+    def mean_information(self) -> float:
+        """Nats saved per reading."""
+        return self.information / self.count if self.count else 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Move:
+    """A step of a search: what it did, how many planes there were after it, and Phi then."""
+
+    kind: str
+    planes: int
+    information: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Curve:
+    """Information against the number of planes; indexing gives Phi after so many planes.
+
+    Attributes
+    ----------
+    information : ndarray, shape (M + 1,)
+        Phi in nats after 0, 1 ... M planes. M may exceed the chosen number, to show what one more
+        plane would have cost.
+    chosen : int
+        Number of planes at the minimum.
+    reason : str
+        Why the search stopped.
+    moves : tuple of Move
+        What the search did, in order.
+    """
+
+    information: Array
+    chosen: int
+    reason: str
+    moves: tuple[Move, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.information)
+
+    def __getitem__(self, planes: int) -> float:
+        return float(self.information[planes])
+
+    def __iter__(self) -> Iterator[float]:
+        return map(float, self.information)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaneModel:
+    """Planes of an observation, best first, and which reading belongs to which.
+
+    Attributes
+    ----------
+    labels : ndarray of uint16
+        Of the shape of the input: 0 for no plane, j for ``planes[j - 1]``.
+    planes : tuple of Plane
+        Ranked by information, most negative first.
+    information : float
+        Phi of the whole model in nats.
+    curve : Curve
+        Phi against the number of planes, and why the search stopped.
+    readings : int
+        Valid readings, k.
+    structure : tuple of float
+        Nats for mask and plane parameters of a model with 0, 1 ... N of the planes.
+    search, objective : str
+        What found it and what it minimises.
+    note : str
+        Why there is no plane, where there is none; else empty.
+    settings : Mapping
+        Options the model was made with, in plain types, for result files.
+    """
+
+    labels: NDArray[np.uint16]
+    planes: tuple[Plane, ...]
+    information: float
+    curve: Curve
+    readings: int
+    structure: tuple[float, ...]
+    search: str
+    objective: str
+    note: str = ""
+    settings: Mapping[str, object] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.planes)
+
+    @property
+    def coefficients(self) -> Array:
+        """Rows (normal, distance) of all planes, shape (N, n + 1)."""
+        if not self.planes:
+            return np.empty((0, 4))
+        return np.array([plane.coefficients for plane in self.planes])
+
+    def top(self, k: int) -> PlaneModel:
+        """Keep the `k` best planes; readings of the others become label 0.
+
+        Parameters
+        ----------
+        k : int
+            Planes to keep; at least 0.
+
+        Returns
+        -------
+        PlaneModel
+            Its `information` is Phi of the smaller model with these labels.
+        """
+        if k < 0:
+            raise ValueError(f"k must not be negative, got {k}")
+        if k >= len(self.planes):
+            return self
+        lost = sum(plane.information for plane in self.planes[k:])
+        saved = self.structure[len(self.planes)] - self.structure[k]
+        return replace(
+            self,
+            labels=np.where(self.labels <= k, self.labels, 0).astype(np.uint16),
+            planes=self.planes[:k],
+            information=self.information - lost - saved,
+            structure=self.structure[: k + 1],
+        )

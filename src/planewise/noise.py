@@ -1,0 +1,118 @@
+"""Noise of a depth reading: the standard deviation sigma(z) in metres at depth z in metres.
+
+Any callable that maps an array of depths to an array of sigmas of the same shape serves as a noise
+model; the ones here also say what they are, so that a result file can record them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Noise = Callable[[Array], Array]
+
+
+@dataclass(frozen=True)
+class Polynomial:
+    """sigma(z) = constant + linear z + quadratic (z - offset)^2, in metres.
+
+    Parameters
+    ----------
+    constant : float
+        Metres.
+    linear : float
+        Metres per metre.
+    quadratic : float
+        Metres per square metre.
+    offset : float
+        Depth at which the quadratic term vanishes, in metres.
+    """
+
+    constant: float = 0.0
+    linear: float = 0.0
+    quadratic: float = 0.0
+    offset: float = 0.0
+
+    def __post_init__(self) -> None:
+        terms = (self.constant, self.linear, self.quadratic)
+        if not np.all(np.isfinite((*terms, self.offset))) or min(terms) < 0 or max(terms) == 0:
+            raise ValueError(
+                "noise: sigma must be positive and finite, got "
+                f"{self.constant} + {self.linear} z + {self.quadratic} (z - {self.offset})^2"
+            )
+
+    def __call__(self, z: Array) -> Array:
+        """Evaluate sigma at depths `z` (metres)."""
+        z = np.asarray(z, dtype=np.float64)
+        return self.constant + self.linear * z + self.quadratic * (z - self.offset) ** 2
+
+    def __str__(self) -> str:
+        """Write the formula, terms that are zero left out."""
+        base = f"(z - {self.offset:g})^2" if self.offset else "z^2"
+        parts = [(self.constant, ""), (self.linear, " z"), (self.quadratic, " " + base)]
+        return " + ".join(f"{size:g}{name}" for size, name in parts if size) + " m"
+
+
+def constant(sigma: float) -> Polynomial:
+    """Noise that does not depend on depth.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation in metres.
+
+    Examples
+    --------
+    >>> print(constant(0.005))
+    0.005 m
+    """
+    return Polynomial(constant=sigma)
+
+
+def proportional(fraction: float) -> Polynomial:
+    """Noise proportional to depth, as most data sheets state it: sigma = fraction z.
+
+    Examples
+    --------
+    >>> proportional(0.01)([1.0, 3.0])
+    array([0.01, 0.03])
+    """
+    return Polynomial(linear=fraction)
+
+
+def quadratic(constant: float, quadratic: float, offset: float = 0.0) -> Polynomial:
+    """Noise of a triangulating sensor: sigma = constant + quadratic (z - offset)^2.
+
+    Examples
+    --------
+    >>> print(quadratic(0.001, 0.002))
+    0.001 + 0.002 z^2 m
+    """
+    return Polynomial(constant=constant, quadratic=quadratic, offset=offset)
+
+
+def stereo(*, focal: float, baseline: float, subpixel: float = 0.08) -> Polynomial:
+    """Noise of a stereo pair, from its geometry: sigma = subpixel z^2 / (focal baseline).
+
+    Parameters
+    ----------
+    focal : float
+        Focal length of the depth image in pixels.
+    baseline : float
+        Distance between the two imagers in metres.
+    subpixel : float
+        Standard deviation of the matched disparity in pixels; Intel's tuning guide for the D400
+        family takes 0.08 as typical of a textured surface.
+    """
+    for name, value in (("focal", focal), ("baseline", baseline), ("subpixel", subpixel)):
+        if not (np.isfinite(value) and value > 0):
+            raise ValueError(f"{name} must be positive, got {value}")
+    return Polynomial(quadratic=subpixel / (focal * baseline))
+
+
+KINECT = quadratic(0.0012, 0.0019, 0.4)
+"""Axial noise of the first Kinect (Nguyen, Izadi, Lovell 2012), the paper's experimental model."""

@@ -1,0 +1,137 @@
+"""What a search minimises: a mask code, an error model and a null model, each replaceable.
+
+The data term of every objective here is a truncated sum of squares,
+
+    sum over inliers of [delta^2 / (2 sigma^2) - tau],
+
+where tau, what a reading saves on a plane it fits exactly, follows from the error and the null.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.information import (
+    mask_information,
+    outlier_information,
+    plane_information,
+    residual_information,
+)
+from planewise.observation import Observation
+
+Array = NDArray[np.float64]
+
+
+class MaskCode(Protocol):
+    """Length of the code that says which reading belongs to which plane."""
+
+    def information(self, readings: int, planes: int) -> float:
+        """Nats for `readings` labels out of `planes` + 1."""
+        ...
+
+
+class ErrorModel(Protocol):
+    """Information of a reading's residual to its plane."""
+
+    def exact_fit(self, observation: Observation) -> Array:
+        """Nats of every reading, shape (k,), were its residual zero."""
+        ...
+
+
+class NullModel(Protocol):
+    """Information of a reading that belongs to no plane."""
+
+    def information(self, observation: Observation) -> Array:
+        """Nats of every reading, shape (k,)."""
+        ...
+
+
+@dataclass(frozen=True)
+class UniformMask:
+    """Every label is equally likely everywhere: k ln(N + 1) (paper, eq. 5)."""
+
+    def information(self, readings: int, planes: int) -> float:
+        """Nats for `readings` labels out of `planes` + 1."""
+        return mask_information(readings, planes)
+
+
+@dataclass(frozen=True)
+class IndependentError:
+    """Every reading errs on its own, normally with its sigma (paper, eq. 4)."""
+
+    def exact_fit(self, observation: Observation) -> Array:
+        """(f - 1) ln(R / eps) + 1/2 ln(2 pi sigma^2 / eps^2)."""
+        within = outlier_information(
+            observation.freedom - 1, observation.range, observation.resolution
+        )
+        return within + residual_information(0.0, observation.sigma, observation.resolution)
+
+
+@dataclass(frozen=True)
+class UniformNull:
+    """An outlier may have any value: f ln(R / eps) (paper, eq. 1)."""
+
+    def information(self, observation: Observation) -> Array:
+        """C_out for every reading."""
+        cost = outlier_information(observation.freedom, observation.range, observation.resolution)
+        return np.full(observation.count, cost)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Objective:
+    """A code length for planes and labels; the default is the paper's.
+
+    Parameters
+    ----------
+    mask : MaskCode
+        Code of the labels.
+    error : ErrorModel
+        Information of inliers.
+    null : NullModel
+        Information of outliers.
+    """
+
+    mask: MaskCode = field(default_factory=UniformMask)
+    error: ErrorModel = field(default_factory=IndependentError)
+    null: NullModel = field(default_factory=UniformNull)
+
+    def thresholds(self, observation: Observation) -> Array:
+        """tau of every reading, shape (k,): null minus error information at an exact fit."""
+        return self.null.information(observation) - self.error.exact_fit(observation)
+
+    def empty(self, observation: Observation) -> float:
+        """Phi_0: no plane."""
+        return float(self.null.information(observation).sum()) + self.mask.information(
+            observation.count, 0
+        )
+
+    def structure(self, observation: Observation, planes: int) -> float:
+        """Nats that `planes` planes cost before they explain anything: their parameters, the mask."""
+        cost = plane_information(observation.dimension, observation.range, observation.resolution)
+        return planes * cost + self.mask.information(observation.count, planes)
+
+
+PAPER = Objective()
+"""Uniform mask code, independent error, uniform null."""
+
+OBJECTIVES = {"paper": PAPER}
+
+
+def as_objective(objective: Objective | str) -> Objective:
+    """Objective of that name, or the one given.
+
+    Raises
+    ------
+    ValueError
+        If there is none of that name.
+    """
+    if isinstance(objective, Objective):
+        return objective
+    if objective not in OBJECTIVES:
+        known = ", ".join(map(repr, OBJECTIVES))
+        raise ValueError(f"objective must be {known} or an Objective, got {objective!r}")
+    return OBJECTIVES[objective]

@@ -1,0 +1,98 @@
+"""The problem a search solves: readings, an objective, and exact Phi of any set of planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.evaluate import Assignment, Evaluator
+
+Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-3  # nats; a step that saves less is no progress
+_STEPS = 50
+
+
+@dataclass(frozen=True, kw_only=True)
+class Problem:
+    """Readings and what planes cost.
+
+    Attributes
+    ----------
+    evaluator : Evaluator
+        The readings.
+    empty : float
+        Phi of no plane, its mask excluded: every reading an outlier.
+    structure : ndarray, shape (M + 1,)
+        Mask and parameters of 0 ... M planes in nats.
+    weight : float
+        Readings that each one of the evaluator stands for: 1, or more on a sample.
+    """
+
+    evaluator: Evaluator
+    empty: float
+    structure: Array
+    weight: float = 1.0
+
+    @property
+    def max_planes(self) -> int:
+        """Largest number of planes a model may have."""
+        return len(self.structure) - 1
+
+    def phi(self, planes: int, gain: float) -> float:
+        """Phi of a model from its number of planes and the sum of its gains."""
+        return self.empty + float(self.structure[planes]) + self.weight * gain
+
+    def solve(self, parameters: Array) -> Solution:
+        """Label the readings with these planes."""
+        assignment = self.evaluator.assign(parameters)
+        return Solution(parameters, assignment, self.phi(len(parameters), assignment.gain))
+
+    def refine(self, solution: Solution, steps: int = _STEPS) -> Solution:
+        """Refit all planes and label again, as long as Phi falls.
+
+        The refit is the likelihood's own least squares. It lowers Phi for fixed labels and the
+        labelling lowers it for fixed planes, so a step that does not is refused and ends it.
+        """
+        for _ in range(steps):
+            moved = self.evaluator.refit(solution.parameters, solution.assignment.labels)
+            refitted = self.solve(moved)
+            if not refitted.phi < solution.phi - _TOLERANCE:
+                break
+            solution = refitted
+        return solution
+
+    def refine_one(self, plane: Array, floor: Array, steps: int = 8) -> tuple[Array, float]:
+        """Refit one plane on the readings it takes from `floor`, as long as that saves more.
+
+        Returns
+        -------
+        plane : ndarray, shape (p,)
+        saved : float
+            Sum of min(0, gain - floor) over the readings, negative; the weight is not applied.
+        """
+        gains = self.evaluator.assign(plane[None]).best
+        saved = float(np.minimum(gains - floor, 0.0).sum())
+        for _ in range(steps):
+            taken = (gains < floor).astype(np.uint16)
+            moved = self.evaluator.refit(plane[None], taken)[0]
+            gains = self.evaluator.assign(moved[None]).best
+            saving = float(np.minimum(gains - floor, 0.0).sum())
+            if not saving < saved - _TOLERANCE:
+                break
+            plane, saved = moved, saving
+        return plane, saved
+
+
+@dataclass(frozen=True)
+class Solution:
+    """Planes, the labelling they imply, and Phi in nats."""
+
+    parameters: Array
+    assignment: Assignment
+    phi: float
+
+    def __len__(self) -> int:
+        return len(self.parameters)

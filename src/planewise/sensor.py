@@ -1,0 +1,119 @@
+"""What the objective has to know of a depth sensor: its range, its resolution and its noise."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from planewise.noise import Array, Noise, constant, proportional
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sensor:
+    """A digital depth sensor.
+
+    Parameters
+    ----------
+    max_depth : float
+        Largest depth it reports, in metres; readings beyond are "no reading".
+    resolution : float
+        eps of the paper: the step between two readings, in metres. An integer depth image is taken
+        to be in units of it.
+    noise : callable or float
+        sigma(z) in metres for an array of depths in metres (see `planewise.noise`), or one number
+        in metres for every depth.
+    min_depth : float
+        Smallest depth it reports, in metres; readings below are "no reading".
+    depth_range : float, optional
+        R of the paper, in metres: a reading that no plane explains is one of R / eps values.
+        ``None`` means `max_depth`.
+
+    Raises
+    ------
+    ValueError
+        If a length is not positive and finite, if the resolution is not smaller than the range, or
+        if the noise is not positive and finite.
+
+    Examples
+    --------
+    >>> sensor = Sensor(max_depth=10.0, resolution=0.001, noise=0.005)
+    >>> sensor.range, sensor.sigma([1.0, 2.0])
+    (10.0, array([0.005, 0.005]))
+    """
+
+    max_depth: float = 10.0
+    resolution: float = 0.001
+    noise: Noise | float = field(default_factory=lambda: proportional(0.01))
+    min_depth: float = 0.0
+    depth_range: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("max_depth", "resolution", "depth_range"):
+            value = getattr(self, name)
+            if value is not None and not (math.isfinite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number of metres, got {value}")
+        if not 0 <= self.min_depth < self.max_depth:
+            raise ValueError(
+                f"min_depth must lie in [0, max_depth = {self.max_depth}) metres, "
+                f"got {self.min_depth}"
+            )
+        if not self.resolution < self.range:
+            raise ValueError(
+                f"resolution must be smaller than the range: got {self.resolution} m against "
+                f"{self.range} m; both are in metres"
+            )
+        if not callable(self.noise):
+            object.__setattr__(self, "noise", constant(float(self.noise)))
+
+    @property
+    def range(self) -> float:
+        """R of the paper in metres."""
+        return self.max_depth if self.depth_range is None else self.depth_range
+
+    def sigma(self, z: Array) -> Array:
+        """Standard deviation of readings at depths `z`, checked.
+
+        Parameters
+        ----------
+        z : array_like
+            Depths in metres.
+
+        Returns
+        -------
+        ndarray
+            sigma in metres, of the shape of `z`.
+
+        Raises
+        ------
+        ValueError
+            If the noise model returns another shape, or a sigma that is not positive and finite.
+        """
+        z = np.asarray(z, dtype=np.float64)
+        assert callable(self.noise)
+        sigma = np.asarray(self.noise(z), dtype=np.float64)
+        if sigma.shape != z.shape:
+            if sigma.ndim:
+                raise ValueError(
+                    f"noise must return one sigma per depth: expected shape {z.shape}, "
+                    f"got {sigma.shape}"
+                )
+            sigma = np.full(z.shape, float(sigma))
+        bad = ~(np.isfinite(sigma) & (sigma > 0))
+        if bad.any():
+            raise ValueError(
+                "noise must be positive and finite (metres), got "
+                f"sigma = {sigma[bad].flat[0]} at z = {z[bad].flat[0]} m"
+            )
+        return sigma
+
+    def describe(self) -> dict[str, float | str]:
+        """Say in plain types what the sensor is, for result files."""
+        return {
+            "max_depth_m": self.max_depth,
+            "min_depth_m": self.min_depth,
+            "range_m": self.range,
+            "resolution_m": self.resolution,
+            "noise": str(self.noise),
+        }

@@ -1,0 +1,99 @@
+"""The paper's search: one plane after the other by repeated random sub-sampling."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.evaluate import Assignment
+from planewise.model import Curve, Move
+from planewise.problem import Problem, Solution
+
+Array = NDArray[np.float64]
+
+
+def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
+    """Samples needed to draw one of inliers alone: ln(1 - c) / ln(1 - r^n) (paper, sec. III-C).
+
+    Examples
+    --------
+    >>> trial_count(0.99, 0.1)
+    4603
+    """
+    for name, value in (("confidence", confidence), ("inlier_ratio", inlier_ratio)):
+        if not 0 < value < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value}")
+    return math.ceil(math.log(1 - confidence) / math.log1p(-(inlier_ratio**dimension)))
+
+
+def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) -> NDArray[np.int64]:
+    """Draw `trials` rows of `n` different indices below `size`."""
+    rows = rng.integers(size, size=(trials, n))
+    while True:
+        ordered = np.sort(rows, axis=1)
+        again = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+        if not again.size:
+            return rows
+        rows[again] = rng.integers(size, size=(again.size, n))
+
+
+def sequential_search(
+    problem: Problem, *, trials: int, rng: np.random.Generator
+) -> tuple[Solution, Curve]:
+    """Find planes one at a time; earlier assignments stay (paper, eq. 8 and 10).
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    trials : int
+        Random samples per plane.
+    rng : numpy.random.Generator
+        Source of the samples.
+
+    Returns
+    -------
+    solution : Solution
+        Planes and labels at the minimum of Phi over N.
+    curve : Curve
+        Phi after 0 ... max_planes planes.
+    """
+    everything, n = problem.evaluator, problem.evaluator.dimension
+    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
+    found: list[Array] = []
+    phi = [problem.phi(0, 0.0)]
+    moves: list[Move] = []
+    total = 0.0
+    reason = f"reached max_planes = {problem.max_planes}"
+    while len(found) < problem.max_planes:
+        free = np.flatnonzero(labels == 0)
+        if free.size < n:
+            reason = f"{free.size} readings are left without a plane, fewer than {n}"
+            break
+        rest = everything.subset(free)
+        candidates = rest.through(distinct_tuples(rng, trials, free.size, n))
+        best = candidates[np.argmin(rest.scores(candidates))]
+        one = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2))
+        none = np.zeros(free.size)
+        plane, gain = one.refine_one(best, none)
+        if not gain < 0:
+            reason = "no candidate plane fits any of the remaining readings"
+            break
+        found.append(plane)
+        total += gain
+        taken = rest.assign(plane[None])
+        labels[free], gains[free] = taken.labels * np.uint16(len(found)), taken.best
+        phi.append(problem.phi(len(found), total))
+        moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
+    chosen = int(np.argmin(phi))
+    dropped = labels > chosen
+    labels[dropped], gains[dropped] = 0, 0.0
+    curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
+    width = found[0].size if found else 0
+    return Solution(
+        np.array(found[:chosen]).reshape(chosen, width),
+        Assignment.of(labels, gains, chosen),
+        phi[chosen],
+    ), curve

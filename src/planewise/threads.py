@@ -1,0 +1,36 @@
+"""Threads for the compiled loops, which release the interpreter's lock."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+
+def available() -> int:
+    """Processors this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # macOS, Windows
+        return os.cpu_count() or 1
+
+
+@lru_cache(maxsize=4)
+def _pool(threads: int) -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(threads, thread_name_prefix="planewise")
+
+
+def over_chunks(work: Callable[[int, int], None], size: int, threads: int) -> None:
+    """Call ``work(first, last)`` on consecutive parts of ``range(size)``, one part a thread.
+
+    What `work` writes for one element must not depend on the part it is in: then results are the
+    same for any number of threads.
+    """
+    if threads <= 1 or size < 2 * threads:
+        work(0, size)
+        return
+    bounds = [size * part // threads for part in range(threads + 1)]
+    parts = zip(bounds[:-1], bounds[1:], strict=True)
+    for done in [_pool(threads).submit(work, first, last) for first, last in parts]:
+        done.result()
