@@ -65,12 +65,15 @@ class Evaluator(ABC):
         What a reading saves on a plane it fits exactly.
     dimension : int
         Readings that determine a plane.
+    width : int
+        Numbers in a row of parameters.
     threads : int
         Used where work splits without changing a result.
     """
 
     tau: Array
     dimension: int
+    width: int
     threads: int
 
     @property
@@ -108,8 +111,11 @@ class Evaluator(ABC):
         """Give every reading to the plane of lowest gain, in double precision."""
 
     @abstractmethod
-    def refit(self, parameters: Array, labels: Labels) -> Array:
-        """One step of the likelihood's least squares for every plane; rows that fail stay."""
+    def refit(self, parameters: Array, labels: Labels, stretch: float = 1.0) -> Array:
+        """One step of the likelihood's least squares for every plane, `stretch` times as long.
+
+        Planes that their readings do not determine stay.
+        """
 
     @abstractmethod
     def coefficients(self, parameters: Array) -> Array:
@@ -124,6 +130,7 @@ class RayEvaluator(Evaluator):
     """Evaluator of readings on rays; parameters are theta = -normal / distance."""
 
     dimension = 3
+    width = 3
 
     def __init__(self, a: Array, s: Array, tau: Array, threads: int = 1) -> None:
         self.a, self.s, self.tau, self.threads = a, s, tau, threads
@@ -176,11 +183,10 @@ class RayEvaluator(Evaluator):
         )
         return out
 
-    def refit(self, parameters: Array, labels: Labels) -> Array:
+    def refit(self, parameters: Array, labels: Labels, stretch: float = 1.0) -> Array:
         """One Gauss-Newton step of sum delta^2 / (2 sigma^2) for every plane."""
-        matrix, vector = self._normal_equations(parameters, labels)
-        step = _solve(matrix, vector)
-        moved = parameters + step
+        _, moved = self._gauss_newton(parameters, labels)
+        moved = parameters + stretch * (moved - parameters)
         return np.where(np.isfinite(moved).all(axis=1, keepdims=True), moved, parameters)
 
     def coefficients(self, parameters: Array) -> Array:
@@ -190,7 +196,7 @@ class RayEvaluator(Evaluator):
 
     def covariances(self, parameters: Array, labels: Labels) -> Array:
         """Inverse Fisher information of theta, carried over to (normal, distance)."""
-        fisher = 2.0 * self._normal_equations(parameters, labels)[0]
+        fisher = 2.0 * self._gauss_newton(parameters, labels)[0]
         out = np.full((len(parameters), 4, 4), np.nan)
         for j, theta in enumerate(parameters):
             size = np.linalg.norm(theta)
@@ -201,11 +207,11 @@ class RayEvaluator(Evaluator):
             out[j] = jacobian @ _inverse(fisher[j]) @ jacobian.T
         return out
 
-    def _normal_equations(self, parameters: Array, labels: Labels) -> tuple[Array, Array]:
+    def _gauss_newton(self, parameters: Array, labels: Labels) -> tuple[Array, Array]:
         matrix = np.empty((len(parameters), 3, 3))
-        vector = np.empty((len(parameters), 3))
-        kernels.normal_equations(parameters, self.a, self.s, labels, matrix, vector)
-        return matrix, vector
+        moved = np.empty((len(parameters), 3))
+        kernels.gauss_newton(parameters, self.a, self.s, labels, matrix, moved)
+        return matrix, moved
 
 
 class PointEvaluator(Evaluator):
@@ -213,7 +219,7 @@ class PointEvaluator(Evaluator):
 
     def __init__(self, x: Array, tau: Array, origin: Array, threads: int = 1) -> None:
         self.x, self.tau, self.origin, self.threads = x, tau, origin, threads
-        self.dimension = x.shape[0] - 1
+        self.dimension, self.width = x.shape[0] - 1, x.shape[0]
         self._single: NDArray[np.float32] | None = None
 
     @classmethod
@@ -263,7 +269,7 @@ class PointEvaluator(Evaluator):
         )
         return out
 
-    def refit(self, parameters: Array, labels: Labels) -> Array:
+    def refit(self, parameters: Array, labels: Labels, stretch: float = 1.0) -> Array:
         """Weighted total least squares, which is the likelihood's optimum: no iteration needed."""
         matrix = self._scatter(len(parameters), labels)
         moved = parameters.copy()
@@ -273,8 +279,11 @@ class PointEvaluator(Evaluator):
             centre = m[:-1, -1] / m[-1, -1]
             spread = m[:-1, :-1] - np.outer(centre, m[:-1, -1])
             normal = np.linalg.eigh(spread)[1][:, 0]
+            if normal @ parameters[j, :-1] < 0:
+                normal = -normal
             moved[j] = (*normal, -normal @ centre)
-        return moved
+        moved = parameters + stretch * (moved - parameters)
+        return np.asarray(moved / np.linalg.norm(moved[:, :-1], axis=1, keepdims=True))
 
     def coefficients(self, parameters: Array) -> Array:
         """Move the distance back to the caller's origin; distance >= 0."""
@@ -327,19 +336,11 @@ def _assignment(count: int, planes: int) -> Assignment:
     )
 
 
-def _solve(matrix: Array, vector: Array) -> Array:
-    """Solve each small system; NaN where it is singular."""
-    out = np.full(vector.shape, np.nan)
-    for j in range(len(matrix)):
-        out[j] = _inverse(matrix[j]) @ vector[j]
-    return out
-
-
 def _inverse(matrix: Array) -> Array:
     """Inverse of a positive definite matrix, scaled to unit diagonal; NaN if it has none."""
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 1.0 / np.sqrt(np.diag(matrix))
-    scaled = matrix * np.outer(scale, scale)
+        scaled = matrix * np.outer(scale, scale)
     if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e12:
         return np.full(matrix.shape, np.nan)
     return np.asarray(np.linalg.inv(scaled) * np.outer(scale, scale))

@@ -9,6 +9,7 @@ on all readings.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +23,16 @@ Array = NDArray[np.float64]
 _SAMPLE = 16_384  # readings on which candidates are judged
 _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
-_TOLERANCE = 1e-3  # nats
+_ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
+_FINE = 1e-6  # of Phi: progress that counts on all readings
 _ROUNDS = 30  # moves on the sample at most
-_SHARED = 0.5  # of a plane's gain that another must offer for the pair to be worth a merge
+_POOL = 256  # candidates that compete to be added or exchanged
+_TRIAL = 2  # refits before a move is judged
+_SETTLE = 8  # refits after it was taken
+_FINAL = 3  # refits on all readings
+_DROPPABLE = 1.2  # a plane that saves less than this much of its cost may be dropped
+_EXCHANGED = 3  # planes that save least are tried against others
+_SHARED = 0.7  # of a plane's gain that another must offer for the pair to be worth a merge
 
 
 def joint_search(
@@ -49,58 +57,61 @@ def joint_search(
         Phi with the first 0 ... N planes in order of what they save, and with a few more.
     """
     moves: list[Move] = []
-    sample, chosen = _sample(problem, rng)
-    start, spare = _greedy(sample, candidates)
+    sample = _sample(problem, rng)
+    start, spare, pool = _greedy(sample, candidates)
     draft = sample.refine(sample.solve(start))
     moves.append(Move(kind="greedy", planes=len(draft), information=draft.phi))
-    for kind, better in _descend(sample, draft, candidates):
+    for kind, better in _descend(sample, draft, pool):
         draft = better
         moves.append(Move(kind=kind, planes=len(draft), information=draft.phi))
-    solution = problem.refine(problem.solve(draft.parameters))
+    # Largest loss first: the running sums of the labelling are then the curve.
+    order = np.argsort(-_losses(sample, draft), kind="stable")
+    problem = replace(problem, tolerance=_FINE * problem.empty)
+    solution = problem.solve(draft.parameters[order])
+    solution = problem.refine(solution, _FINAL, stretch=2.0)
     moves.append(Move(kind="all readings", planes=len(solution), information=solution.phi))
-    for kind, better in _descend(problem, solution, None):
-        solution = better
-        moves.append(Move(kind=kind, planes=len(solution), information=solution.phi))
+    while (best := int(np.argmin(_phis(problem, solution)))) < len(solution):
+        solution = problem.refine(problem.solve(solution.parameters[:best]), _FINAL)
+        moves.append(Move(kind="cut", planes=best, information=solution.phi))
     return solution, _curve(problem, solution, spare, moves)
 
 
-def _sample(problem: Problem, rng: np.random.Generator) -> tuple[Problem, NDArray[np.int64]]:
+def _sample(problem: Problem, rng: np.random.Generator) -> Problem:
     """Readings drawn one from each of equal runs in raster order, each standing for its run."""
     count = problem.evaluator.count
+    rough = replace(problem, tolerance=_ROUGH * problem.empty)
     if count <= _SAMPLE:
-        return problem, np.arange(count)
+        return rough
     chosen = ((np.arange(_SAMPLE) + rng.random(_SAMPLE)) * (count / _SAMPLE)).astype(np.int64)
-    sample = Problem(
-        evaluator=problem.evaluator.subset(chosen),
-        empty=problem.empty,
-        structure=problem.structure,
-        weight=count / _SAMPLE,
-    )
-    return sample, chosen
+    return replace(rough, evaluator=problem.evaluator.subset(chosen), weight=count / _SAMPLE)
 
 
-def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array]:
+def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array, Array]:
     """Add the plane that saves most, up to where none pays for its parameters; cut at the best N.
 
-    Returns the planes up to the lowest Phi, and the next few for the curve.
+    Returns the planes up to the lowest Phi, the next few for the curve, and the candidates that
+    promise most beside them.
     """
     bounds = problem.evaluator.scores(candidates)
     floor = np.zeros(problem.evaluator.count)
     chosen: list[Array] = []
     phi = [problem.phi(0, 0.0)]
-    # What a plane must save at the least: its parameters; the mask code only adds to that.
-    cost = float(np.diff(problem.structure).min()) if problem.max_planes else np.inf
-    while len(chosen) < problem.max_planes:
+    while len(chosen) < problem.max_planes and len(candidates):
         pick = _lazy_best(problem.evaluator, candidates, bounds, floor)
         plane, saved = problem.refine_one(candidates[pick], floor)
-        if not problem.weight * saved < -cost:
+        # No later plane saves more than this one: can any number of them still pay?
+        more = np.arange(1, problem.max_planes - len(chosen) + 1)
+        hope = phi[-1] + problem.weight * saved * more
+        hope += problem.structure[len(chosen) + more] - problem.structure[len(chosen)]
+        if not hope.min() < min(phi):
             break
         chosen.append(plane)
         floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
         phi.append(problem.phi(len(chosen), float(floor.sum())))
     best = int(np.argmin(phi))
     planes = np.array(chosen).reshape(len(chosen), candidates.shape[1])
-    return planes[:best], planes[best : best + _EXTRA]
+    pool = candidates[np.argsort(bounds, kind="stable")[:_POOL]]
+    return planes[:best], planes[best : best + _EXTRA], pool
 
 
 def _lazy_best(evaluator: Evaluator, candidates: Array, bounds: Array, floor: Array) -> int:
@@ -121,13 +132,13 @@ def _lazy_best(evaluator: Evaluator, candidates: Array, bounds: Array, floor: Ar
 
 
 def _descend(
-    problem: Problem, solution: Solution, candidates: Array | None
+    problem: Problem, solution: Solution, candidates: Array
 ) -> Iterator[tuple[str, Solution]]:
     """Yield better and better solutions until no move lowers Phi."""
     for _ in range(_ROUNDS):
         for kind, trial in _moves(problem, solution, candidates):
-            if trial.phi < solution.phi - _TOLERANCE:
-                solution = trial
+            if trial.phi < solution.phi - problem.tolerance:
+                solution = problem.refine(trial, _SETTLE)
                 yield kind, solution
                 break
         else:
@@ -135,31 +146,34 @@ def _descend(
 
 
 def _moves(
-    problem: Problem, solution: Solution, candidates: Array | None
+    problem: Problem, solution: Solution, candidates: Array
 ) -> Iterator[tuple[str, Solution]]:
     """Changes worth a try, the most promising first; each is refitted and has its exact Phi."""
     n = len(solution)
     losses = _losses(problem, solution)
     step = problem.structure[n] - problem.structure[n - 1] if n else 0.0
     for j in np.argsort(losses, kind="stable"):
-        if losses[j] > 2 * step:
+        if losses[j] > _DROPPABLE * step:
             break
-        yield "drop", problem.refine(problem.solve(np.delete(solution.parameters, j, axis=0)))
+        yield (
+            "drop",
+            problem.refine(problem.solve(np.delete(solution.parameters, j, axis=0)), _TRIAL),
+        )
     for i, j in _mergeable(problem, solution):
         labels = solution.assignment.labels.copy()
         labels[labels == j + 1] = i + 1
         joined = problem.evaluator.refit(solution.parameters, labels)
-        yield "merge", problem.refine(problem.solve(np.delete(joined, j, axis=0)))
-    if candidates is None or n == 0:
+        yield "merge", problem.refine(problem.solve(np.delete(joined, j, axis=0)), _TRIAL)
+    if n == 0:
         return
     if n < problem.max_planes:
         added = _with_best(problem, solution.parameters, solution.assignment.best, candidates)
-        yield "add", problem.refine(problem.solve(added))
-    for j in np.argsort(losses, kind="stable")[:3]:
+        yield "add", problem.refine(problem.solve(added), _TRIAL)
+    for j in np.argsort(losses, kind="stable")[:_EXCHANGED]:
         others = np.delete(solution.parameters, j, axis=0)
         rest = problem.solve(others)
         swapped = _with_best(problem, others, rest.assignment.best, candidates)
-        yield "exchange", problem.refine(problem.solve(swapped))
+        yield "exchange", problem.refine(problem.solve(swapped), _TRIAL)
 
 
 def _losses(problem: Problem, solution: Solution) -> Array:
@@ -184,9 +198,7 @@ def _mergeable(problem: Problem, solution: Solution) -> list[tuple[int, int]]:
             continue
         offered = problem.evaluator.subset(mine).scores(solution.parameters)
         own = best[mine].sum()
-        pairs += [
-            (offered[i] / own, i, j) for i in range(len(solution)) if i != j and own < 0
-        ]
+        pairs += [(offered[i] / own, i, j) for i in range(len(solution)) if i != j and own < 0]
     pairs.sort(reverse=True)
     return [(i, j) for share, i, j in pairs if share > _SHARED]
 
@@ -198,16 +210,25 @@ def _with_best(problem: Problem, planes: Array, floor: Array, candidates: Array)
     return np.vstack((planes, plane[None]))
 
 
+def _phis(problem: Problem, solution: Solution) -> Array:
+    """Exact Phi with the first 0 ... N planes alone."""
+    sums = solution.assignment.cumulative
+    return np.array([problem.phi(n, float(gain)) for n, gain in enumerate(sums)])
+
+
 def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]) -> Curve:
-    """Exact Phi with the first 0 ... N planes, largest loss first, then with spare ones."""
-    order = np.argsort(-_losses(problem, solution), kind="stable")
-    room = problem.max_planes - len(solution)
-    planes = np.vstack((solution.parameters[order], spare[:room]))
-    gains = problem.evaluator.assign(planes).cumulative
-    phi = np.array([problem.phi(n, float(gain)) for n, gain in enumerate(gains)])
-    reason = "no move lowers the information"
-    if len(solution) == problem.max_planes:
+    """Phi with the first planes, and what a few more would have made it."""
+    n = len(solution)
+    beyond = []
+    floor = solution.assignment.best
+    for plane in spare[: problem.max_planes - n]:
+        floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
+        beyond.append(problem.phi(n + len(beyond) + 1, float(floor.sum())))
+    if n == problem.max_planes:
         reason = f"reached max_planes = {problem.max_planes}"
-    elif len(solution) == 0:
+    elif n == 0:
         reason = "no plane saves more than it costs"
-    return Curve(information=phi, chosen=len(solution), reason=reason, moves=tuple(moves))
+    else:
+        reason = "no move lowers the information"
+    phi = np.append(_phis(problem, solution), beyond)
+    return Curve(information=phi, chosen=n, reason=reason, moves=tuple(moves))

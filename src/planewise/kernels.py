@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-_BLOCK = 1024
+_BLOCK = 512
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": _FAST}
 
@@ -74,15 +74,17 @@ def score_points(h, x, ceiling, first, last, total):  # type: ignore[no-untyped-
 
 
 @njit(**_OPTIONS)
-def _keep_best(g, plane, best, second, label):  # type: ignore[no-untyped-def]
+def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
     """Enter the gains of one plane into the best and second-best of a block; sum the best."""
     part = 0.0
     for i in range(g.size):
-        low = g[i] < best[i]
-        second[i] = best[i] if low else min(second[i], g[i])
-        label[i] = plane if low else label[i]
-        best[i] = g[i] if low else best[i]
-        part += best[i]
+        old = best[i]
+        low = g[i] < old
+        second[i] = old if low else min(second[i], g[i])
+        mark[i] = plane if low else mark[i]
+        new = g[i] if low else old
+        best[i] = new
+        part += new
     return part
 
 
@@ -95,35 +97,38 @@ def assign_rays(theta, a, s, tau, best, second, label, cumulative):  # type: ign
     planes alone.
     """
     work = np.empty(_BLOCK)
-    best[:] = 0.0
-    second[:] = 0.0
-    label[:] = 0
+    marks = np.empty(_BLOCK, np.int32)
     cumulative[:] = 0.0
     for start in range(0, s.size, _BLOCK):
         stop = min(start + _BLOCK, s.size)
         x, y, z = a[0, start:stop], a[1, start:stop], a[2, start:stop]
         d, c, g = s[start:stop], tau[start:stop], work[: stop - start]
+        b, b2, m = best[start:stop], second[start:stop], marks[: stop - start]
+        b[:] = 0.0
+        b2[:] = 0.0
+        m[:] = 0
         for j in range(theta.shape[0]):
             t0, t1, t2 = theta[j, 0], theta[j, 1], theta[j, 2]
             for i in range(g.size):
                 e = d[i] - 1.0 / (t0 * x[i] + t1 * y[i] + t2 * z[i])
                 g[i] = e * e - c[i]
-            cumulative[j + 1] += _keep_best(
-                g, np.uint16(j + 1), best[start:stop], second[start:stop], label[start:stop]
-            )
+            cumulative[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
+        label[start:stop] = m
 
 
 @njit(**_OPTIONS)
 def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """`assign_rays` for free points: h (N, n + 1), x (n + 1, k) float64."""
     work = np.empty(_BLOCK)
-    best[:] = 0.0
-    second[:] = 0.0
-    label[:] = 0
+    marks = np.empty(_BLOCK, np.int32)
     cumulative[:] = 0.0
     for start in range(0, tau.size, _BLOCK):
         stop = min(start + _BLOCK, tau.size)
         c, g = tau[start:stop], work[: stop - start]
+        b, b2, m = best[start:stop], second[start:stop], marks[: stop - start]
+        b[:] = 0.0
+        b2[:] = 0.0
+        m[:] = 0
         for j in range(h.shape[0]):
             g[:] = 0.0
             for axis in range(x.shape[0]):
@@ -132,44 +137,60 @@ def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[n
                     g[i] += weight * row[i]
             for i in range(g.size):
                 g[i] = g[i] * g[i] - c[i]
-            cumulative[j + 1] += _keep_best(
-                g, np.uint16(j + 1), best[start:stop], second[start:stop], label[start:stop]
-            )
+            cumulative[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
+        label[start:stop] = m
 
 
 @njit(**_OPTIONS)
-def normal_equations(theta, a, s, label, matrix, vector):  # type: ignore[no-untyped-def]
-    """Gauss-Newton equations of every plane on its readings.
+def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-def]
+    """One least-squares step of every plane on its readings.
 
-    With q = theta . a the residual is e = s - 1 / q and de / dtheta = a / q^2. Writes matrix
-    (N, 3, 3) = sum a a' / q^4 and vector (N, 3) = -sum a e / q^2. As e^2 = delta^2 / (2 sigma^2),
-    2 * matrix is the Fisher information of theta.
+    With q = theta . a the residual is e = s - 1 / q, and de / dtheta = a / q^2. Writes matrix
+    (N, 3, 3) = sum a a' / q^4 and moved (N, 3) = theta - matrix^-1 sum a e / q^2, NaN where the
+    readings do not fix a plane. As e^2 = delta^2 / (2 sigma^2), 2 * matrix is the Fisher
+    information of theta.
     """
     matrix[:] = 0.0
-    vector[:] = 0.0
+    slope = np.zeros(theta.shape)
     for i in range(s.size):
-        j = label[i]
-        if j == 0:
+        if label[i] == 0:
             continue
-        j -= 1
+        j = label[i] - 1
         x, y, z = a[0, i], a[1, i], a[2, i]
         r = 1.0 / (theta[j, 0] * x + theta[j, 1] * y + theta[j, 2] * z)
         w = r * r
         e = s[i] - r
         x, y, z = x * w, y * w, z * w
-        matrix[j, 0, 0] += x * x
-        matrix[j, 0, 1] += x * y
-        matrix[j, 0, 2] += x * z
-        matrix[j, 1, 1] += y * y
-        matrix[j, 1, 2] += y * z
-        matrix[j, 2, 2] += z * z
-        vector[j, 0] -= x * e
-        vector[j, 1] -= y * e
-        vector[j, 2] -= z * e
-    for j in range(matrix.shape[0]):
-        matrix[j, 1, 0] = matrix[j, 0, 1]
-        matrix[j, 2, 0] = matrix[j, 0, 2]
-        matrix[j, 2, 1] = matrix[j, 1, 2]
+        m, v = matrix[j], slope[j]
+        m[0, 0] += x * x
+        m[0, 1] += x * y
+        m[0, 2] += x * z
+        m[1, 1] += y * y
+        m[1, 2] += y * z
+        m[2, 2] += z * z
+        v[0] += x * e
+        v[1] += y * e
+        v[2] += z * e
+    for j in range(theta.shape[0]):
+        m, v = matrix[j], slope[j]
+        m[1, 0], m[2, 0], m[2, 1] = m[0, 1], m[0, 2], m[1, 2]
+        # Scaled to unit diagonal, a 3 x 3 determinant tells whether there is a plane.
+        p, q, r = 1.0 / np.sqrt(m[0, 0]), 1.0 / np.sqrt(m[1, 1]), 1.0 / np.sqrt(m[2, 2])
+        f, g, h = m[0, 1] * p * q, m[0, 2] * p * r, m[1, 2] * q * r
+        determinant = 1.0 - f * f - g * g - h * h + 2.0 * f * g * h
+        if not determinant > 1e-14:
+            moved[j, :] = np.nan
+            continue
+        u, v, w = -v[0] * p, -v[1] * q, -v[2] * r
+        moved[j, 0] = (
+            theta[j, 0] + p * ((1.0 - h * h) * u + (g * h - f) * v + (f * h - g) * w) / determinant
+        )
+        moved[j, 1] = (
+            theta[j, 1] + q * ((g * h - f) * u + (1.0 - g * g) * v + (f * g - h) * w) / determinant
+        )
+        moved[j, 2] = (
+            theta[j, 2] + r * ((f * h - g) * u + (f * g - h) * v + (1.0 - f * f) * w) / determinant
+        )
 
 
 @njit(**_OPTIONS)
@@ -214,7 +235,8 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
         m[6] += x * s[i]
         m[7] += y * s[i]
         m[8] += z * s[i]
-        m[9] += 1.0
+        m[9] += w
+        m[10] += 1.0
 
 
 @njit(**_OPTIONS)

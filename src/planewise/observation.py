@@ -277,8 +277,7 @@ def _depth_image(depth: ArrayLike) -> NDArray[np.generic]:
     image = np.asarray(depth)
     if image.ndim != 2 or min(image.shape) < 2:
         raise ValueError(
-            "depth must be a 2-D image with at least 2 rows and 2 columns, "
-            f"got shape {image.shape}"
+            f"depth must be a 2-D image with at least 2 rows and 2 columns, got shape {image.shape}"
         )
     if image.dtype.kind not in "fiu":
         raise ValueError(f"depth must be metres (float) or integer units, got dtype {image.dtype}")

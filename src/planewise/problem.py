@@ -11,8 +11,8 @@ from planewise.evaluate import Assignment, Evaluator
 
 Array = NDArray[np.float64]
 
-_TOLERANCE = 1e-3  # nats; a step that saves less is no progress
 _STEPS = 50
+_LONGEST = 8.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,12 +29,15 @@ class Problem:
         Mask and parameters of 0 ... M planes in nats.
     weight : float
         Readings that each one of the evaluator stands for: 1, or more on a sample.
+    tolerance : float
+        Nats; a step that saves less is no progress.
     """
 
     evaluator: Evaluator
     empty: float
     structure: Array
     weight: float = 1.0
+    tolerance: float = 1e-3
 
     @property
     def max_planes(self) -> int:
@@ -50,18 +53,23 @@ class Problem:
         assignment = self.evaluator.assign(parameters)
         return Solution(parameters, assignment, self.phi(len(parameters), assignment.gain))
 
-    def refine(self, solution: Solution, steps: int = _STEPS) -> Solution:
+    def refine(self, solution: Solution, steps: int = _STEPS, stretch: float = 1.0) -> Solution:
         """Refit all planes and label again, as long as Phi falls.
 
         The refit is the likelihood's own least squares. It lowers Phi for fixed labels and the
-        labelling lowers it for fixed planes, so a step that does not is refused and ends it.
+        labelling lowers it for fixed planes. Steps are stretched while that pays, for alternation
+        alone converges slowly; a plain step that does not lower Phi is refused and ends it.
         """
         for _ in range(steps):
-            moved = self.evaluator.refit(solution.parameters, solution.assignment.labels)
-            refitted = self.solve(moved)
-            if not refitted.phi < solution.phi - _TOLERANCE:
+            start, labels = solution.parameters, solution.assignment.labels
+            refitted = self.solve(self.evaluator.refit(start, labels, stretch))
+            if stretch > 1.0 and not refitted.phi < solution.phi - self.tolerance:
+                stretch = 1.0
+                refitted = self.solve(self.evaluator.refit(start, labels))
+            if not refitted.phi < solution.phi - self.tolerance:
                 break
             solution = refitted
+            stretch = min(2.0 * stretch, _LONGEST)
         return solution
 
     def refine_one(self, plane: Array, floor: Array, steps: int = 8) -> tuple[Array, float]:
@@ -80,7 +88,7 @@ class Problem:
             moved = self.evaluator.refit(plane[None], taken)[0]
             gains = self.evaluator.assign(moved[None]).best
             saving = float(np.minimum(gains - floor, 0.0).sum())
-            if not saving < saved - _TOLERANCE:
+            if not self.weight * saving < self.weight * saved - self.tolerance:
                 break
             plane, saved = moved, saving
         return plane, saved

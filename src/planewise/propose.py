@@ -15,14 +15,13 @@ Array = NDArray[np.float64]
 _SIDE = 8  # pixels; finest cell
 _LEVELS = 4  # 8, 16, 32, 64 pixels
 _FILLED = 0.25  # of a cell's pixels must be readings
+_FLAT = 1.5  # mean squared residual in sigmas below which a cell is a plane
 _RANDOM = 512  # samples of distant readings
 _RANDOM_POINTS = 4096  # the same without an image to suggest anything
 _NEIGHBOURS = 32  # readings among which a local sample looks for its nearest
 
 
-def propose(
-    observation: Observation, evaluator: Evaluator, rng: np.random.Generator
-) -> Array:
+def propose(observation: Observation, evaluator: Evaluator, rng: np.random.Generator) -> Array:
     """Candidate planes for an observation.
 
     Parameters
@@ -45,52 +44,56 @@ def propose(
     else:
         local = _near_tuples(observation, evaluator, rng)
         samples = _RANDOM_POINTS
-    distant = evaluator.through(
-        distinct_tuples(rng, samples, evaluator.count, evaluator.dimension)
-    )
+    distant = evaluator.through(distinct_tuples(rng, samples, evaluator.count, evaluator.dimension))
     candidates = np.vstack((local, distant))
     return np.asarray(candidates[np.isfinite(candidates).all(axis=1)])
 
 
-def cell_planes(
-    evaluator: RayEvaluator, index: NDArray[np.int64], shape: tuple[int, ...]
-) -> Array:
-    """Least-squares planes of square cells of 8, 16, 32 and 64 pixels.
+def cell_planes(evaluator: RayEvaluator, index: NDArray[np.int64], shape: tuple[int, ...]) -> Array:
+    """Least-squares planes of square cells of 64, 32, 16 and 8 pixels.
 
-    The moments of a cell are the sums of those of the four cells in it, so only the finest are
-    computed from readings.
+    A cell is looked into only where it is not flat within the noise. The moments of a cell are the
+    sums of those of the four cells in it, so only the finest are computed from readings.
     """
     height, width = shape
     top = _SIDE << (_LEVELS - 1)
     rows, columns = -(-height // top) * top // _SIDE, -(-width // top) * top // _SIDE
-    moments = np.empty((rows * columns, 10))
+    moments = np.empty((rows * columns, 11))
     kernels.cell_moments(evaluator.a, evaluator.s, index, width, _SIDE, columns, moments)
-    grid = moments.reshape(rows, columns, 10)
+    grids = [moments.reshape(rows, columns, 11)]
+    for _ in range(_LEVELS - 1):
+        g = grids[-1]
+        grids.append(g[::2, ::2] + g[1::2, ::2] + g[::2, 1::2] + g[1::2, 1::2])
     planes = []
-    for level in range(_LEVELS):
-        if level:
-            grid = grid[::2, ::2] + grid[1::2, ::2] + grid[::2, 1::2] + grid[1::2, 1::2]
-        pixels = (_SIDE << level) ** 2
-        planes.append(_solve_cells(grid.reshape(-1, 10), max(3, int(_FILLED * pixels))))
+    open_cells = np.ones(grids[-1].shape[:2], bool)
+    for level in range(_LEVELS - 1, -1, -1):
+        fewest = max(3, int(_FILLED * (_SIDE << level) ** 2))
+        theta, misfit = _solve_cells(grids[level].reshape(-1, 11), fewest)
+        theta[~open_cells.reshape(-1)] = np.nan
+        planes.append(theta)
+        flat = (misfit < _FLAT).reshape(open_cells.shape)
+        open_cells = np.repeat(np.repeat(open_cells & ~flat, 2, axis=0), 2, axis=1)
     return np.vstack(planes)
 
 
-def _solve_cells(moments: Array, fewest: int) -> Array:
-    """theta of every cell with enough readings: a 3 x 3 system each, scaled to unit diagonal."""
-    m = moments[moments[:, 9] >= fewest]
+def _solve_cells(moments: Array, fewest: int) -> tuple[Array, Array]:
+    """theta of every cell and its mean squared residual in sigmas; NaN with too few readings."""
+    theta = np.full((len(moments), 3), np.nan)
+    misfit = np.full(len(moments), np.nan)
+    rows = np.flatnonzero(moments[:, 10] >= fewest)
+    m = moments[rows]
     matrix = m[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     scale = 1.0 / np.sqrt(m[:, [0, 3, 5]])
     matrix = matrix * scale[:, :, None] * scale[:, None, :]
-    regular = np.isfinite(matrix).all(axis=(1, 2))
-    regular[regular] = np.linalg.det(matrix[regular]) > 1e-14
-    vector = m[regular, 6:9] * scale[regular]
-    solved = np.linalg.solve(matrix[regular], vector[..., None])[..., 0]
-    return np.asarray(solved * scale[regular])
+    regular = np.linalg.det(matrix) > 1e-14
+    rows, m, scale = rows[regular], m[regular], scale[regular]
+    theta[rows] = scale * np.linalg.solve(matrix[regular], (m[:, 6:9] * scale)[..., None])[..., 0]
+    chi2 = 2.0 * (m[:, 9] - np.einsum("ij,ij->i", theta[rows], m[:, 6:9]))
+    misfit[rows] = chi2 / m[:, 10]
+    return theta, misfit
 
 
-def _near_tuples(
-    observation: Observation, evaluator: Evaluator, rng: np.random.Generator
-) -> Array:
+def _near_tuples(observation: Observation, evaluator: Evaluator, rng: np.random.Generator) -> Array:
     """Planes through a reading and the nearest of a few random others: likelier to share a plane."""
     n = evaluator.dimension
     pool = min(_NEIGHBOURS, evaluator.count)

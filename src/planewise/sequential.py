@@ -91,9 +91,8 @@ def sequential_search(
     dropped = labels > chosen
     labels[dropped], gains[dropped] = 0, 0.0
     curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
-    width = found[0].size if found else 0
     return Solution(
-        np.array(found[:chosen]).reshape(chosen, width),
+        np.array(found[:chosen]).reshape(chosen, everything.width),
         Assignment.of(labels, gains, chosen),
         phi[chosen],
     ), curve

@@ -1,0 +1,51 @@
+"""Shared scenes and data."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import planewise as pw
+
+SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def real_frames():
+    """Reader of a real frame by set and name; skips where the data is absent."""
+
+    def read(folder, name):
+        path = SHARED / folder / f"{name}.npz"
+        if not path.exists():
+            pytest.skip(f"real frames are not part of the project: {folder}/{name} is not here")
+        with np.load(path) as frame:
+            fx, fy, cx, cy = frame["K"]
+            camera = pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
+            return frame["depth"], camera, float(frame["depth_scale"])
+
+    return read
+
+
+@pytest.fixture
+def camera():
+    """Camera of a small image, 48 x 64."""
+    return pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
+
+
+def render(planes, camera, shape, labels=None):
+    """Depth of the nearest of some planes (rows of normal and distance), and which it is."""
+    rays = camera.rays(shape)
+    with np.errstate(divide="ignore"):
+        depths = np.array([-p[3] / (rays @ p[:3]) for p in planes])
+    depths[depths <= 0] = np.inf
+    return depths.min(axis=0), depths.argmin(axis=0) + 1
+
+
+@pytest.fixture
+def roof(camera):
+    """Two planes that meet like a roof: depth, true planes, true labels, noise 2 mm."""
+    rng = np.random.default_rng(7)
+    planes = np.array([[0.5, 0.0, -0.8, 1.4], [-0.5, 0.1, -0.8, 1.4]])
+    planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    depth, labels = render(planes, camera, (48, 64))
+    return depth + rng.normal(0, 0.002, depth.shape), planes, labels

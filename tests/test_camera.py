@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import planewise as pw
+
+SHAPE = (48, 64)
+
+
+def test_ray_of_the_principal_point_is_the_axis():
+    camera = pw.PinholeCamera(fx=50, fy=60, cx=10, cy=20)
+    rays = camera.rays(SHAPE)
+    assert_allclose(rays[20, 10], [0, 0, 1])
+    assert_allclose(rays[20 + 6, 10 + 5], [0.1, 0.1, 1])
+
+
+@settings(max_examples=30, deadline=None)
+@given(k1=st.floats(-0.2, 0.2), k2=st.floats(-0.05, 0.05), p=st.floats(-0.01, 0.01))
+def test_distortion_is_undone(k1, k2, p):
+    camera = pw.PinholeCamera(fx=60, fy=60, cx=31, cy=23, distortion=(k1, k2, p, -p))
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    assert_allclose(camera.project(camera.rays(SHAPE)), np.stack((x, y), axis=-1), atol=1e-6)
+
+
+def test_distortion_that_folds_the_image_is_refused():
+    camera = pw.PinholeCamera(fx=30, fy=30, cx=31, cy=23, distortion=(-2.0, 0, 0, 0))
+    with pytest.raises(ValueError, match="cannot be undone"):
+        camera.rays(SHAPE)
+
+
+def test_pixel_areas_sum_to_the_field():
+    camera = pw.PinholeCamera(fx=60, fy=60, cx=31.5, cy=23.5)
+    assert_allclose(camera.pixel_area(SHAPE).sum(), 64 * 48 / 60 / 60)
+    bent = pw.PinholeCamera(fx=60, fy=60, cx=31.5, cy=23.5, distortion=(1e-6, 0, 0, 0))
+    assert_allclose(bent.pixel_area(SHAPE), camera.pixel_area(SHAPE), rtol=1e-4)
+
+
+def test_crop_and_scale_keep_the_rays():
+    camera = pw.cameras.NYU
+    crop = camera.cropped(44, 40, (427, 564))
+    assert_allclose(crop.rays((427, 564)), camera.rays((480, 640))[44:471, 40:604])
+    half = camera.scaled(0.5).rays((240, 320))
+    full = camera.rays((480, 640))
+    assert_allclose(half[3, 5], (full[6:8, 10:12]).mean(axis=(0, 1)))
+
+
+@pytest.mark.parametrize("name", pw.cameras.PRESETS)
+def test_presets_suit_their_own_image(name):
+    camera = pw.cameras.PRESETS[name]
+    camera.check((camera.height, camera.width))
+    with pytest.raises(ValueError, match=f"camera is for images of {camera.width} x"):
+        camera.check((100, 100))
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"fx": 0}, "fx must be a positive"),
+        ({"fy": -500}, "fy must be a positive"),
+        ({"fx": float("nan")}, "fx must be a positive"),
+        ({"cx": float("inf")}, "numbers must be finite"),
+        ({"distortion": (1, 2)}, "got 2 numbers"),
+        ({"width": 640}, "width and height must be given together"),
+    ],
+)
+def test_bad_cameras_are_refused(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        pw.PinholeCamera(**({"fx": 500, "fy": 500, "cx": 320, "cy": 240} | kwargs))
+
+
+@pytest.mark.parametrize("factor", [0.01, 0.1, 10, 100])
+def test_intrinsics_of_the_wrong_order_of_magnitude_are_refused(factor):
+    depth = np.full((480, 640), 2.0)
+    wrong = pw.PinholeCamera(fx=525 * factor, fy=525 * factor, cx=320, cy=240)
+    with pytest.raises(ValueError, match="which no depth camera does"):
+        pw.observe(depth, wrong, pw.Sensor())
+    wrong = pw.PinholeCamera(fx=525, fy=525, cx=320 * 10, cy=240)
+    with pytest.raises(ValueError, match="cx = 3200 px lies far outside"):
+        pw.observe(depth, wrong, pw.Sensor())
+
+
+def test_small_crops_of_ordinary_cameras_are_accepted():
+    pw.PinholeCamera(fx=525, fy=525, cx=20, cy=20).check((40, 40))
+    pw.PinholeCamera(fx=1586, fy=2301, cx=255, cy=255).check((512, 512))
+
+
+def test_field_of_view():
+    camera = pw.cameras.from_field_of_view(640, 480, 90)
+    assert camera.fx == pytest.approx(320)
+    with pytest.raises(ValueError, match="between 0 and 180"):
+        pw.cameras.from_field_of_view(640, 480, 180)

@@ -1,0 +1,263 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+
+from . import oracles
+from .conftest import render
+
+SENSOR = pw.Sensor(max_depth=10, noise=0.002)
+SEARCHES = ("joint", "sequential")
+
+
+def angle(a, b):
+    """Degrees between two unit vectors."""
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_a_roof_has_two_planes(roof, camera, search):
+    depth, planes, labels = roof
+    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    assert len(model) == 2
+    for plane in model.planes:
+        errors = [angle(plane.normal, row[:3]) for row in planes]
+        truth = planes[np.argmin(errors)]
+        assert min(errors) < 0.2
+        assert plane.distance == pytest.approx(truth[3], abs=0.002)
+        assert plane.rms == pytest.approx(0.002, rel=0.1)
+    first = np.argmin([angle(model.planes[0].normal, row[:3]) for row in planes]) + 1
+    agree = (model.labels == 1) == (labels == first)
+    assert agree.mean() > 0.95
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_phi_is_that_of_an_independent_program(roof, camera, search):
+    depth = roof[0].copy()
+    depth[3:9, 4:20] = 0
+    sensor = pw.Sensor(max_depth=9, noise=pw.noise.quadratic(0.002, 0.001))
+    model = pw.detect_planes(depth, camera, sensor, search=search)
+    phi = oracles.phi(
+        depth,
+        camera.rays(depth.shape),
+        model.labels,
+        model.coefficients,
+        sensor.sigma(depth),
+        9,
+        0.001,
+    )
+    assert model.information == pytest.approx(phi, rel=1e-9)
+    judge = pw.information(pw.observe(depth, camera, sensor), model.planes, model.labels)
+    assert judge == pytest.approx(phi, rel=1e-12)
+    assert model.curve[len(model)] == pytest.approx(phi, rel=1e-9) or search == "sequential"
+    assert model.curve[model.curve.chosen] == min(model.curve)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_the_answer_does_not_depend_on_threads(roof, camera, search, threads):
+    one = pw.detect_planes(roof[0], camera, SENSOR, search=search, threads=1)
+    more = pw.detect_planes(roof[0], camera, SENSOR, search=search, threads=threads)
+    assert one.information == more.information
+    assert_array_equal(one.labels, more.labels)
+    assert_array_equal(one.coefficients, more.coefficients)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_a_seed_fixes_the_answer(roof, camera, search):
+    detector = pw.Detector(camera, SENSOR, search=search, rng=3)
+    first, second = detector(roof[0]), detector(roof[0])
+    assert_array_equal(first.coefficients, second.coefficients)
+    generator = pw.detect_planes(
+        roof[0], camera, SENSOR, search=search, rng=np.random.default_rng(3)
+    )
+    assert_array_equal(first.coefficients, generator.coefficients)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_a_frame_without_readings_gives_an_empty_model_that_says_why(camera, search, value):
+    model = pw.detect_planes(np.full((48, 64), value), camera, SENSOR, search=search)
+    assert len(model) == 0
+    assert model.coefficients.shape == (0, 4)
+    assert not model.labels.any()
+    assert model.information == 0
+    assert model.note == "0 valid readings; 3 are needed for a plane"
+    assert model.curve.reason == model.note
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_a_handful_of_readings(camera, search, count):
+    depth = np.zeros((48, 64))
+    depth.flat[np.arange(count) * 500] = 2.0
+    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    assert model.readings == count
+    # Up to four readings cannot pay for the three parameters of a plane and a mask.
+    assert len(model) == 0
+    assert model.note
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_readings_on_one_line_are_no_plane_and_no_error(camera, search):
+    depth = np.zeros((48, 64))
+    depth[20] = 2.0
+    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    assert np.isfinite(model.information)
+    assert np.isfinite(model.coefficients).all()
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_a_constant_depth_is_a_plane(camera, search):
+    model = pw.detect_planes(np.full((48, 64), 2.0), camera, SENSOR, search=search)
+    assert len(model) == 1
+    plane = model.planes[0]
+    assert_allclose(plane.normal, [0, 0, -1], atol=1e-9)
+    assert plane.distance == pytest.approx(2)
+    assert plane.count == 48 * 64
+    assert plane.rms == pytest.approx(0, abs=1e-6)
+    assert plane.area == pytest.approx(48 * 64 * 4 / (50 * 52))
+    assert plane.bounding_box == (0, 0, 48, 64)
+    assert_allclose(plane.centroid, [2 * (31.5 - 31) / 50, 2 * (23.5 - 24.5) / 52, 2], atol=1e-9)
+
+
+@pytest.mark.parametrize("search", SEARCHES)
+def test_uniform_noise_has_no_plane(camera, search):
+    depth = np.random.default_rng(0).uniform(0.1, 10, (48, 64))
+    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    assert len(model) == 0
+    assert model.note
+    assert model.information == pytest.approx(model.curve[0])
+
+
+def test_planes_are_ranked_and_the_best_can_be_kept(camera):
+    planes = np.array([[0, 0, -1, 1.6], [0.6, 0, -0.8, 1.5], [-0.6, 0, -0.8, 1.5]])
+    depth, _ = render(planes, camera, (48, 64))
+    depth += np.random.default_rng(0).normal(0, 0.002, depth.shape)
+    model = pw.detect_planes(depth, camera, SENSOR)
+    assert len(model) == 3
+    worth = [plane.information for plane in model.planes]
+    assert worth == sorted(worth)
+    assert worth[0] < 0
+    observation = pw.observe(depth, camera, SENSOR)
+    for k in range(5):
+        best = model.top(k)
+        assert len(best) == min(k, 3)
+        assert best.labels.max(initial=0) == len(best)
+        judge = pw.information(observation, best.planes, best.labels)
+        assert best.information == pytest.approx(judge, rel=1e-9)
+    with pytest.raises(ValueError, match="k must not be negative"):
+        model.top(-1)
+
+
+def test_statistics_of_each_plane_match_its_readings(roof, camera):
+    model = pw.detect_planes(roof[0], camera, SENSOR)
+    observation = pw.observe(roof[0], camera, SENSOR)
+    marks = model.labels.reshape(-1)[observation.index]
+    for j, plane in enumerate(model.planes, start=1):
+        mine = marks == j
+        residual = observation.residuals(plane.coefficients)[mine]
+        assert plane.count == mine.sum()
+        assert plane.rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-6)
+        assert_allclose(plane.centroid, observation.positions()[mine].mean(axis=0))
+        assert plane.mean_information == pytest.approx(plane.information / plane.count)
+        assert np.linalg.norm(plane.normal) == pytest.approx(1)
+        assert plane.distance >= 0
+        rows, columns = np.nonzero(model.labels == j)
+        assert plane.bounding_box == (
+            rows.min(),
+            columns.min(),
+            rows.max() + 1,
+            columns.max() + 1,
+        )
+
+
+def test_covariance_is_the_scatter_of_the_estimates(camera):
+    """The Cramer-Rao bound: over many noisy frames of one plane the estimates scatter as it says."""
+    plane = np.array([0.3, -0.2, -0.93, 1.5])
+    plane[:3] /= np.linalg.norm(plane[:3])
+    depth, _ = render(plane[None], camera, (48, 64))
+    rng = np.random.default_rng(0)
+    found, claimed = [], []
+    for _ in range(200):
+        model = pw.detect_planes(depth + rng.normal(0, 0.002, depth.shape), camera, SENSOR)
+        found.append(model.coefficients[0])
+        claimed.append(model.planes[0].covariance)
+    deviation = np.array(found) - plane
+    expected = np.mean(claimed, axis=0)
+    assert_allclose(np.cov(deviation.T), expected, atol=0.25 * np.abs(expected).max())
+    distance_sigma = np.sqrt(expected[3, 3])
+    assert np.std(deviation[:, 3]) == pytest.approx(distance_sigma, rel=0.2)
+
+
+@settings(max_examples=10, deadline=None)
+@given(factor=st.floats(0.1, 10))
+def test_scaling_the_scene_scales_the_planes(factor):
+    camera = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
+    planes = np.array([[0.5, 0.0, -0.8, 1.4], [-0.5, 0.1, -0.8, 1.4]])
+    planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
+    depth, _ = render(planes, camera, (48, 64))
+    depth += np.random.default_rng(7).normal(0, 0.002, depth.shape)
+    plain = pw.detect_planes(depth, camera, SENSOR)
+    sensor = pw.Sensor(max_depth=10 * factor, resolution=0.001 * factor, noise=0.002 * factor)
+    scaled = pw.detect_planes(depth * factor, camera, sensor)
+    assert scaled.information == pytest.approx(plain.information, rel=1e-6)
+    assert (scaled.labels != plain.labels).mean() < 0.002
+    assert_allclose(scaled.coefficients[:, 3], factor * plain.coefficients[:, 3], rtol=1e-4)
+
+
+def test_integer_and_float_depth_agree(roof, camera):
+    raw = np.round(roof[0] * 1000).astype(np.uint16)
+    integer = pw.detect_planes(raw, camera, SENSOR)
+    metres = pw.detect_planes(raw * 0.001, camera, SENSOR)
+    assert integer.information == pytest.approx(metres.information, rel=1e-9)
+
+
+def test_max_planes_is_kept(roof, camera):
+    for search in SEARCHES:
+        model = pw.detect_planes(roof[0], camera, SENSOR, search=search, max_planes=1)
+        assert len(model) == 1
+        assert "max_planes = 1" in model.curve.reason
+
+
+def test_moves_and_curve_are_recorded(roof, camera):
+    model = pw.detect_planes(roof[0], camera, SENSOR)
+    assert model.curve.moves[0].kind == "greedy"
+    assert model.curve.moves[-1].information == pytest.approx(model.information)
+    assert model.curve.reason == "no move lowers the information"
+    assert len(model.curve) >= 3
+    assert list(model.curve) == model.curve.information.tolist()
+    assert model.curve[0] == pytest.approx(model.readings * np.log(10 / 0.001))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"search": "ransac"}, "search must be 'joint' or 'sequential', got 'ransac'"),
+        ({"objective": "best"}, "objective must be"),
+        ({"confidence": 1.0}, "confidence must lie between 0 and 1"),
+        ({"inlier_ratio": 0.0}, "inlier_ratio must lie between 0 and 1"),
+        ({"max_planes": 0}, "max_planes must lie in"),
+        ({"max_planes": 70000}, "max_planes must lie in"),
+        ({"threads": 0}, "threads must be at least 1"),
+    ],
+)
+def test_bad_options_are_refused(roof, camera, options, message):
+    with pytest.raises(ValueError, match=message):
+        pw.detect_planes(roof[0], camera, SENSOR, **options)
+
+
+def test_an_objective_can_be_put_together(roof, camera):
+    class FreeMask:
+        def information(self, readings, planes):
+            return 0.0
+
+    custom = pw.Objective(mask=FreeMask())
+    model = pw.detect_planes(roof[0], camera, SENSOR, objective=custom)
+    paper = pw.detect_planes(roof[0], camera, SENSOR)
+    assert model.objective == "custom"
+    assert model.information < paper.information
+    assert len(model) >= len(paper)

@@ -1,0 +1,114 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import planewise as pw
+from planewise import information as module_function
+from planewise.information import (
+    gain,
+    inlier_information,
+    mask_information,
+    one_plane_model,
+    outlier_information,
+    outlier_model,
+    plane_information,
+    planes_model,
+    threshold,
+)
+
+from . import oracles
+
+positive = st.floats(1e-3, 1e3)
+
+
+def test_outlier_model_is_equation_1():
+    assert outlier_model(7, 3, 10.0, 0.01) == pytest.approx(7 * 3 * math.log(1000), rel=1e-12)
+
+
+def test_one_plane_model_is_equation_5_term_by_term():
+    residual, sigma = np.array([0.01, -0.02]), np.array([0.01, 0.02])
+    n, R, eps = 3, 5.0, 0.001
+    phi = one_plane_model(
+        residual, sigma, outliers=4, dimension=n, freedom=n, range=R, resolution=eps
+    )
+    by_hand = 6 * math.log(2) + 4 * n * math.log(R / eps) + n * math.log(R / eps)
+    by_hand += 2 * (n - 1) * math.log(R / eps)
+    by_hand += sum(
+        0.5 * d * d / s / s + 0.5 * math.log(2 * math.pi * s * s / eps / eps)
+        for d, s in zip(residual, sigma, strict=True)
+    )
+    assert phi == pytest.approx(by_hand, rel=1e-12)
+
+
+@given(residual=st.floats(-1, 1), sigma=st.floats(1e-3, 1), eps=st.floats(1e-6, 1e-3), R=positive)
+def test_gain_is_inlier_minus_outlier_and_free_of_the_resolution(residual, sigma, eps, R):
+    for freedom in (1, 3):
+        difference = inlier_information(residual, sigma, freedom, R, eps) - outlier_information(
+            freedom, R, eps
+        )
+        assert_allclose(gain(residual, sigma, R), difference, atol=1e-6, rtol=1e-9)
+
+
+@given(sigma=st.floats(1e-4, 1), R=st.floats(1, 100))
+def test_a_reading_at_the_threshold_gains_nothing(sigma, R):
+    tau = float(threshold(sigma, R))
+    if tau > 0:
+        assert gain(sigma * math.sqrt(2 * tau), sigma, R) == pytest.approx(0, abs=1e-9)
+
+
+@given(k=st.integers(1, 10**6), n=st.integers(0, 60))
+def test_mask_information_grows_with_planes(k, n):
+    assert mask_information(k, n + 1) > mask_information(k, n)
+    assert mask_information(k, 0) == 0
+
+
+def test_models_agree_where_they_meet():
+    kwargs = {"dimension": 4, "freedom": 4, "range": 2.0, "resolution": 0.01}
+    assert planes_model([], 9, **kwargs) == pytest.approx(outlier_model(9, 4, 2.0, 0.01))
+    extra = planes_model([([], [])], 9, **kwargs) - planes_model([], 9, **kwargs)
+    assert extra == pytest.approx(9 * math.log(2) + plane_information(4, 2.0, 0.01))
+
+
+def test_information_of_an_image_equals_the_oracle(roof, camera):
+    depth, planes, labels = roof
+    depth, labels = depth.copy(), labels.copy()
+    depth[:5, :7] = 0
+    labels[20:25] = 0
+    sensor = pw.Sensor(max_depth=8, noise=pw.noise.quadratic(0.002, 0.001))
+    expected = oracles.phi(
+        depth, camera.rays(depth.shape), labels, planes, sensor.sigma(depth), 8, 0.001
+    )
+    observation = pw.observe(depth, camera, sensor)
+    assert pw.information(observation, planes, labels) == pytest.approx(expected, rel=1e-12)
+    flat = labels.reshape(-1)[observation.index]
+    assert pw.information(observation, planes, flat) == pytest.approx(expected, rel=1e-12)
+
+
+def test_information_of_free_points():
+    points = np.array([[0.0, 0.0], [1.0, 0.1], [2.0, 3.0]])
+    observation = pw.observe_points(points, pw.Sensor(max_depth=4, resolution=0.01, noise=0.1))
+    L = math.log(400)
+    phi = 3 * math.log(2) + 2 * L + 2 * L
+    phi += 2 * L + 0.5 * (0.1 / 0.1) ** 2 + 2 * 0.5 * math.log(2 * math.pi * 100)
+    assert pw.information(observation, [[0.0, 1.0, 0.0]], [1, 1, 0]) == pytest.approx(phi, rel=1e-12)
+
+
+def test_information_refuses_what_does_not_fit(roof, camera):
+    depth, planes, labels = roof
+    observation = pw.observe(depth, camera, pw.Sensor(noise=0.01))
+    with pytest.raises(ValueError, match=r"labels: expected shape \(48, 64\) or \(3072,\)"):
+        pw.information(observation, planes, labels[:-1])
+    with pytest.raises(ValueError, match="between 0 and 1, the number of planes"):
+        pw.information(observation, planes[:1], labels)
+    with pytest.raises(ValueError, match="must be integers"):
+        pw.information(observation, planes, labels.astype(float))
+    with pytest.raises(ValueError, match=r"planes: expected shape \(N, 4\)"):
+        pw.information(observation, planes[:, :3], labels)
+
+
+def test_the_judge_is_public():
+    assert pw.information is module_function

@@ -1,0 +1,163 @@
+"""Every compiled loop against its plain NumPy version."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planewise import kernels
+
+from . import oracles
+
+SIZES = (1, 3, 511, 512, 513, 2000)
+
+
+def rays(rng, k, dtype=np.float64):
+    direction = np.vstack((rng.uniform(-0.6, 0.6, (2, k)), np.ones(k)))
+    sigma = rng.uniform(0.005, 0.02, k) * np.sqrt(2)
+    z = rng.uniform(0.5, 4, k)
+    tau = rng.uniform(3, 7, k)
+    theta = np.array([[0.1, 0.2, 0.6], [-0.2, 0.0, 0.5], [0.0, 0.05, 0.9]])
+    z[: k // 2] = (1 / (theta[0] @ direction))[: k // 2] + rng.normal(0, 0.01, k // 2)
+    return (
+        theta.astype(dtype),
+        np.ascontiguousarray((direction * sigma).astype(dtype)),
+        (z / sigma).astype(dtype),
+        tau.astype(dtype),
+    )
+
+
+@pytest.mark.parametrize("k", SIZES)
+def test_score_rays(k):
+    theta, a, s, tau = rays(np.random.default_rng(k), k, np.float32)
+    total = np.full(3, 99.0)
+    kernels.score_rays(theta, a, s, tau, 0, 3, total)
+    exact = oracles.score_rays(*(x.astype(np.float64) for x in (theta, a, s, tau)))
+    assert_allclose(total, exact, rtol=2e-4, atol=2e-2)
+
+
+def test_scores_of_a_part_are_those_of_the_whole():
+    theta, a, s, tau = rays(np.random.default_rng(0), 3000, np.float32)
+    whole, parts = np.empty(3), np.empty(3)
+    kernels.score_rays(theta, a, s, tau, 0, 3, whole)
+    for h in range(3):
+        kernels.score_rays(theta, a, s, tau, h, h + 1, parts)
+    assert_array_equal(whole, parts)
+
+
+def test_a_degenerate_plane_gains_nothing():
+    theta, a, s, tau = rays(np.random.default_rng(0), 600, np.float32)
+    theta[1] = np.nan
+    total = np.empty(3)
+    kernels.score_rays(theta, a, s, tau, 0, 3, total)
+    assert total[1] == 0
+    assert total[0] < 0
+
+
+@pytest.mark.parametrize("k", SIZES)
+@pytest.mark.parametrize("n", [2, 3, 5])
+def test_score_points(k, n):
+    rng = np.random.default_rng(k)
+    x = rng.normal(0, 3, (n + 1, k)).astype(np.float32)
+    h = rng.normal(0, 1, (4, n + 1)).astype(np.float32)
+    tau = rng.uniform(3, 7, k).astype(np.float32)
+    total = np.empty(4)
+    kernels.score_points(h, x, tau, 0, 4, total)
+    exact = oracles.score_points(*(y.astype(np.float64) for y in (h, x, tau)))
+    assert_allclose(total, exact, rtol=1e-4, atol=1e-3)
+
+
+def check_assignment(out, square, tau):
+    best, second, label, cumulative = out
+    exact = oracles.assign(square, tau)
+    assert_allclose(best, exact[0], rtol=1e-9, atol=1e-9)
+    assert_allclose(second, exact[1], rtol=1e-9, atol=1e-9)
+    assert_array_equal(label, exact[2])
+    assert_allclose(cumulative, exact[3], rtol=1e-9, atol=1e-9)
+
+
+def buffers(k, planes):
+    return np.empty(k), np.empty(k), np.empty(k, np.uint16), np.empty(planes + 1)
+
+
+@pytest.mark.parametrize("k", SIZES)
+@pytest.mark.parametrize("planes", [0, 1, 3])
+def test_assign_rays(k, planes):
+    theta, a, s, tau = rays(np.random.default_rng(k), k)
+    out = buffers(k, planes)
+    kernels.assign_rays(theta[:planes], a, s, tau, *out)
+    check_assignment(out, (s - 1 / (theta[:planes] @ a)) ** 2, tau)
+
+
+@pytest.mark.parametrize("k", SIZES)
+@pytest.mark.parametrize("n", [2, 4])
+def test_assign_points(k, n):
+    rng = np.random.default_rng(k)
+    x, h = rng.normal(0, 2, (n + 1, k)), rng.normal(0, 1, (3, n + 1))
+    tau = rng.uniform(1, 5, k)
+    out = buffers(k, 3)
+    kernels.assign_points(h, x, tau, *out)
+    check_assignment(out, (h @ x) ** 2, tau)
+
+
+def test_gauss_newton():
+    theta, a, s, tau = rays(np.random.default_rng(5), 2000)
+    labels = oracles.assign((s - 1 / (theta @ a)) ** 2, tau)[2].astype(np.uint16)
+    matrix, moved = np.empty((3, 3, 3)), np.empty((3, 3))
+    kernels.gauss_newton(theta, a, s, labels, matrix, moved)
+    exact = oracles.gauss_newton(theta, a, s, labels)
+    assert_allclose(matrix, exact[0], rtol=1e-9)
+    assert_allclose(moved, exact[1], rtol=1e-7)
+
+
+def test_gauss_newton_without_enough_readings_is_nan():
+    theta, a, s, _ = rays(np.random.default_rng(5), 100)
+    labels = np.zeros(100, np.uint16)
+    labels[:2] = 1
+    matrix, moved = np.empty((3, 3, 3)), np.empty((3, 3))
+    kernels.gauss_newton(theta, a, s, labels, matrix, moved)
+    assert np.isnan(moved).all()
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_scatter(n):
+    rng = np.random.default_rng(n)
+    x, labels = rng.normal(size=(n + 1, 700)), rng.integers(0, 4, 700).astype(np.uint16)
+    matrix = np.empty((3, n + 1, n + 1))
+    kernels.scatter(x, labels, matrix)
+    assert_allclose(matrix, oracles.scatter(x, labels, 3), rtol=1e-10, atol=1e-10)
+
+
+def test_cell_moments_solve_the_linear_least_squares_of_each_cell():
+    rng = np.random.default_rng(3)
+    height, width, side = 12, 20, 8
+    index = np.sort(rng.choice(height * width, 150, replace=False))
+    _, a, s, _ = rays(rng, 150)
+    moments = np.empty((2 * 3, 11))
+    kernels.cell_moments(a, s, index, width, side, 3, moments)
+    for cell in range(6):
+        row, column = divmod(cell, 3)
+        mine = ((index // width) // side == row) & ((index % width) // side == column)
+        b, target = (a * s**2)[:, mine], s[mine]
+        assert moments[cell, 10] == mine.sum()
+        assert_allclose(moments[cell, [0, 1, 2, 3, 4, 5]], (b @ b.T)[np.triu_indices(3)])
+        assert_allclose(moments[cell, 6:9], b @ target)
+        assert_allclose(moments[cell, 9], target @ target)
+
+
+def test_summarise():
+    rng = np.random.default_rng(1)
+    k, width = 400, 25
+    index = np.sort(rng.choice(1000, k, replace=False))
+    labels = rng.integers(0, 4, k).astype(np.uint16)
+    gain, square, area = rng.normal(size=(3, k))
+    position = rng.normal(size=(3, k))
+    sums, box = np.empty((3, 7)), np.empty((3, 4), np.int64)
+    kernels.summarise(labels, gain, square, position, area, index, width, sums, box)
+    for j in range(3):
+        mine = labels == j + 1
+        expected = [mine.sum(), gain[mine].sum(), square[mine].sum(), area[mine].sum()]
+        assert_allclose(sums[j], [*expected, *position[:, mine].sum(axis=1)], atol=1e-9)
+        rows, columns = index[mine] // width, index[mine] % width
+        assert_array_equal(
+            box[j], [rows.min(), columns.min(), rows.max() + 1, columns.max() + 1]
+        )

@@ -1,0 +1,170 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+
+SENSOR = pw.Sensor(max_depth=5.0, min_depth=0.5, noise=pw.noise.proportional(0.01))
+
+
+def test_invalid_readings_are_left_out(camera):
+    depth = np.full((48, 64), 2.0)
+    depth[0, :6] = [0, np.nan, np.inf, 0.4, 5.1, 2.0]
+    observation = pw.observe(depth, camera, SENSOR)
+    assert observation.count == depth.size - 5
+    assert_array_equal(observation.index, np.delete(np.arange(depth.size), range(5)))
+
+
+def test_the_input_is_not_changed(camera):
+    depth = np.random.default_rng(0).uniform(0, 6, (48, 64))
+    before = depth.copy()
+    depth.flags.writeable = False
+    pw.detect_planes(depth, camera, SENSOR)
+    assert_array_equal(depth, before)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.int32, np.int64, np.uint8])
+def test_integer_depth_is_in_units_of_the_resolution(camera, dtype):
+    raw = np.random.default_rng(0).integers(0, 256, (48, 64)).astype(dtype)
+    sensor = pw.Sensor(max_depth=5, resolution=0.01, noise=pw.noise.KINECT)
+    ours = pw.observe(raw, camera, sensor)
+    metres = pw.observe(raw * 0.01, camera, sensor)
+    assert_array_equal(ours.index, metres.index)
+    assert_allclose(ours.depth, metres.depth, rtol=1e-12)
+    assert_allclose(ours.sigma, metres.sigma, rtol=1e-12)
+
+
+def test_depth_scale_overrides_the_resolution(camera):
+    raw = np.full((48, 64), 10000, np.uint16)
+    observation = pw.observe(raw, camera, SENSOR, depth_scale=0.0002)
+    assert_allclose(observation.depth, 2.0)
+    with pytest.raises(ValueError, match="depth_scale is for integer depth"):
+        pw.observe(raw * 1.0, camera, SENSOR, depth_scale=0.0002)
+    with pytest.raises(ValueError, match="depth_scale must be a positive"):
+        pw.observe(raw, camera, SENSOR, depth_scale=-1)
+
+
+@pytest.mark.parametrize("largest", [3000, 300_000])
+def test_noise_is_evaluated_once_per_distinct_value(camera, largest):
+    seen = []
+
+    def noise(z):
+        seen.append(np.asarray(z))
+        return 0.001 + 0 * z
+
+    raw = np.tile(np.array([1000, largest, 0, 2000], np.int32), (48, 16))
+    sensor = pw.Sensor(max_depth=400, resolution=0.001, noise=noise)
+    pw.observe(raw, camera, sensor)
+    assert_allclose(np.concatenate(seen), sorted([1.0, 2.0, largest / 1000]))
+
+
+def test_readings_become_points(camera):
+    depth = np.random.default_rng(1).uniform(1, 4, (48, 64))
+    points = pw.observe(depth, camera, SENSOR).positions()
+    assert_allclose(points[:, 2], depth.ravel())
+    pixels = camera.project(points)
+    x, y = np.meshgrid(np.arange(64), np.arange(48))
+    assert_allclose(pixels, np.stack((x, y), axis=-1).reshape(-1, 2), atol=1e-9)
+
+
+def test_residual_is_along_the_ray(camera):
+    plane = np.array([0.6, 0.0, -0.8, 2.0])
+    depth = np.full((48, 64), 2.0)
+    observation = pw.observe(depth, camera, SENSOR)
+    on_plane = (observation.depth - observation.residuals(plane)) * observation.rays
+    assert_allclose(plane[:3] @ on_plane + plane[3], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("depth", "message"),
+    [
+        (np.ones(5), r"2-D image .* got shape \(5,\)"),
+        (np.ones((2, 3, 3)), "2-D image"),
+        (np.ones((1, 64)), "at least 2 rows and 2 columns"),
+        (np.ones((48, 1)), "at least 2 rows and 2 columns"),
+        (np.ones((0, 0)), "at least 2 rows"),
+        (np.full((48, 64), "a"), "got dtype <U1"),
+        (np.ones((48, 64), bool), "got dtype bool"),
+        (np.ones((48, 64), complex), "got dtype complex128"),
+        (np.full((48, 64), -1.0), "must not be negative, got -1.0"),
+        (np.full((48, 64), -3, np.int16), "must not be negative, got -3"),
+        (np.full((48, 64), -np.inf), "must not be negative"),
+    ],
+)
+def test_bad_depth_is_refused(camera, depth, message):
+    with pytest.raises(ValueError, match=message):
+        pw.observe(depth, camera, SENSOR)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"max_depth": 0}, "max_depth must be a positive"),
+        ({"max_depth": np.nan}, "max_depth must be a positive"),
+        ({"resolution": -0.001}, "resolution must be a positive"),
+        ({"resolution": 10, "max_depth": 5}, "resolution must be smaller than the range"),
+        ({"min_depth": 7, "max_depth": 5}, "min_depth must lie in"),
+        ({"noise": 0.0}, "sigma must be positive"),
+        ({"noise": -1.0}, "sigma must be positive"),
+        ({"noise": float("nan")}, "sigma must be positive"),
+    ],
+)
+def test_bad_sensors_are_refused(kwargs, message):
+    with pytest.raises(ValueError, match=message):
+        pw.Sensor(**kwargs)
+
+
+@pytest.mark.parametrize(
+    ("noise", "message"),
+    [
+        (lambda z: 0 * z, "noise must be positive and finite .* sigma = 0.0"),
+        (lambda z: z - 3, "noise must be positive"),
+        (lambda z: np.nan * z, "sigma = nan"),
+        (lambda z: np.ones(3), "one sigma per depth"),
+    ],
+)
+def test_bad_noise_is_refused_when_it_shows(camera, noise, message):
+    with pytest.raises(ValueError, match=message):
+        pw.observe(np.full((48, 64), 2.0), camera, pw.Sensor(noise=noise))
+
+
+def test_a_noise_that_returns_one_number_is_constant(camera):
+    observation = pw.observe(np.full((48, 64), 2.0), camera, pw.Sensor(noise=lambda z: 0.02))
+    assert_allclose(observation.sigma, 0.02)
+
+
+def test_why_there_are_no_readings_is_said(camera):
+    far = pw.observe(np.full((48, 64), 2000.0), camera, SENSOR)
+    assert "is the depth in metres?" in far.note
+    assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note
+
+
+def test_noise_models_say_what_they_are():
+    assert str(pw.noise.KINECT) == "0.0012 + 0.0019 (z - 0.4)^2 m"
+    assert_allclose(pw.noise.KINECT([0.4, 1.4]), [0.0012, 0.0031])
+    assert_allclose(pw.noise.stereo(focal=500, baseline=0.1, subpixel=0.1)([2.0]), [0.008])
+    with pytest.raises(ValueError, match="baseline must be positive"):
+        pw.noise.stereo(focal=500, baseline=0)
+
+
+@pytest.mark.parametrize("name", pw.sensors.PRESETS)
+def test_sensor_presets_have_plausible_noise(name):
+    sensor = pw.sensors.PRESETS[name]
+    z = np.linspace(max(sensor.min_depth, 0.4), sensor.max_depth, 50)
+    sigma = sensor.sigma(z)
+    assert (sigma > 1e-4).all()
+    assert (sigma < 0.06 * z).all()
+
+
+def test_points_keep_their_precision_far_from_the_origin():
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(50, 3)) + [4e6, 5e5, 100]
+    observation = pw.observe_points(points, pw.Sensor(noise=0.01))
+    assert_allclose(observation.positions(), points, rtol=1e-15)
+    assert np.abs(observation.points).max() < 10
+
+
+@pytest.mark.parametrize("points", [np.ones(4), np.ones((4, 1)), np.full((4, 3), "x")])
+def test_bad_points_are_refused(points):
+    with pytest.raises(ValueError, match=r"points must be real numbers of shape \(k, n\)"):
+        pw.observe_points(points, SENSOR)

@@ -1,0 +1,99 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import planewise as pw
+
+SIGMA = 0.01
+SENSOR = pw.Sensor(max_depth=4.0, resolution=0.001, noise=SIGMA)
+
+
+def hyperplanes(n, count, rng, points=400):
+    """Noisy points on random hyperplanes, as many outliers in a cube, and the truth."""
+    truth, parts = [], []
+    for _ in range(count):
+        normal = rng.normal(size=n)
+        normal /= np.linalg.norm(normal)
+        distance = rng.uniform(0.2, 1.0)
+        x = rng.uniform(-2, 2, (points, n))
+        x -= np.outer(x @ normal + distance + rng.normal(0, SIGMA, points), normal)
+        truth.append([*normal, distance])
+        parts.append(x)
+    parts.append(rng.uniform(-2, 2, (count * points, n)))
+    return np.vstack(parts), np.array(truth)
+
+
+@pytest.mark.parametrize("search", ["joint", "sequential"])
+@pytest.mark.parametrize(("n", "count"), [(2, 3), (3, 3), (4, 2), (5, 1)])
+def test_hyperplanes_among_as_many_outliers(n, count, search):
+    for seed in range(3):
+        points, truth = hyperplanes(n, count, np.random.default_rng(seed))
+        model = pw.detect_planes_in_points(points, SENSOR, search=search, inlier_ratio=0.2)
+        assert len(model) == count
+        assert model.labels.shape == (len(points),)
+        rows = model.coefficients
+        for row in truth:
+            near = rows[np.argmin(np.linalg.norm(rows - row, axis=1))]
+            assert_allclose(near, row, atol=5 * SIGMA / 20 * n)
+
+
+@pytest.mark.parametrize("search", ["joint", "sequential"])
+def test_phi_equals_the_judge(search):
+    points, _ = hyperplanes(3, 2, np.random.default_rng(0))
+    model = pw.detect_planes_in_points(points, SENSOR, search=search)
+    judge = pw.information(pw.observe_points(points, SENSOR), model.planes, model.labels)
+    assert model.information == pytest.approx(judge, rel=1e-9)
+
+
+@settings(max_examples=10, deadline=None)
+@given(seed=st.integers(0, 1000), shift=st.floats(-1e6, 1e6))
+def test_moving_and_turning_the_points_moves_and_turns_the_planes(seed, shift):
+    rng = np.random.default_rng(seed)
+    points, _ = hyperplanes(3, 2, np.random.default_rng(1))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    plain = pw.detect_planes_in_points(points, SENSOR)
+    moved = pw.detect_planes_in_points(points @ turn.T + shift, SENSOR)
+    assert moved.information == pytest.approx(plain.information, rel=1e-3)
+    assert len(moved) == len(plain) == 2
+    for plane in plain.planes:
+        normals = [abs(other.normal @ (turn @ plane.normal)) for other in moved.planes]
+        assert max(normals) > 1 - 1e-4
+
+
+def test_rows_that_are_not_finite_are_no_reading():
+    points, _ = hyperplanes(3, 1, np.random.default_rng(0))
+    points[::5, 1] = np.nan
+    model = pw.detect_planes_in_points(points, SENSOR)
+    assert not model.labels[::5].any()
+    assert model.readings == np.isfinite(points).all(axis=1).sum()
+
+
+@pytest.mark.parametrize("points", [np.empty((0, 3)), np.zeros((2, 3)), np.full((9, 3), np.nan)])
+def test_too_few_points_give_an_empty_model(points):
+    model = pw.detect_planes_in_points(points, SENSOR)
+    assert len(model) == 0
+    assert "needed for a plane" in model.note
+
+
+@pytest.mark.parametrize("search", ["joint", "sequential"])
+def test_equal_or_collinear_points_are_no_error(search):
+    for points in (np.ones((50, 3)), np.outer(np.linspace(0, 1, 50), [1.0, 2.0, 3.0])):
+        model = pw.detect_planes_in_points(points, SENSOR, search=search)
+        assert np.isfinite(model.information)
+        assert np.isfinite(model.coefficients).all()
+
+
+def test_covariance_of_free_points_is_the_scatter_of_the_estimates():
+    rng = np.random.default_rng(0)
+    normal, found, claimed = np.array([0.0, 0.6, 0.8]), [], []
+    base = rng.uniform(-1, 1, (300, 3))
+    base -= np.outer(base @ normal + 1.5, normal)
+    for _ in range(60):
+        noisy = base + np.outer(rng.normal(0, SIGMA, 300), normal)
+        model = pw.detect_planes_in_points(noisy, SENSOR)
+        found.append(model.coefficients[0])
+        claimed.append(model.planes[0].covariance)
+    expected = np.mean(claimed, axis=0)
+    assert_allclose(np.cov(np.array(found).T), expected, atol=0.4 * np.abs(expected).max())
