@@ -10,6 +10,14 @@ import planewise as pw
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+@pytest.fixture(scope="session", autouse=True)
+def compiled():
+    """Compile before any test looks at what a user would see the second time."""
+    camera = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
+    for search in ("joint", "sequential"):
+        pw.detect_planes(np.full((48, 64), 2.0), camera, pw.Sensor(), search=search)
+
+
 @pytest.fixture(scope="session")
 def real_frames():
     """Reader of a real frame by set and name; skips where the data is absent."""

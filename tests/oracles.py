@@ -41,7 +41,9 @@ def scatter(x, labels, planes):
 
 def phi(depth, rays, labels, planes, sigma, R, eps):
     """Equation 10 of the paper for a depth image, reading by reading."""
-    valid = [(i, j) for i in range(depth.shape[0]) for j in range(depth.shape[1]) if depth[i, j] > 0]
+    valid = [
+        (i, j) for i in range(depth.shape[0]) for j in range(depth.shape[1]) if depth[i, j] > 0
+    ]
     total = len(valid) * math.log(len(planes) + 1) + len(planes) * 3 * math.log(R / eps)
     for i, j in valid:
         if labels[i, j] == 0:

@@ -176,7 +176,7 @@ def test_statistics_of_each_plane_match_its_readings(roof, camera):
 
 
 def test_covariance_is_the_scatter_of_the_estimates(camera):
-    """The Cramer-Rao bound: over many noisy frames of one plane the estimates scatter as it says."""
+    """The Cramer-Rao bound: over many noisy frames of a plane the estimates scatter so."""
     plane = np.array([0.3, -0.2, -0.93, 1.5])
     plane[:3] /= np.linalg.norm(plane[:3])
     depth, _ = render(plane[None], camera, (48, 64))

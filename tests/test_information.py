@@ -94,7 +94,9 @@ def test_information_of_free_points():
     L = math.log(400)
     phi = 3 * math.log(2) + 2 * L + 2 * L
     phi += 2 * L + 0.5 * (0.1 / 0.1) ** 2 + 2 * 0.5 * math.log(2 * math.pi * 100)
-    assert pw.information(observation, [[0.0, 1.0, 0.0]], [1, 1, 0]) == pytest.approx(phi, rel=1e-12)
+    assert pw.information(observation, [[0.0, 1.0, 0.0]], [1, 1, 0]) == pytest.approx(
+        phi, rel=1e-12
+    )
 
 
 def test_information_refuses_what_does_not_fit(roof, camera):

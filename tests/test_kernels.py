@@ -149,15 +149,14 @@ def test_summarise():
     k, width = 400, 25
     index = np.sort(rng.choice(1000, k, replace=False))
     labels = rng.integers(0, 4, k).astype(np.uint16)
-    gain, square, area = rng.normal(size=(3, k))
-    position = rng.normal(size=(3, k))
+    gain, tau, sigma, depth, solid = rng.uniform(1, 2, size=(5, k))
+    direction = rng.normal(size=(3, k))
     sums, box = np.empty((3, 7)), np.empty((3, 4), np.int64)
-    kernels.summarise(labels, gain, square, position, area, index, width, sums, box)
+    kernels.summarise(labels, gain, tau, sigma, direction, depth, solid, index, width, sums, box)
+    square, area, position = 2 * (gain + tau) * sigma**2, depth**3 * solid, direction * depth
     for j in range(3):
         mine = labels == j + 1
         expected = [mine.sum(), gain[mine].sum(), square[mine].sum(), area[mine].sum()]
         assert_allclose(sums[j], [*expected, *position[:, mine].sum(axis=1)], atol=1e-9)
         rows, columns = index[mine] // width, index[mine] % width
-        assert_array_equal(
-            box[j], [rows.min(), columns.min(), rows.max() + 1, columns.max() + 1]
-        )
+        assert_array_equal(box[j], [rows.min(), columns.min(), rows.max() + 1, columns.max() + 1])

@@ -158,7 +158,7 @@ def test_sensor_presets_have_plausible_noise(name):
 
 def test_points_keep_their_precision_far_from_the_origin():
     rng = np.random.default_rng(0)
-    points = rng.normal(size=(50, 3)) + [4e6, 5e5, 100]
+    points = rng.normal(size=(50, 3)) + np.array([4e6, 5e5, 100])
     observation = pw.observe_points(points, pw.Sensor(noise=0.01))
     assert_allclose(observation.positions(), points, rtol=1e-15)
     assert np.abs(observation.points).max() < 10

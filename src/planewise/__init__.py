@@ -8,15 +8,15 @@
 stream; `detect_planes_in_points` takes free points. The parts they are made of can be composed by
 hand: `observe`, `information`, `find`.
 
-Frame: x right, y down, z forward. Planes: normal . x + distance = 0, |normal| = 1, distance >= 0, so
-that normals face the sensor. Information in nats; that of a plane is negative when it pays.
+Frame: x right, y down, z forward. Planes: normal . x + distance = 0, |normal| = 1, distance >= 0:
+normals face the sensor. Information in nats; that of a plane is negative when it pays.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from planewise import cameras, noise, sensors
+from planewise import cameras, noise, scenes, sensors
 from planewise._version import __version__
 from planewise.camera import PinholeCamera
 from planewise.information import information
@@ -53,6 +53,7 @@ __all__ = [
     "noise",
     "observe",
     "observe_points",
+    "scenes",
     "sensors",
 ]
 

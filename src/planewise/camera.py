@@ -129,7 +129,11 @@ class PinholeCamera:
             (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy. Read-only: it is computed once
             per camera and image size.
         """
-        return _rays(self, shape)
+        return np.moveaxis(self.ray_rows(shape).reshape(3, *shape), 0, -1)
+
+    def ray_rows(self, shape: tuple[int, int]) -> Array:
+        """Return the same rays as rows u, v, 1 over the flattened image, shape (3, H * W)."""
+        return _ray_rows(self, shape)
 
     def pixel_area(self, shape: tuple[int, int]) -> Array:
         """Area du dv that each pixel covers on the plane z = 1, in square metres.
@@ -156,9 +160,7 @@ class PinholeCamera:
 
     def scaled(self, factor: float) -> PinholeCamera:
         """Return the camera of the image resized by `factor` (pixel centres at integers)."""
-        size = (None, None)
-        if self.width is not None and self.height is not None:
-            size = (round(self.width * factor), round(self.height * factor))
+        size = [None if n is None else round(n * factor) for n in (self.width, self.height)]
         return PinholeCamera(
             fx=self.fx * factor,
             fy=self.fy * factor,
@@ -221,15 +223,15 @@ class PinholeCamera:
 
 
 @lru_cache(maxsize=4)
-def _rays(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
+def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     height, width = shape
     u = np.broadcast_to((np.arange(width) - camera.cx) / camera.fx, shape)
     v = np.broadcast_to((np.arange(height) - camera.cy)[:, None] / camera.fy, shape)
     if any(camera.distortion):
         u, v = camera._undistort(u, v)
-    rays = np.stack((u, v, np.ones(shape)), axis=-1)
-    rays.flags.writeable = False
-    return rays
+    rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
+    rows.flags.writeable = False
+    return rows
 
 
 @lru_cache(maxsize=4)

@@ -13,7 +13,7 @@ _LOG = logging.getLogger("planewise")
 
 def cache_directory() -> Path:
     """Folder in which Numba keeps the compiled loops (NUMBA_CACHE_DIR moves it)."""
-    return Path(kernels.score_rays.stats.cache_path)
+    return Path(kernels.score_rays.stats.cache_path or "")
 
 
 def is_cached() -> bool:

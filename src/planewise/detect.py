@@ -17,7 +17,7 @@ from planewise.objective import Objective, as_objective
 from planewise.observation import Observation, observe, observe_points
 from planewise.problem import Problem
 from planewise.propose import propose
-from planewise.rank import describe, merge_into_better, ranked
+from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
 
@@ -128,8 +128,8 @@ def detect_planes(
     >>> wall = np.full((48, 64), 2.0) + np.random.default_rng(0).normal(0, 0.005, (48, 64))
     >>> camera = pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24)
     >>> model = pw.detect_planes(wall, camera, pw.Sensor(max_depth=10, noise=0.005))
-    >>> len(model.planes), model.planes[0].normal.round(2)
-    (1, array([ 0., 0., -1.]))
+    >>> len(model.planes), round(model.planes[0].distance, 2)
+    (1, 2.0)
     """
     options = Options(
         search=search,
@@ -258,10 +258,10 @@ def find(observation: Observation, options: Options) -> PlaneModel:
     else:
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)
-    solution = ranked(solution)
+    planes, labels = rank(observation, readings, solution)
     return PlaneModel(
-        labels=observation.unflatten(solution.assignment.labels),
-        planes=describe(observation, readings, solution),
+        labels=observation.unflatten(labels),
+        planes=planes,
         information=solution.phi,
         curve=curve,
         readings=observation.count,

@@ -1,8 +1,8 @@
 """Gains of readings on planes: the bridge from an observation to the compiled loops.
 
-A search sees readings only through an `Evaluator`. Planes travel as parameter rows whose meaning is
-the evaluator's own: theta (theta . x = 1) for readings on rays, where it makes the likelihood linear
-in inverse depth; (normal, distance) about the centre of the points for free points.
+A search sees readings only through an `Evaluator`. Planes travel as parameter rows whose meaning
+is the evaluator's own: theta (theta . x = 1) for readings on rays, where it makes the likelihood
+linear in inverse depth; (normal, distance) about the centre of the points for free points.
 """
 
 from __future__ import annotations

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.model import Plane
 from planewise.observation import Observation
 
 Array = NDArray[np.float64]
@@ -142,7 +143,9 @@ def planes_model(
     return phi
 
 
-def information(observation: Observation, planes: ArrayLike, labels: ArrayLike) -> float:
+def information(
+    observation: Observation, planes: Sequence[Plane | ArrayLike] | Array, labels: ArrayLike
+) -> float:
     """Phi of any planes and any labelling on an observation: the judge of every search.
 
     Parameters
@@ -164,7 +167,7 @@ def information(observation: Observation, planes: ArrayLike, labels: ArrayLike) 
     ValueError
         If shapes do not agree, or a label names no plane.
     """
-    rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], float)  # type: ignore[union-attr]
+    rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], np.float64)
     n = observation.dimension
     rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows
     if rows.ndim != 2 or rows.shape[1] != n + 1:

@@ -2,8 +2,8 @@
 
 Choosing planes so that sum_i min_j gain_ij plus what N planes cost is lowest is facility location.
 A lazy greedy choice among candidates on a sample of the readings gives a first model; then planes
-are refitted, dropped, merged, added and exchanged as long as Phi falls, first on the sample, at last
-on all readings.
+are refitted, dropped, merged, added and exchanged as long as Phi falls. Moves are found on the
+sample and taken by exact Phi of all readings.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ _SAMPLE = 16_384  # readings on which candidates are judged
 _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
 _ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
-_FINE = 1e-6  # of Phi: progress that counts on all readings
 _ROUNDS = 30  # moves on the sample at most
 _POOL = 256  # candidates that compete to be added or exchanged
+_SKETCH = 3  # refits of a plane when the greedy choice takes it
 _TRIAL = 2  # refits before a move is judged
 _SETTLE = 8  # refits after it was taken
-_FINAL = 3  # refits on all readings
+_FINAL = 20  # planes refitted on all readings, all steps together ...
+_FEWEST = 3  # ... but no fewer steps
 _DROPPABLE = 1.2  # a plane that saves less than this much of its cost may be dropped
 _EXCHANGED = 3  # planes that save least are tried against others
 _SHARED = 0.7  # of a plane's gain that another must offer for the pair to be worth a merge
@@ -57,23 +58,34 @@ def joint_search(
         Phi with the first 0 ... N planes in order of what they save, and with a few more.
     """
     moves: list[Move] = []
+
+    def record(kind: str, solution: Solution) -> Solution:
+        moves.append(Move(kind=kind, planes=len(solution), information=solution.phi))
+        return solution
+
     sample = _sample(problem, rng)
     start, spare, pool = _greedy(sample, candidates)
     draft = sample.refine(sample.solve(start))
-    moves.append(Move(kind="greedy", planes=len(draft), information=draft.phi))
+    exact = record("greedy", problem.solve(draft.parameters))
     for kind, better in _descend(sample, draft, pool):
-        draft = better
-        moves.append(Move(kind=kind, planes=len(draft), information=draft.phi))
+        # A move is found on the sample, and taken if it lowers Phi of all readings.
+        trial = problem.solve(better.parameters)
+        if not trial.phi < exact.phi:
+            break
+        exact = record(kind, trial)
     # Largest loss first: the running sums of the labelling are then the curve.
-    order = np.argsort(-_losses(sample, draft), kind="stable")
-    problem = replace(problem, tolerance=_FINE * problem.empty)
-    solution = problem.solve(draft.parameters[order])
-    solution = problem.refine(solution, _FINAL, stretch=2.0)
-    moves.append(Move(kind="all readings", planes=len(solution), information=solution.phi))
+    order = np.argsort(-_losses(problem, exact), kind="stable")
+    solution = record("refit", _finish(problem, problem.solve(exact.parameters[order])))
     while (best := int(np.argmin(_phis(problem, solution)))) < len(solution):
-        solution = problem.refine(problem.solve(solution.parameters[:best]), _FINAL)
-        moves.append(Move(kind="cut", planes=best, information=solution.phi))
+        cut = problem.solve(solution.parameters[:best])
+        solution = record("cut", problem.refine(cut, _TRIAL, stretch=2.0))
     return solution, _curve(problem, solution, spare, moves)
+
+
+def _finish(problem: Problem, solution: Solution) -> Solution:
+    """Refit planes on all readings, with more steps where a step is cheap."""
+    steps = max(_FEWEST, _FINAL // max(1, len(solution)))
+    return problem.refine(solution, steps, stretch=2.0)
 
 
 def _sample(problem: Problem, rng: np.random.Generator) -> Problem:
@@ -98,7 +110,7 @@ def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array, Array]:
     phi = [problem.phi(0, 0.0)]
     while len(chosen) < problem.max_planes and len(candidates):
         pick = _lazy_best(problem.evaluator, candidates, bounds, floor)
-        plane, saved = problem.refine_one(candidates[pick], floor)
+        plane, saved = problem.refine_one(candidates[pick], floor, _SKETCH)
         # No later plane saves more than this one: can any number of them still pay?
         more = np.arange(1, problem.max_planes - len(chosen) + 1)
         hope = phi[-1] + problem.weight * saved * more
@@ -219,7 +231,7 @@ def _phis(problem: Problem, solution: Solution) -> Array:
 def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]) -> Curve:
     """Phi with the first planes, and what a few more would have made it."""
     n = len(solution)
-    beyond = []
+    beyond: list[float] = []
     floor = solution.assignment.best
     for plane in spare[: problem.max_planes - n]:
         floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)

@@ -2,15 +2,16 @@
 
 Readings on rays are whitened so that a plane theta (theta . x = 1) is scored without sigma:
 
-    a = r sigma sqrt(2),   s = z / (sigma sqrt(2)),   delta^2 / (2 sigma^2) = (s - 1 / (theta . a))^2
+    a = r sigma sqrt(2),  s = z / (sigma sqrt(2)),  delta^2 / (2 sigma^2) = (s - 1 / (theta . a))^2
 
-Free points are whitened homogeneous coordinates x' = (x, 1) / (sigma sqrt(2)), and a plane h = (n, d)
-has delta^2 / (2 sigma^2) = (h . x')^2. In both cases a reading's gain is that square minus tau.
+Free points are whitened homogeneous coordinates x' = (x, 1) / (sigma sqrt(2)), and a plane
+h = (n, d) has delta^2 / (2 sigma^2) = (h . x')^2. In both cases a reading's gain is that square
+minus tau.
 
 Loops run over blocks of readings that fit the first-level cache, planes outside readings, so that
 the innermost loop is one vector expression. Blocks are slices: indices that start at zero need no
-check for negative ones, which would keep the loop from being vectorised. NaN is honoured (a NaN plane gains nothing), hence not
-the whole of ``fastmath``.
+check for negative ones, which would keep the loop from being vectorised. NaN is honoured (a NaN
+plane gains nothing), hence not the whole of ``fastmath``.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from numba import njit
 
 _BLOCK = 512
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
-_OPTIONS = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": _FAST}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
-@njit(**_OPTIONS)
+@_compiled
 def score_rays(theta, a, s, ceiling, first, last, total):  # type: ignore[no-untyped-def]
     """total[h] = sum_i min(0, (s_i - 1 / (theta_h . a_i))^2 - ceiling_i) for first <= h < last.
 
@@ -47,7 +48,7 @@ def score_rays(theta, a, s, ceiling, first, last, total):  # type: ignore[no-unt
             total[h] += part
 
 
-@njit(**_OPTIONS)
+@_compiled
 def score_points(h, x, ceiling, first, last, total):  # type: ignore[no-untyped-def]
     """total[j] = sum_i min(0, (h_j . x_i)^2 - ceiling_i) for first <= j < last.
 
@@ -73,7 +74,7 @@ def score_points(h, x, ceiling, first, last, total):  # type: ignore[no-untyped-
             total[j] += part
 
 
-@njit(**_OPTIONS)
+@_compiled
 def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
     """Enter the gains of one plane into the best and second-best of a block; sum the best."""
     part = 0.0
@@ -88,7 +89,7 @@ def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
     return part
 
 
-@njit(**_OPTIONS)
+@_compiled
 def assign_rays(theta, a, s, tau, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """Give every reading to the plane of lowest gain below zero, else to none.
 
@@ -116,7 +117,7 @@ def assign_rays(theta, a, s, tau, best, second, label, cumulative):  # type: ign
         label[start:stop] = m
 
 
-@njit(**_OPTIONS)
+@_compiled
 def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """`assign_rays` for free points: h (N, n + 1), x (n + 1, k) float64."""
     work = np.empty(_BLOCK)
@@ -141,7 +142,7 @@ def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[n
         label[start:stop] = m
 
 
-@njit(**_OPTIONS)
+@_compiled
 def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-def]
     """One least-squares step of every plane on its readings.
 
@@ -152,25 +153,51 @@ def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-
     """
     matrix[:] = 0.0
     slope = np.zeros(theta.shape)
-    for i in range(s.size):
-        if label[i] == 0:
-            continue
-        j = label[i] - 1
-        x, y, z = a[0, i], a[1, i], a[2, i]
-        r = 1.0 / (theta[j, 0] * x + theta[j, 1] * y + theta[j, 2] * z)
-        w = r * r
-        e = s[i] - r
-        x, y, z = x * w, y * w, z * w
-        m, v = matrix[j], slope[j]
-        m[0, 0] += x * x
-        m[0, 1] += x * y
-        m[0, 2] += x * z
-        m[1, 1] += y * y
-        m[1, 2] += y * z
-        m[2, 2] += z * z
-        v[0] += x * e
-        v[1] += y * e
-        v[2] += z * e
+    work = np.empty(_BLOCK)
+    for start in range(0, s.size, _BLOCK):
+        stop = min(start + _BLOCK, s.size)
+        x, y, z = a[0, start:stop], a[1, start:stop], a[2, start:stop]
+        d, marks, on = s[start:stop], label[start:stop], work[: stop - start]
+        last = np.uint16(0)
+        for i in range(marks.size):
+            last = max(last, marks[i])
+        for j in range(last):
+            mark = np.uint16(j + 1)
+            count = np.uint16(0)
+            for i in range(marks.size):
+                count += np.uint16(marks[i] == mark)
+            if count == 0:
+                continue
+            for i in range(on.size):
+                on[i] = 1.0 if marks[i] == mark else 0.0
+            t0, t1, t2 = theta[j, 0], theta[j, 1], theta[j, 2]
+            m00 = m01 = m02 = m11 = m12 = m22 = v0 = v1 = v2 = 0.0
+            for i in range(on.size):
+                q = t0 * x[i] + t1 * y[i] + t2 * z[i]
+                r = 1.0 / (q if on[i] > 0.0 else 1.0)
+                w = on[i] * r * r
+                e = d[i] - r
+                # Rows of the Jacobian; on is 0 or 1, so its square is itself.
+                p0, p1, p2 = w * x[i], w * y[i], w * z[i]
+                m00 += p0 * p0
+                m01 += p0 * p1
+                m02 += p0 * p2
+                m11 += p1 * p1
+                m12 += p1 * p2
+                m22 += p2 * p2
+                v0 += p0 * e
+                v1 += p1 * e
+                v2 += p2 * e
+            m, v = matrix[j], slope[j]
+            m[0, 0] += m00
+            m[0, 1] += m01
+            m[0, 2] += m02
+            m[1, 1] += m11
+            m[1, 2] += m12
+            m[2, 2] += m22
+            v[0] += v0
+            v[1] += v1
+            v[2] += v2
     for j in range(theta.shape[0]):
         m, v = matrix[j], slope[j]
         m[1, 0], m[2, 0], m[2, 1] = m[0, 1], m[0, 2], m[1, 2]
@@ -193,9 +220,9 @@ def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-
         )
 
 
-@njit(**_OPTIONS)
+@_compiled
 def scatter(x, label, matrix):  # type: ignore[no-untyped-def]
-    """matrix[j] = sum of x x' over the readings of plane j: x (n + 1, k), matrix (N, n + 1, n + 1)."""
+    """matrix[j] = sum of x x' over the readings of plane j; x (n + 1, k)."""
     matrix[:] = 0.0
     size = x.shape[0]
     for i in range(label.size):
@@ -211,7 +238,7 @@ def scatter(x, label, matrix):  # type: ignore[no-untyped-def]
                 matrix[j, q, p] = matrix[j, p, q]
 
 
-@njit(**_OPTIONS)
+@_compiled
 def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no-untyped-def]
     """Moments of the least-squares plane of every square cell of `side` pixels.
 
@@ -239,11 +266,12 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
         m[10] += 1.0
 
 
-@njit(**_OPTIONS)
-def summarise(label, gain, square, position, area, index, width, sums, box):  # type: ignore[no-untyped-def]
+@_compiled
+def summarise(label, gain, tau, sigma, direction, depth, solid, index, width, sums, box):  # type: ignore[no-untyped-def]
     """Sums over the readings of every plane in one pass.
 
-    position (n, k); the rest (k,). Writes sums (N, 4 + n): count, gain, squared residual, area,
+    A reading is at direction * depth (n, k) and covers depth^3 solid / distance of its plane;
+    delta^2 = 2 (gain + tau) sigma^2. Writes sums (N, 4 + n): count, gain, delta^2, depth^3 solid,
     position; and box (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
@@ -254,12 +282,13 @@ def summarise(label, gain, square, position, area, index, width, sums, box):  # 
         if label[i] == 0:
             continue
         j = label[i] - 1
-        sums[j, 0] += 1.0
-        sums[j, 1] += gain[i]
-        sums[j, 2] += square[i]
-        sums[j, 3] += area[i]
-        for axis in range(position.shape[0]):
-            sums[j, 4 + axis] += position[axis, i]
+        total, z = sums[j], depth[i]
+        total[0] += 1.0
+        total[1] += gain[i]
+        total[2] += 2.0 * (gain[i] + tau[i]) * sigma[i] * sigma[i]
+        total[3] += z * z * z * solid[i]
+        for axis in range(direction.shape[0]):
+            total[4 + axis] += direction[axis, i] * z
         row = index[i] // width
         column = index[i] - row * width
         box[j, 0] = min(box[j, 0], row)

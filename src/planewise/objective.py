@@ -110,7 +110,7 @@ class Objective:
         )
 
     def structure(self, observation: Observation, planes: int) -> float:
-        """Nats that `planes` planes cost before they explain anything: their parameters, the mask."""
+        """Nats that planes cost before they explain anything: their parameters and the mask."""
         cost = plane_information(observation.dimension, observation.range, observation.resolution)
         return planes * cost + self.mask.information(observation.count, planes)
 

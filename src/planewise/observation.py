@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,12 +146,12 @@ class PointObservation(Observation):
     @property
     def dimension(self) -> int:
         """Dimension n of the space."""
-        return self.points.shape[0]
+        return int(self.points.shape[0])
 
     @property
     def freedom(self) -> int:
         """Return n: a free point has all its coordinates to itself."""
-        return self.points.shape[0]
+        return int(self.points.shape[0])
 
     def residuals(self, plane: ArrayLike) -> Array:
         """delta = n . x + d: orthogonal distance (paper, eq. 2)."""
@@ -221,9 +222,9 @@ def observe(
         range=sensor.range,
         resolution=sensor.resolution,
         note=_note(index.size, present, sensor),
-        rays=np.ascontiguousarray(camera.rays(shape).reshape(-1, 3)[index].T),
+        rays=camera.ray_rows(shape).take(index, axis=1),
         depth=z,
-        solid=camera.pixel_area(shape).reshape(-1)[index],
+        solid=camera.pixel_area(shape).take(index),
     )
 
 
@@ -273,7 +274,7 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     )
 
 
-def _depth_image(depth: ArrayLike) -> NDArray[np.generic]:
+def _depth_image(depth: ArrayLike) -> NDArray[Any]:
     image = np.asarray(depth)
     if image.ndim != 2 or min(image.shape) < 2:
         raise ValueError(
@@ -289,7 +290,7 @@ def _depth_image(depth: ArrayLike) -> NDArray[np.generic]:
 
 
 def _look_up(
-    raw: NDArray[np.generic], scale: float, sensor: Sensor
+    raw: NDArray[Any], scale: float, sensor: Sensor
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Depth and sigma of integer readings, each evaluated once per distinct value."""
     low = max(1, int(np.ceil(sensor.min_depth / scale - 1e-9)))
@@ -299,14 +300,15 @@ def _look_up(
     index = np.flatnonzero((raw >= low) & (raw <= high))
     values = raw[index].astype(np.int64)
     if high < _TABLE_ROWS:
-        z_table = np.arange(high + 1) * scale
+        z_table = np.arange(high + 1, dtype=np.float64) * scale
         # Only values that occur are evaluated: a model need not be defined elsewhere.
         seen = np.bincount(values, minlength=high + 1) > 0
         sigma_table = np.zeros(high + 1)
         sigma_table[seen] = sensor.sigma(z_table[seen])
         return index, z_table[values], sigma_table[values]
     distinct, row = np.unique(values, return_inverse=True)
-    return index, distinct[row] * scale, sensor.sigma(distinct * scale)[row]
+    z = distinct.astype(np.float64) * scale
+    return index, z[row], sensor.sigma(z)[row]
 
 
 def _note(valid: int, present: int, sensor: Sensor) -> str:

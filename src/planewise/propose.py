@@ -1,4 +1,4 @@
-"""Candidate planes for the joint search: local fits where there is an image, random samples else."""
+"""Candidate planes for the joint search: local fits in an image, random samples elsewhere."""
 
 from __future__ import annotations
 
@@ -68,33 +68,30 @@ def cell_planes(evaluator: RayEvaluator, index: NDArray[np.int64], shape: tuple[
     open_cells = np.ones(grids[-1].shape[:2], bool)
     for level in range(_LEVELS - 1, -1, -1):
         fewest = max(3, int(_FILLED * (_SIDE << level) ** 2))
-        theta, misfit = _solve_cells(grids[level].reshape(-1, 11), fewest)
-        theta[~open_cells.reshape(-1)] = np.nan
+        wanted = open_cells & (grids[level][..., 10] >= fewest)
+        theta, misfit = _solve_cells(grids[level][wanted])
         planes.append(theta)
-        flat = (misfit < _FLAT).reshape(open_cells.shape)
-        open_cells = np.repeat(np.repeat(open_cells & ~flat, 2, axis=0), 2, axis=1)
+        open_cells[wanted] = ~(misfit < _FLAT)
+        open_cells = np.repeat(np.repeat(open_cells, 2, axis=0), 2, axis=1)
     return np.vstack(planes)
 
 
-def _solve_cells(moments: Array, fewest: int) -> tuple[Array, Array]:
-    """theta of every cell and its mean squared residual in sigmas; NaN with too few readings."""
-    theta = np.full((len(moments), 3), np.nan)
-    misfit = np.full(len(moments), np.nan)
-    rows = np.flatnonzero(moments[:, 10] >= fewest)
-    m = moments[rows]
-    matrix = m[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+def _solve_cells(m: Array) -> tuple[Array, Array]:
+    """theta of every cell and its mean squared residual in sigmas; NaN where it has no plane."""
+    theta, misfit = np.full((len(m), 3), np.nan), np.full(len(m), np.nan)
     scale = 1.0 / np.sqrt(m[:, [0, 3, 5]])
+    matrix = m[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     matrix = matrix * scale[:, :, None] * scale[:, None, :]
     regular = np.linalg.det(matrix) > 1e-14
-    rows, m, scale = rows[regular], m[regular], scale[regular]
-    theta[rows] = scale * np.linalg.solve(matrix[regular], (m[:, 6:9] * scale)[..., None])[..., 0]
-    chi2 = 2.0 * (m[:, 9] - np.einsum("ij,ij->i", theta[rows], m[:, 6:9]))
-    misfit[rows] = chi2 / m[:, 10]
+    m, scale, matrix = m[regular], scale[regular], matrix[regular]
+    theta[regular] = scale * np.linalg.solve(matrix, (m[:, 6:9] * scale)[..., None])[..., 0]
+    chi2 = 2.0 * (m[:, 9] - np.einsum("ij,ij->i", theta[regular], m[:, 6:9]))
+    misfit[regular] = chi2 / m[:, 10]
     return theta, misfit
 
 
 def _near_tuples(observation: Observation, evaluator: Evaluator, rng: np.random.Generator) -> Array:
-    """Planes through a reading and the nearest of a few random others: likelier to share a plane."""
+    """Planes through a reading and the nearest of a few random others, likelier to share one."""
     n = evaluator.dimension
     pool = min(_NEIGHBOURS, evaluator.count)
     chosen = rng.integers(evaluator.count, size=(_RANDOM_POINTS, pool))

@@ -58,21 +58,10 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     return Solution(solution.parameters[keep], assignment, phi)
 
 
-def ranked(solution: Solution) -> Solution:
-    """Order the planes by the information they save, best first."""
-    chosen = solution.assignment
-    worth = np.bincount(chosen.labels, chosen.best, len(solution) + 1)[1:]
-    order = np.argsort(worth, kind="stable")
-    lookup = np.zeros(len(solution) + 1, np.uint16)
-    lookup[order + 1] = np.arange(1, len(solution) + 1)
-    assignment = Assignment.of(lookup[chosen.labels], chosen.best, len(solution))
-    return Solution(solution.parameters[order], assignment, solution.phi)
-
-
-def describe(
+def rank(
     observation: Observation, evaluator: Evaluator, solution: Solution
-) -> tuple[Plane, ...]:
-    """Planes of a ranked solution with their statistics.
+) -> tuple[tuple[Plane, ...], NDArray[np.uint16]]:
+    """Describe the planes and order them by the information they save, best first.
 
     Parameters
     ----------
@@ -81,46 +70,70 @@ def describe(
     evaluator : Evaluator
         The same readings, whitened.
     solution : Solution
-        Ranked.
+        Planes and labels in any order.
 
     Returns
     -------
-    tuple of Plane
-        In the order of the solution.
+    planes : tuple of Plane
+        Best first.
+    labels : ndarray of uint16, shape (k,)
+        0 for none, j for ``planes[j - 1]``.
     """
-    count, n = len(solution), observation.dimension
-    chosen = solution.assignment
-    # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
-    square = 2.0 * (chosen.best + evaluator.tau) * observation.sigma**2
+    labels = solution.assignment.labels
+    sums, boxes = _summarise(observation, evaluator, solution)
     rows = evaluator.coefficients(solution.parameters)
-    image = isinstance(observation, RayObservation) and len(observation.shape) == 2
-    if isinstance(observation, RayObservation):
-        position = observation.rays * observation.depth
-        # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
-        area = observation.depth**3 * observation.solid
-    else:
-        position, area = observation.positions().T, np.zeros(observation.count)
-    sums = np.empty((count, 4 + n))
-    box = np.empty((count, 4), np.int64)
-    width = observation.shape[-1] if image else max(1, observation.count)
-    kernels.summarise(
-        chosen.labels, chosen.best, square, position, area, observation.index, width, sums, box
+    covariances = evaluator.covariances(solution.parameters, labels)
+    order = np.argsort(sums[:, 1], kind="stable")
+    place = np.zeros(len(solution) + 1, np.uint16)
+    place[order + 1] = np.arange(1, len(solution) + 1)
+    planes = tuple(
+        _plane(rows[j], covariances[j], sums[j], boxes[j] if _is_image(observation) else None)
+        for j in order
     )
-    covariances = evaluator.covariances(solution.parameters, chosen.labels)
-    planes = []
-    for j in range(count):
-        k = max(sums[j, 0], 1.0)
-        planes.append(
-            Plane(
-                normal=rows[j, :-1],
-                distance=float(rows[j, -1]),
-                information=float(sums[j, 1]),
-                count=int(sums[j, 0]),
-                rms=float(np.sqrt(max(sums[j, 2], 0.0) / k)),
-                centroid=sums[j, 4:] / k,
-                covariance=covariances[j],
-                area=float(sums[j, 3] / rows[j, -1]) if image else float("nan"),
-                bounding_box=tuple(int(b) for b in box[j]) if image else (),
-            )
-        )
-    return tuple(planes)
+    return planes, place[labels]
+
+
+def _is_image(observation: Observation) -> bool:
+    return isinstance(observation, RayObservation) and len(observation.shape) == 2
+
+
+def _summarise(
+    observation: Observation, evaluator: Evaluator, solution: Solution
+) -> tuple[Array, NDArray[np.int64]]:
+    sums = np.empty((len(solution), 4 + observation.dimension))
+    boxes = np.empty((len(solution), 4), np.int64)
+    if isinstance(observation, RayObservation):
+        direction, depth, solid = observation.rays, observation.depth, observation.solid
+    else:
+        direction = observation.positions().T.copy()
+        depth, solid = np.ones(observation.count), np.zeros(observation.count)
+    kernels.summarise(
+        solution.assignment.labels,
+        solution.assignment.best,
+        evaluator.tau,
+        observation.sigma,
+        direction,
+        depth,
+        solid,
+        observation.index,
+        observation.shape[-1],
+        sums,
+        boxes,
+    )
+    return sums, boxes
+
+
+def _plane(row: Array, covariance: Array, sums: Array, box: NDArray[np.int64] | None) -> Plane:
+    count = max(sums[0], 1.0)
+    return Plane(
+        normal=row[:-1],
+        distance=float(row[-1]),
+        information=float(sums[1]),
+        count=int(sums[0]),
+        rms=float(np.sqrt(max(sums[2], 0.0) / count)),
+        centroid=sums[4:] / count,
+        covariance=covariance,
+        # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
+        area=float("nan") if box is None else float(sums[3] / row[-1]),
+        bounding_box=() if box is None else tuple(box.tolist()),
+    )

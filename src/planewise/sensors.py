@@ -20,15 +20,18 @@ NYU = KINECT_V1
 AZURE_KINECT = Sensor(
     min_depth=0.5, max_depth=5.46, resolution=0.001, noise=noise.Polynomial(0.011, 0.001)
 )
-"""Microsoft Azure Kinect DK. Hardware specification: 0.5-3.86 m (NFOV unbinned) to 5.46 m (binned),
-random error at most 17 mm, systematic error below 11 mm + 0.1 % of the distance; the latter curve is
-taken as sigma, since measured random errors (Toelgyessy et al., Sensors 2021) are far below 17 mm."""
+"""Microsoft Azure Kinect DK. Hardware specification: 0.5-3.86 m (unbinned) to 5.46 m (binned),
+random error at most 17 mm, systematic error below 11 mm + 0.1 % of the distance; the latter is
+taken as sigma, since measured random errors (Toelgyessy et al., Sensors 2021) are far lower."""
 
 REALSENSE_D415 = Sensor(
-    min_depth=0.3, max_depth=10.0, resolution=0.001, noise=noise.stereo(focal=1005.0, baseline=0.055)
+    min_depth=0.3,
+    max_depth=10.0,
+    resolution=0.001,
+    noise=noise.stereo(focal=1005.0, baseline=0.055),
 )
 """Intel RealSense D415. D400 series datasheet: baseline 55 mm, horizontal field of view 65 degrees,
-hence 1,005 px at 1280 x 720; ideal range from 0.3 m. Noise: stereo formula of Intel's tuning guide."""
+hence 1,005 px at 1280 x 720; ideal from 0.3 m. Noise: stereo formula of Intel's tuning guide."""
 
 REALSENSE_D435 = Sensor(
     min_depth=0.2, max_depth=10.0, resolution=0.001, noise=noise.stereo(focal=447.0, baseline=0.050)

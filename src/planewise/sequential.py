@@ -7,11 +7,13 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.evaluate import Assignment
+from planewise.evaluate import Assignment, Evaluator
 from planewise.model import Curve, Move
 from planewise.problem import Problem, Solution
 
 Array = NDArray[np.float64]
+
+_CHUNK = 16_384  # samples held at a time
 
 
 def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
@@ -37,6 +39,19 @@ def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) ->
         if not again.size:
             return rows
         rows[again] = rng.integers(size, size=(again.size, n))
+
+
+def _best_of_samples(rest: Evaluator, trials: int, rng: np.random.Generator) -> Array:
+    """Of `trials` planes through random readings, the one that saves most."""
+    best, lowest = np.full(rest.width, np.nan), np.inf
+    for start in range(0, trials, _CHUNK):
+        size = min(_CHUNK, trials - start)
+        planes = rest.through(distinct_tuples(rng, size, rest.count, rest.dimension))
+        scores = rest.scores(planes)
+        pick = int(np.argmin(scores))
+        if scores[pick] < lowest:
+            best, lowest = planes[pick], scores[pick]
+    return best
 
 
 def sequential_search(
@@ -73,8 +88,7 @@ def sequential_search(
             reason = f"{free.size} readings are left without a plane, fewer than {n}"
             break
         rest = everything.subset(free)
-        candidates = rest.through(distinct_tuples(rng, trials, free.size, n))
-        best = candidates[np.argmin(rest.scores(candidates))]
+        best = _best_of_samples(rest, trials, rng)
         one = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2))
         none = np.zeros(free.size)
         plane, gain = one.refine_one(best, none)

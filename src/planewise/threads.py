@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import pairwise
 
 
 def available() -> int:
@@ -31,6 +32,5 @@ def over_chunks(work: Callable[[int, int], None], size: int, threads: int) -> No
         work(0, size)
         return
     bounds = [size * part // threads for part in range(threads + 1)]
-    parts = zip(bounds[:-1], bounds[1:], strict=True)
-    for done in [_pool(threads).submit(work, first, last) for first, last in parts]:
+    for done in [_pool(threads).submit(work, *part) for part in pairwise(bounds)]:
         done.result()

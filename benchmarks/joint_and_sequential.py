@@ -1,0 +1,49 @@
+"""Phi of the joint search against the paper's, frame by frame: prints a Markdown table.
+
+python -m benchmarks.joint_and_sequential [--data FOLDER] [--rooms 20] [--seeds 1]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable
+from itertools import chain
+from pathlib import Path
+
+from benchmarks.frames import DATA, Frame, real, rooms
+
+
+def table(frames: Iterable[Frame], seeds: int) -> None:
+    """Print one row a frame and a summary."""
+    print("| frame | Phi joint | planes | Phi sequential (best seed) | planes | joint lower by |")
+    print("|---|---|---|---|---|---|")
+    count = worse = 0
+    for frame in frames:
+        joint = frame.detect(search="joint")
+        sequential = min(
+            (frame.detect(search="sequential", rng=seed) for seed in range(seeds)),
+            key=lambda model: model.information,
+        )
+        saved = sequential.information - joint.information
+        count += 1
+        worse += saved < 0
+        print(
+            f"| {frame.name} | {joint.information:.0f} | {len(joint)} | "
+            f"{sequential.information:.0f} | {len(sequential)} | "
+            f"{100 * saved / sequential.information:.2f} % |",
+            flush=True,
+        )
+    print(f"\n{count} frames, joint above sequential on {worse}.")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--data", type=Path, default=DATA)
+    parser.add_argument("--rooms", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=1)
+    options = parser.parse_args()
+    table(chain(rooms(options.rooms), real(options.data)), options.seeds)
+
+
+if __name__ == "__main__":
+    main()

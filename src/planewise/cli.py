@@ -1,0 +1,31 @@
+"""The command `planewise`: guards around the commands, whose imports may fail or be interrupted."""
+
+from __future__ import annotations
+
+import sys
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as shells have it."""
+
+
+def main() -> None:
+    """Run the command line; never ends with a traceback for what a user can put right."""
+    try:
+        try:
+            from planewise.commands import app
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.split(".")[0] not in ("typer", "rich"):
+                raise
+            sys.stderr.write(
+                f"planewise: the command line needs the package {error.name}, which is part of the "
+                "extra 'cli': pip install 'planewise[cli]'\n"
+            )
+            raise SystemExit(1) from None
+        app(prog_name="planewise")
+    except KeyboardInterrupt:
+        sys.stderr.write("error: interrupted; nothing was left half-written\n")
+        raise SystemExit(INTERRUPTED) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,282 @@
+"""Read depth images from files: PNG, TIFF, PGM, NumPy and OpenEXR.
+
+Integer depth stays integer (its unit is a matter of the sensor); floating-point depth is in metres.
+Files are not trusted: what they claim to hold is checked before it is unpacked, and nothing in them
+is ever executed.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+import zipfile
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import PinholeCamera
+from planewise.errors import MissingExtraError, PlanewiseError
+
+MAX_PIXELS = 50_000_000
+"""Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
+
+_EIGHT_BIT = (
+    "holds 8 bits per reading: 256 steps cannot carry depth to the millimetre; "
+    "export the depth as 16-bit integers or as floating-point metres"
+)
+_COLOUR = (
+    "is a colour picture, not depth: a depth image has one channel; "
+    "export the raw readings, not a rendering of them"
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthFile:
+    """What a file says about one frame.
+
+    Attributes
+    ----------
+    depth : ndarray, shape (H, W)
+        Integer units or floating-point metres.
+    depth_scale : float, optional
+        Metres per unit of integer depth, where the file knows.
+    camera : PinholeCamera, optional
+        Intrinsics, where the file knows.
+    rgb : ndarray of uint8, shape (H, W, 3), optional
+        Picture of the same view, where the file holds one.
+    """
+
+    depth: NDArray[Any]
+    depth_scale: float | None = None
+    camera: PinholeCamera | None = None
+    rgb: NDArray[np.uint8] | None = None
+
+
+def read_depth(path: str | Path) -> DepthFile:
+    """Read one depth image.
+
+    Parameters
+    ----------
+    path : path
+        A 16-bit or floating-point image (``.png``, ``.tif``, ``.tiff``, ``.pgm``, ``.exr``),
+        an array (``.npy``), or an archive (``.npz``) with the key ``depth``, or with one array
+        only. An archive may also hold ``depth_scale`` (metres per unit), ``K`` (fx, fy, cx, cy or a
+        3 x 3 matrix) and ``rgb``.
+
+    Returns
+    -------
+    DepthFile
+        The readings, and the camera and unit where the file states them.
+
+    Raises
+    ------
+    PlanewiseError
+        If the file is missing, damaged, too large, 8-bit, in colour, or not a depth image.
+    """
+    path = Path(path)
+    reader = _READERS.get(path.suffix.lower())
+    if not path.exists():
+        raise PlanewiseError(f"depth: there is no file {path}")
+    if not path.is_file():
+        raise PlanewiseError(f"depth: {path} is not a file")
+    if reader is None:
+        known = ", ".join(sorted(_READERS))
+        raise PlanewiseError(f"depth: {path.name} is of no known kind; expected one of {known}")
+    try:
+        frame = reader(path)
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        raise PlanewiseError(f"depth: {path.name} {error}") from None
+    except Exception as error:  # decoders of foreign bytes may raise anything
+        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise PlanewiseError(
+            f"depth: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
+        ) from error
+    return frame
+
+
+def is_depth_file(path: Path) -> bool:
+    """Whether the name is that of a file `read_depth` can open."""
+    return path.suffix.lower() in _READERS and not path.name.startswith(".")
+
+
+def list_depth_files(folder: str | Path) -> list[Path]:
+    """Depth files of a folder in natural order (frame 2 before frame 10), others ignored.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is no folder, or holds no depth file.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise PlanewiseError(f"depth: {folder} is not a folder")
+    files = [path for path in folder.iterdir() if is_depth_file(path) and path.is_file()]
+    if not files:
+        known = ", ".join(sorted(_READERS))
+        raise PlanewiseError(f"depth: the folder {folder} holds no depth files ({known})")
+    return sorted(files, key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part.lower()) for part in parts]
+
+
+def _check_array(depth: NDArray[Any]) -> NDArray[Any]:
+    """Refuse what no depth image can be; a single channel is dropped."""
+    if depth.ndim == 3 and depth.shape[2] == 1:
+        depth = depth[:, :, 0]
+    if depth.ndim == 3 and depth.shape[2] in (3, 4):
+        raise PlanewiseError(_COLOUR)
+    if depth.ndim != 2:
+        raise PlanewiseError(f"must hold an image of shape (H, W), got shape {depth.shape}")
+    if depth.dtype.kind in "biu" and depth.dtype.itemsize == 1:
+        raise PlanewiseError(_EIGHT_BIT)
+    if depth.dtype.kind not in "fiu":
+        raise PlanewiseError(f"must hold integers or floating-point numbers, got {depth.dtype}")
+    return depth
+
+
+def _check_size(pixels: int) -> None:
+    if pixels > MAX_PIXELS:
+        raise PlanewiseError(f"claims {pixels:,} values; at most {MAX_PIXELS:,} are read")
+
+
+def _read_picture(path: Path) -> DepthFile:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
+        opened = Image.open(path, formats=("PNG", "TIFF"))
+    with opened as image:
+        _check_size(image.width * image.height)
+        if image.mode in ("1", "L", "P"):
+            raise PlanewiseError(_EIGHT_BIT)
+        if len(image.getbands()) > 1:
+            raise PlanewiseError(_COLOUR)
+        if getattr(image, "n_frames", 1) > 1:
+            raise PlanewiseError("holds several images; export one frame a file")
+        image.load()
+        depth = np.asarray(image)
+    return DepthFile(depth=_check_array(depth.astype(depth.dtype.newbyteorder("="))))
+
+
+def _read_pgm(path: Path) -> DepthFile:
+    """Read a PGM; general image readers stretch its values to the full 16 bits."""
+    data = path.read_bytes()
+    header = re.match(rb"(P[25])((?:\s|#[^\n]*\n)+)(\d+)\s+(?:#[^\n]*\n\s*)*(\d+)\s+"
+                      rb"(?:#[^\n]*\n\s*)*(\d+)\s", data)  # fmt: skip
+    if header is None:
+        raise PlanewiseError("is not a grey PGM (P2 or P5)")
+    width, height, largest = (int(header[group]) for group in (3, 4, 5))
+    _check_size(width * height)
+    if largest < 256:
+        raise PlanewiseError(_EIGHT_BIT)
+    body = data[header.end() :]
+    if header[1] == b"P5":
+        values = np.frombuffer(body[: 2 * width * height], ">u2")
+    else:
+        values = np.array(body.split(maxsplit=width * height)[: width * height], np.uint16)
+    if values.size < width * height:
+        raise PlanewiseError(f"is cut short: {values.size} of {width * height} values are there")
+    return DepthFile(depth=values.reshape(height, width).astype(np.uint16))
+
+
+def _read_npy(path: Path) -> DepthFile:
+    with path.open("rb") as stream:
+        return DepthFile(depth=_check_array(_read_array(stream)))
+
+
+def _read_npz(path: Path) -> DepthFile:
+    with zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+
+        def array(name: str) -> NDArray[Any]:
+            return _read_array(stack.enter_context(archive.open(members[name])))
+
+        if "depth" not in members and len(members) != 1:
+            names = ", ".join(sorted(members)) or "none"
+            raise PlanewiseError(f"must hold an array named 'depth', or one only; it holds {names}")
+        depth = _check_array(array("depth" if "depth" in members else next(iter(members))))
+        scale = float(array("depth_scale")) if "depth_scale" in members else None
+        camera = _camera_of(array("K")) if "K" in members else None
+        rgb = array("rgb") if "rgb" in members else None
+    if rgb is not None and (rgb.dtype != np.uint8 or rgb.shape != (*depth.shape, 3)):
+        rgb = None  # only a decoration: not worth refusing the readings for
+    if depth.dtype.kind == "f":
+        scale = None
+    return DepthFile(depth=depth, depth_scale=scale, camera=camera, rgb=rgb)
+
+
+def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:
+    if matrix.shape == (4,):
+        fx, fy, cx, cy = matrix.tolist()
+    elif matrix.shape == (3, 3):
+        fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    else:
+        raise PlanewiseError(f"has intrinsics K of shape {matrix.shape}; expected (4,) or (3, 3)")
+    return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def _read_array(stream: IO[bytes]) -> NDArray[Any]:
+    """Read one NumPy array; the size it claims is checked first, pickles are refused."""
+    version = np.lib.format.read_magic(stream)
+    read_header: Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, fortran, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise PlanewiseError("holds pickled Python objects, which are never loaded")
+    count = math.prod(shape)
+    if min(shape, default=0) < 0 or dtype.itemsize > 16:
+        raise PlanewiseError(f"claims an array of shape {shape} and type {dtype}")
+    _check_size(count // 3 if len(shape) == 3 else count)
+    # Only what the header claims is unpacked, so an archive cannot swell beyond it.
+    data = stream.read(count * dtype.itemsize)
+    if len(data) < count * dtype.itemsize:
+        raise PlanewiseError(
+            f"is cut short: {len(data)} of {count * dtype.itemsize} bytes are there"
+        )
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C").copy()
+
+
+def _read_exr(path: Path) -> DepthFile:
+    try:
+        import OpenEXR  # type: ignore[import-not-found, unused-ignore]
+    except ImportError:
+        raise MissingExtraError("openexr", "reading .exr files") from None
+    if path.read_bytes()[:4] != b"\x76\x2f\x31\x01":
+        raise PlanewiseError("is not an OpenEXR file")
+    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:
+        low, high = header.header()["dataWindow"]
+        _check_size(int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1)))
+    with OpenEXR.File(str(path), separate_channels=True) as image:
+        channels = image.channels()
+        name = next((name for name in ("Z", "depth") if name in channels), next(iter(channels)))
+        if len(channels) >= 3 and {"R", "G", "B"} <= set(channels) and name not in ("Z", "depth"):
+            raise PlanewiseError(_COLOUR)
+        depth = np.asarray(channels[name].pixels)
+    return DepthFile(depth=_check_array(depth.astype(np.float32)))
+
+
+_READERS: dict[str, Callable[[Path], DepthFile]] = {
+    ".png": _read_picture,
+    ".tif": _read_picture,
+    ".tiff": _read_picture,
+    ".pgm": _read_pgm,
+    ".npy": _read_npy,
+    ".npz": _read_npz,
+    ".exr": _read_exr,
+}

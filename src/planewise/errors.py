@@ -1,0 +1,25 @@
+"""Errors that a user can act on; their messages are one line and say what to change."""
+
+from __future__ import annotations
+
+
+class PlanewiseError(ValueError):
+    """A file, folder or setting that cannot be used as it is."""
+
+
+class MissingExtraError(PlanewiseError):
+    """A package is needed that the core does not depend on.
+
+    Parameters
+    ----------
+    package : str
+        Name of the missing package.
+    purpose : str
+        What it is needed for.
+    """
+
+    def __init__(self, package: str, purpose: str) -> None:
+        super().__init__(
+            f"{purpose} needs the package {package}, which is part of the extra 'cli': "
+            "pip install 'planewise[cli]'"
+        )

@@ -1,0 +1,162 @@
+"""From a depth file to a folder of results: what the command line does with each frame."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import PinholeCamera
+from planewise.depth_files import DepthFile, read_depth
+from planewise.errors import PlanewiseError
+from planewise.result_files import FILES, output_folder, write_results
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.detect import Options
+    from planewise.model import PlaneModel
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".bmp", ".tif", ".tiff")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """A frame whose results are written.
+
+    Attributes
+    ----------
+    model : PlaneModel
+        What was found.
+    seconds : float
+        Time of the detection without files; the first run on a machine compiles in it.
+    folder : Path
+        Where the files are.
+    """
+
+    model: PlaneModel
+    seconds: float
+    folder: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failed:
+    """A frame that could not be used, and why."""
+
+    path: Path
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What all frames have in common; what is ``None`` their files have to say.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        Range, resolution and noise.
+    options : Options
+        How to search.
+    camera : PinholeCamera, optional
+        Intrinsics.
+    depth_scale : float, optional
+        Metres per unit of integer depth.
+    rgb : Path, optional
+        Picture to draw over; for a folder of frames a folder of pictures of the same names.
+    """
+
+    sensor: Sensor
+    options: Options
+    camera: PinholeCamera | None = None
+    depth_scale: float | None = None
+    rgb: Path | None = None
+
+    def run(self, path: Path, target: Path) -> Done:
+        """Detect the planes of one file and write the results to the folder `target`.
+
+        Raises
+        ------
+        ValueError
+            If the file, the camera or the folder cannot be used; then nothing is written.
+        """
+        frame = read_depth(path)
+        camera = self.camera or frame.camera
+        if camera is None:
+            raise PlanewiseError(
+                f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
+                "fx,fy,cx,cy or a file"
+            )
+        scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
+        rgb = self._picture(path, frame)
+        _keep_inputs(target, path, self.rgb)
+        with output_folder(target) as folder:
+            model, seconds = find_planes(frame.depth, camera, self.sensor, scale, self.options)
+            write_results(
+                folder,
+                model,
+                depth=frame.depth,
+                camera=camera,
+                sensor=self.sensor,
+                depth_scale=scale,
+                rgb=rgb,
+                source=path.name,
+            )
+        return Done(model=model, seconds=seconds, folder=target)
+
+    def run_folder(self, paths: list[Path], target: Path) -> Iterator[Done | Failed]:
+        """Do every file of a list, each into its own folder below `target`.
+
+        A frame that cannot be used is reported, and the others go on.
+        """
+        stems = Counter(path.stem for path in paths)
+        for path in paths:
+            name = path.stem if stems[path.stem] == 1 else path.name
+            try:
+                yield self.run(path, target / name)
+            except (ValueError, OSError) as error:
+                yield Failed(path=path, reason=str(error))
+
+    def _picture(self, path: Path, frame: DepthFile) -> NDArray[np.uint8] | None:
+        if self.rgb is None:
+            return frame.rgb
+        from planewise.draw import match_picture, read_picture
+
+        source = self.rgb
+        if source.is_dir():
+            found = [source / (path.stem + suffix) for suffix in _PICTURES]
+            source = next((each for each in found if each.is_file()), source / path.stem)
+            if not source.is_file():
+                raise PlanewiseError(f"rgb: {self.rgb} holds no picture named {path.stem}")
+        shape = (frame.depth.shape[0], frame.depth.shape[1])
+        return match_picture(read_picture(source), shape)
+
+
+def find_planes(
+    depth: NDArray[np.generic],
+    camera: PinholeCamera,
+    sensor: Sensor,
+    depth_scale: float | None,
+    options: Options,
+) -> tuple[PlaneModel, float]:
+    """Detect planes and say how many seconds it took."""
+    from planewise.detect import find
+    from planewise.observation import observe
+
+    started = time.perf_counter()
+    model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options)
+    return model, time.perf_counter() - started
+
+
+def _keep_inputs(target: Path, *inputs: Path | None) -> None:
+    """Refuse to write over what is read."""
+    written = {(target / name).resolve() for name in FILES}
+    for path in inputs:
+        if path is not None and path.resolve() in written:
+            raise PlanewiseError(
+                f"output: {path} would be written over; choose another folder for the results"
+            )

@@ -1,0 +1,112 @@
+"""What the command line prints: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import TypeVar
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from planewise.model import PlaneModel
+
+_OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+
+Item = TypeVar("Item")
+
+
+def error(message: str) -> None:
+    """Say on stderr, in one line, what is wrong."""
+    _line(_ERR, ("error: ", "bold red"), (message, ""))
+
+
+def warning(message: str) -> None:
+    """Say on stderr what is unusual."""
+    _line(_ERR, ("warning: ", "bold yellow"), (message, ""))
+
+
+def notice(message: str) -> None:
+    """Say on stderr what goes on."""
+    _line(_ERR, (message, "dim"))
+
+
+def say(message: str) -> None:
+    """Print a line of the result."""
+    _line(_OUT, (message, ""))
+
+
+def _line(console: Console, *parts: tuple[str, str]) -> None:
+    text = Text()
+    for part, style in parts:
+        text.append(" ".join(part.split()), style=style)
+        text.append(" " if part.endswith(" ") else "")
+    console.print(text, soft_wrap=True)
+
+
+def show_planes(model: PlaneModel) -> None:
+    """Print a table of the planes, best first."""
+    if not len(model):
+        return
+    gap = 2 if _OUT.width >= 90 else 1
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
+    for name in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for rank, plane in enumerate(model.planes, start=1):
+        normal = " ".join(f"{part:6.3f}" for part in plane.normal)
+        table.add_row(
+            str(rank),
+            f"{plane.information:,.0f}",
+            f"{plane.count:,}",
+            f"{plane.count / model.readings:.1%}",
+            normal,
+            f"{plane.distance:.3f} m",
+            f"{plane.area:.3f} m2",
+            f"{1000 * plane.rms:.1f} mm",
+        )
+    # A narrow terminal may break lines, but no number is cut off.
+    Console(width=max(_OUT.width, 80), highlight=False).print(table)
+
+
+def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
+    """Print how many planes there are, what they are worth and where the files are."""
+    planes = "1 plane" if len(model) == 1 else f"{len(model)} planes"
+    say(
+        f"{planes}, Phi = {model.information:,.0f} nats ({model.curve[0]:,.0f} without planes), "
+        f"{model.readings:,} readings, {1000 * seconds:.0f} ms"
+    )
+    say(f"files in {folder}")
+    if not len(model):
+        warning(f"no plane was found: {model.note}")
+
+
+def show_presets(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
+    """Print a table of presets; the first column is the name to give."""
+    table = Table(
+        box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0), title=title,
+        title_justify="left", title_style="bold",
+    )  # fmt: skip
+    for name in columns:
+        table.add_column(name, justify="left" if name in (columns[0], "noise") else "right")
+    for row in rows:
+        table.add_row(*row)
+    _OUT.print()
+    _OUT.print(table)
+
+
+def progress(items: Iterable[Item], total: int) -> Iterator[Item]:
+    """Show a bar on stderr while the items pass; it makes way for lines that are printed."""
+    if not _ERR.is_terminal:
+        yield from items
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_ERR, transient=True) as bar:
+        task = bar.add_task("", total=total)
+        for item in items:
+            bar.stop()
+            yield item
+            bar.advance(task)
+            bar.start()

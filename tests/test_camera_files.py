@@ -1,0 +1,206 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from planewise import cameras, noise, sensors
+from planewise.camera_files import read_camera, read_noise, read_sensor
+from planewise.errors import PlanewiseError
+
+ROS_FILE = """
+image_width: 640
+image_height: 480
+camera_name: depth
+camera_matrix:
+  rows: 3
+  cols: 3
+  data: [525.5, 0., 319.5, 0., 526.5, 239.5, 0., 0., 1.]
+distortion_model: plumb_bob
+distortion_coefficients:
+  rows: 1
+  cols: 5
+  data: [0.1, -0.2, 0.001, 0.002, 0.05]
+"""
+ROS_ECHO = """header:
+  seq: 1
+height: 480
+width: 640
+distortion_model: "plumb_bob"
+D: [0.0, 0.0, 0.0, 0.0, 0.0]
+K: [525.5, 0.0, 319.5, 0.0, 526.5, 239.5, 0.0, 0.0, 1.0]
+---
+"""
+OPENCV = """%YAML:1.0
+---
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 525.5, 0., 319.5, 0., 526.5, 239.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-matrix
+   rows: 4
+   cols: 1
+   dt: d
+   data: [ 0.1, -0.2, 0.001, 0.002 ]
+"""
+MATRIX = [[525.5, 0, 319.5], [0, 526.5, 239.5], [0, 0, 1]]
+NUMBERS = {"fx": 525.5, "fy": 526.5, "cx": 319.5, "cy": 239.5}
+
+
+def write(tmp_path, content, name="camera.json"):
+    path = tmp_path / name
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return str(path)
+
+
+def is_right(camera):
+    return (camera.fx, camera.fy, camera.cx, camera.cy) == (525.5, 526.5, 319.5, 239.5)
+
+
+def test_presets_and_numbers():
+    assert read_camera("nyu") == cameras.NYU
+    assert read_camera("Kinect-V1") == cameras.KINECT_V1
+    assert is_right(read_camera("525.5, 526.5,319.5,239.5"))
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        NUMBERS,
+        {"camera": NUMBERS},
+        {"intrinsics": NUMBERS},
+        {"intrinsics": list(NUMBERS.values())},
+        {"K": MATRIX},
+        {"camera_matrix": MATRIX},
+        {"intrinsic_matrix": np.array(MATRIX).T.ravel().tolist()},  # Open3D: by columns
+        {"fx": 525.5, "fy": 526.5, "ppx": 319.5, "ppy": 239.5, "model": "distortion.none"},
+        {"K": MATRIX, "D": [0] * 8, "distortion_model": "rational_polynomial"},
+        {"K": MATRIX, "coeffs": [0] * 5, "model": "distortion.inverse_brown_conrady"},
+    ],
+)
+def test_json_of_many_makers(tmp_path, content):
+    camera = read_camera(write(tmp_path, content))
+    assert is_right(camera)
+    assert not any(camera.distortion)
+
+
+@pytest.mark.parametrize("text", [ROS_FILE, ROS_ECHO, OPENCV])
+def test_yaml_of_many_makers(tmp_path, text):
+    camera = read_camera(write(tmp_path, text, "camera.yaml"))
+    assert is_right(camera)
+    assert (camera.width, camera.height) == ((None, None) if text is OPENCV else (640, 480))
+    if text is not ROS_ECHO:
+        assert camera.distortion[:4] == (0.1, -0.2, 0.001, 0.002)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("{", "JSON"),
+        ("[1, 2]", "no named values"),
+        ({"width": 3}, "states no intrinsics"),
+        ({"K": [1, 2, 3]}, "3 numbers"),
+        ({"K": "abc"}, "numbers are expected"),
+        ({"K": [[500, 5, 320], [0, 500, 240], [0, 0, 1]]}, "skew"),
+        ({"K": [[500, 0, 320], [0, 500, 240], [0, 1, 1]]}, "fx, 0, cx"),
+        ({"K": [[0, 0, 320], [0, 500, 240], [0, 0, 1]]}, "fx must be"),
+        ({"K": MATRIX, "distortion_model": "equidistant", "D": [0] * 4}, "equidistant"),
+        ({"K": MATRIX, "distortion_model": "fisheye", "D": [0.1] * 4}, "fisheye"),
+        ({"K": MATRIX, "distortion_model": "rational_polynomial", "D": [0.1] * 8}, "rational"),
+        ({"K": MATRIX, "D": [0.1] * 3}, "3 distortion"),
+    ],
+)
+def test_unusable_files_are_refused_by_name(tmp_path, content, match):
+    with pytest.raises(PlanewiseError, match=match) as error:
+        read_camera(write(tmp_path, content))
+    assert "camera" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_unusable_yaml_and_binaries_are_refused(tmp_path):
+    with pytest.raises(PlanewiseError, match="YAML"):
+        read_camera(write(tmp_path, "a: [1, 2", "camera.yaml"))
+    with pytest.raises(PlanewiseError, match="YAML"):
+        read_camera(write(tmp_path, "a: !!python/object:os.system x", "camera.yaml"))
+    (tmp_path / "c.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(PlanewiseError, match="text"):
+        read_camera(str(tmp_path / "c.yaml"))
+
+
+@pytest.mark.parametrize("text", ["nikon", "500,500,320", "a,b,c,d", "1,2,3,4,5", ""])
+def test_other_texts_are_no_camera(text):
+    with pytest.raises(PlanewiseError, match="camera"):
+        read_camera(text)
+
+
+def test_zero_and_nan_focal_lengths_are_refused():
+    for text in ("0,500,320,240", "-5,500,320,240"):
+        with pytest.raises(ValueError, match="fx"):
+            read_camera(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("0.005", (0.005, 0.005)),
+        ("5mm", (0.005, 0.005)),
+        ("5e-3", (0.005, 0.005)),
+        ("1%", (0.01, 0.03)),
+        ("0.01*z", (0.01, 0.03)),
+        ("0.01 z", (0.01, 0.03)),
+        ("0.001 + 0.002*z^2", (0.003, 0.019)),
+        ("0.002*z**2 + 0.001", (0.003, 0.019)),
+        ("0.001 + 0.01*z + 0.002*z^2", (0.013, 0.049)),
+        ("0.0012 + 0.0019*(z - 0.4)^2", (0.001884, 0.014044)),
+        ("kinect", (0.001884, 0.014044)),
+        ("structure", (0.0033, 0.0297)),
+    ],
+)
+def test_noise(text, values):
+    assert read_noise(text)(np.array((1.0, 3.0))) == pytest.approx(values)
+
+
+@pytest.mark.parametrize("preset", sensors.PRESETS.values())
+def test_noise_reads_back_what_it_prints(preset):
+    z = np.array((0.5, 2.0))
+    assert read_noise(str(preset.noise))(z) == pytest.approx(preset.noise(z), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "0",
+        "-1",
+        "nan",
+        "inf",
+        "0%",
+        "abc",
+        "1+",
+        "+",
+        "z^3",
+        "0.1*z*z",
+        "1 + 2",
+        "1 2",
+        "import os",
+    ],
+)
+def test_bad_noise_is_refused(text):
+    with pytest.raises(PlanewiseError, match="noise"):
+        read_noise(text)
+
+
+def test_sensor_and_its_parts():
+    assert read_sensor("kinect-v1") == sensors.KINECT_V1
+    sensor = read_sensor("structure", noise="1%", max_depth=3.0, resolution=0.002)
+    assert (sensor.max_depth, sensor.resolution, sensor.min_depth) == (3.0, 0.002, 0.4)
+    assert sensor.noise == noise.proportional(0.01)
+    assert read_sensor(None, noise="2mm").max_depth == 10
+    with pytest.raises(PlanewiseError, match="sensor"):
+        read_sensor("eyes")
+    with pytest.raises(ValueError, match="max_depth"):
+        read_sensor("kinect-v1", max_depth=float("nan"))
+    with pytest.raises(ValueError, match="resolution"):
+        read_sensor("kinect-v1", resolution=20.0)

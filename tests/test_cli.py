@@ -1,0 +1,346 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import planewise as pw
+from planewise import scenes
+from planewise.commands import app
+from planewise.result_files import FILES
+
+CAMERA = "125,125,80,60"
+ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.corner(size=(120, 160))
+
+
+@pytest.fixture
+def depth(tmp_path, scene):
+    path = tmp_path / "in" / "depth.png"
+    path.parent.mkdir()
+    Image.fromarray(scene.depth).save(path)
+    return path
+
+
+@pytest.fixture
+def out(tmp_path):
+    return tmp_path / "results" / "frame"
+
+
+def run(*arguments):
+    """Run the command; streams come back as plain text with single spaces."""
+    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
+    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
+    return result.exit_code, *plain
+
+
+def test_detect_writes_everything_and_says_so(depth, out):
+    before = depth.read_bytes()
+    code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
+    assert (code, errors) == (0, "")
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+    assert [path.name for path in out.parent.iterdir()] == ["frame"]
+    for word in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
+        assert word in text
+    assert "4 planes, Phi = " in text
+    assert "…" not in text  # nothing is cut off at 80 columns
+    assert depth.read_bytes() == before
+    record = json.loads((out / "planes.json").read_text())
+    assert record["input"]["file"] == "depth.png"
+    assert record["sensor"]["noise"] == "0.005 m"
+
+
+def test_command_line_and_python_agree(depth, out, scene):
+    run("detect", depth, *ARGUMENTS, "--max-depth", 2, "--seed", 3, "-o", out)
+    camera = pw.PinholeCamera(fx=125, fy=125, cx=80, cy=60)
+    sensor = pw.Sensor(max_depth=2.0, noise=0.005)
+    model = pw.detect_planes(scene.depth, camera, sensor, rng=3)
+    record = json.loads((out / "planes.json").read_text())
+    assert record["information"] == model.information
+    assert np.array_equal(np.asarray(Image.open(out / "labels.png")), model.labels)
+
+
+def test_options_reach_the_search(depth, out):
+    code, *_ = run(
+        *("detect", depth, *ARGUMENTS, "-o", out, "--search", "sequential", "--max-planes", 2),
+        *("--confidence", 0.9, "--inlier-ratio", 0.2, "--seed", 7, "--threads", 1),
+    )
+    assert code == 0
+    options = json.loads((out / "planes.json").read_text())["options"]
+    expected = {"search": "sequential", "max_planes": 2, "confidence": 0.9, "rng": 7}
+    assert options | expected == options
+    assert options["inlier_ratio"] == 0.2
+
+
+def test_an_npz_needs_no_camera_and_brings_its_picture(tmp_path, out, scene):
+    path = tmp_path / "frame.npz"
+    k = (125.0, 125.0, 80.0, 60.0)
+    np.savez(path, depth=scene.depth * 2, depth_scale=0.0005, K=k, rgb=scene.rgb)
+    code, text, _ = run("detect", path, "--noise", "0.005", "-o", out)
+    assert code == 0
+    assert "4 planes" in text
+    assert json.loads((out / "planes.json").read_text())["input"]["depth_scale"] == 0.0005
+
+
+def test_camera_file_and_rgb(depth, out, tmp_path, scene):
+    (tmp_path / "camera.json").write_text('{"fx": 125, "fy": 125, "cx": 80, "cy": 60}')
+    Image.fromarray(scene.rgb).resize((320, 240)).save(tmp_path / "colour.jpg")
+    code, *_ = run(
+        *("detect", depth, "--camera", tmp_path / "camera.json", "--noise", "5mm"),
+        *("--rgb", tmp_path / "colour.jpg", "-o", out),
+    )
+    assert code == 0
+
+
+def test_existing_results_are_replaced(depth, out):
+    out.mkdir(parents=True)
+    (out / "labels.png").write_text("old")
+    (out / "notes.txt").write_text("mine")
+    assert run("detect", depth, *ARGUMENTS, "-o", out)[0] == 0
+    with Image.open(out / "labels.png") as labels:
+        assert labels.size == (160, 120)
+    assert (out / "notes.txt").read_text() == "mine"
+
+
+BAD_ARGUMENTS = {
+    "camera of another size": (("--camera", "nyu"), "camera"),
+    "zero focal length": (("--camera", "0,125,80,60"), "fx"),
+    "focal length in metres": (("--camera", "0.125,0.125,80,60"), "fx"),
+    "focal length far too long": (("--camera", "125000,125000,80,60"), "fx"),
+    "centre of a larger image": (("--camera", "125,125,800,60"), "cx"),
+    "camera that is none": (("--camera", "nikon"), "camera"),
+    "sensor that is none": (("--sensor", "eyes"), "sensor"),
+    "noise zero": (("--noise", "0"), "noise"),
+    "noise negative": (("--noise", "-0.1"), "noise"),
+    "noise nan": (("--noise", "nan"), "noise"),
+    "range below resolution": (("--max-depth", "0.0005"), "resolution"),
+    "range nan": (("--max-depth", "nan"), "max_depth"),
+    "resolution zero": (("--resolution", "0"), "resolution"),
+    "resolution above range": (("--resolution", "20"), "resolution"),
+    "scale zero": (("--depth-scale", "0"), "depth_scale"),
+    "no planes": (("--max-planes", "0"), "max_planes"),
+    "confidence one": (("--confidence", "1"), "confidence"),
+    "inlier ratio zero": (("--inlier-ratio", "0"), "inlier_ratio"),
+    "seed negative": (("--seed", "-1"), "seed"),
+    "no threads": (("--threads", "0"), "threads"),
+    "search that is none": (("--search", "magic"), "--search"),
+    "rgb that is not there": (("--rgb", "none.png"), "rgb"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ARGUMENTS)
+def test_bad_arguments(depth, out, name):
+    arguments, named = BAD_ARGUMENTS[name]
+    code, text, errors = run("detect", depth, *ARGUMENTS, *arguments, "-o", out)
+    assert (code, text) == (2, "")
+    assert named in errors
+    assert "Traceback" not in errors
+    assert not out.parent.exists()
+
+
+def bad_image(path, kind):
+    """Write an unusable image of some kind; return its path."""
+    good = np.full((120, 160), 1000, np.uint16)
+    path = path.with_suffix(
+        ".npy" if kind in ("line", "row", "column", "negative", "text") else ".png"
+    )
+    if kind == "line":
+        np.save(path, good.ravel())
+    elif kind == "row":
+        np.save(path, good[:1])
+    elif kind == "column":
+        np.save(path, good[:, :1])
+    elif kind == "negative":
+        np.save(path, good - 1001.0)
+    elif kind == "text":
+        np.save(path, np.full((120, 160), "1"))
+    elif kind == "8 bits":
+        Image.fromarray(good.astype(np.uint8)).save(path)
+    elif kind == "colour":
+        Image.fromarray(np.zeros((120, 160, 3), np.uint8)).save(path)
+    elif kind == "truncated":
+        Image.fromarray(np.arange(120 * 160, dtype=np.uint16).reshape(120, 160)).save(path)
+        path.write_bytes(path.read_bytes()[:-2000])
+    elif kind == "junk":
+        path.write_bytes(b"junk")
+    return path
+
+
+@pytest.mark.parametrize(
+    "kind",
+    ["line", "row", "column", "negative", "text", "8 bits", "colour", "truncated", "junk", "none"],
+)
+def test_bad_images(tmp_path, out, kind):
+    path = bad_image(tmp_path / "depth", kind)
+    code, text, errors = run("detect", path, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "")
+    assert "depth" in errors
+    assert "Traceback" not in errors
+    assert not out.parent.exists()
+
+
+def test_folder_that_cannot_be_made(depth, tmp_path, monkeypatch):
+    monkeypatch.setattr("planewise.jobs.find_planes", lambda *_: pytest.fail("work was started"))
+    (tmp_path / "file").write_text("")
+    for target in (tmp_path / "file", tmp_path / "file" / "out"):
+        code, _, errors = run("detect", depth, *ARGUMENTS, "-o", target)
+        assert code == 2
+        assert "output" in errors
+        code, _, errors = run("detect", depth.parent, *ARGUMENTS, "-o", target)
+        assert code == 2
+        assert "output" in errors
+
+
+def test_inputs_are_not_written_over(tmp_path, depth):
+    mine = depth.rename(depth.with_name("labels.png"))
+    before = mine.read_bytes()
+    code, _, errors = run("detect", mine, *ARGUMENTS, "-o", mine.parent)
+    assert code == 2
+    assert "output" in errors
+    assert mine.read_bytes() == before
+
+
+def test_what_has_to_be_given_is_named(depth, out):
+    assert "camera" in run("detect", depth, "--sensor", "nyu", "-o", out)[2]
+    assert "sensor" in run("detect", depth, "--camera", CAMERA, "-o", out)[2]
+    assert "--output" in run("detect", depth, "--camera", CAMERA)[2]
+    assert run("detect")[0] == 2
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan, 50.0])
+def test_frames_without_readings_warn_and_are_written(tmp_path, out, value):
+    path = tmp_path / "empty.npy"
+    np.save(path, np.full((120, 160), value))
+    code, text, errors = run("detect", path, *ARGUMENTS, "-o", out)
+    assert code == 0
+    assert "0 planes" in text
+    assert "warning" in errors
+    assert "0 valid readings" in errors
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+
+
+def test_constant_depth_is_a_plane(tmp_path, out):
+    np.save(tmp_path / "wall.npy", np.full((120, 160), 2.0))
+    code, text, errors = run("detect", tmp_path / "wall.npy", *ARGUMENTS, "-o", out)
+    assert (code, errors) == (0, "")
+    assert "1 plane," in text
+
+
+def test_folder_goes_on_after_a_bad_frame(depth, tmp_path, out, scene):
+    folder = depth.parent
+    np.save(folder / "f2.npy", scene.depth)
+    np.save(folder / "f10.npy", np.zeros((120, 160)))
+    Image.fromarray(np.zeros((120, 160), np.uint8)).save(folder / "f3.png")
+    (folder / "notes.txt").write_text("not depth")
+    pictures = tmp_path / "rgb"
+    pictures.mkdir()
+    for name in ("depth", "f2", "f3", "f10"):
+        Image.fromarray(scene.rgb).save(pictures / f"{name}.jpg")
+    code, text, errors = run("detect", folder, *ARGUMENTS, "--rgb", pictures, "-o", out)
+    assert code == 2
+    assert "3 of 4 frames done" in text
+    assert text.index("depth.png") < text.index("f2.npy") < text.index("f10.npy")
+    assert "f3.png" in errors
+    assert "8 bits" in errors
+    assert "f10.npy: no plane was found" in errors
+    assert sorted(path.name for path in out.iterdir()) == ["depth", "f10", "f2"]
+    for frame in out.iterdir():
+        assert sorted(path.name for path in frame.iterdir()) == sorted(FILES)
+
+
+def test_frames_of_the_same_name_keep_apart(depth, out, scene):
+    np.save(depth.with_suffix(".npy"), scene.depth)
+    assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
+    assert sorted(path.name for path in out.iterdir()) == ["depth.npy", "depth.png"]
+
+
+def test_folder_without_frames(tmp_path, out):
+    code, _, errors = run("detect", tmp_path, *ARGUMENTS, "-o", out)
+    assert code == 2
+    assert "no depth files" in errors
+    assert not out.parent.exists()
+
+
+def test_demo(tmp_path):
+    code, text, errors = run("demo", "-o", tmp_path / "demo", "--seed", 1)
+    assert (code, errors) == (0, "")
+    assert re.search(r"\d+ of the room's \d+ planes were found", text)
+    names = {path.name for path in (tmp_path / "demo").iterdir()}
+    assert names == {*FILES, "rgb.png", "depth.png", "truth.png"}
+    assert np.asarray(Image.open(tmp_path / "demo" / "depth.png")).dtype == np.uint16
+
+
+def test_info_and_version():
+    code, text, _ = run("info")
+    assert code == 0
+    for word in (pw.__version__, "NumPy", "Numba", "threads", "cache", "kinect-v1", "518.86"):
+        assert word in text
+    assert run("--version")[1].strip() == f"planewise {pw.__version__}"
+    for command in ("detect", "demo", "info"):
+        assert command in run("--help")[1]
+
+
+def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
+    from planewise import compilation
+
+    compilation.announce.cache_clear()
+    monkeypatch.setattr(compilation, "is_cached", lambda: False)
+    code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
+    assert code == 0
+    assert "compiling" in errors
+    assert "compiling" not in text
+
+
+def process(*arguments, **options):
+    command = [sys.executable, "-m", "planewise.cli", *map(str, arguments)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_interrupt_leaves_nothing(depth, out):
+    def interruptible():
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+    job = process(
+        *("detect", depth, *ARGUMENTS, "-o", out, "--search", "sequential"),
+        *("--inlier-ratio", "0.01", "--threads", "1"),
+        preexec_fn=interruptible,
+    )
+    deadline = time.monotonic() + 60
+    while not out.parent.exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    time.sleep(0.3)
+    assert job.poll() is None, job.communicate()
+    interrupted = time.monotonic()
+    job.send_signal(signal.SIGINT)
+    text, errors = job.communicate(timeout=60)
+    assert job.returncode == 130
+    assert time.monotonic() - interrupted < 5
+    assert text == ""
+    assert errors.strip() == "error: interrupted; nothing was left half-written"
+    assert not out.parent.exists()
+
+
+def test_without_the_extra_one_line_says_so(tmp_path):
+    (tmp_path / "typer.py").write_text("raise ModuleNotFoundError('no typer', name='typer')")
+    job = process("info", env={**os.environ, "PYTHONPATH": str(tmp_path)})
+    text, errors = job.communicate(timeout=60)
+    assert job.returncode == 1
+    assert text == ""
+    assert errors.count("\n") == 1
+    assert "planewise[cli]" in errors

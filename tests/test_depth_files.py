@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import struct
+import zipfile
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from planewise.depth_files import MAX_PIXELS, list_depth_files, read_depth
+from planewise.errors import PlanewiseError
+
+DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
+METRES = (DEPTH / 1000).astype(np.float32)
+
+
+def write_exr(path, channels):
+    openexr = pytest.importorskip("OpenEXR")
+    header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage}
+    with openexr.File(header, channels) as image:
+        image.write(str(path))
+
+
+def write_pgm(path, depth, largest=65535, comment=b""):
+    height, width = depth.shape
+    head = b"P5\n" + comment + b"%d %d\n%d\n" % (width, height, largest)
+    path.write_bytes(head + depth.astype(">u2").tobytes())
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff"])
+def test_16_bit_pictures(tmp_path, suffix):
+    path = tmp_path / f"depth{suffix}"
+    Image.fromarray(DEPTH).save(path)
+    depth = read_depth(path).depth
+    assert depth.dtype == np.uint16
+    assert np.array_equal(depth, DEPTH)
+
+
+def test_floating_point_tiff(tmp_path):
+    Image.fromarray(METRES).save(tmp_path / "depth.tiff")
+    assert np.array_equal(read_depth(tmp_path / "depth.tiff").depth, METRES)
+
+
+@pytest.mark.parametrize("largest", [65535, 10000])
+def test_pgm_keeps_its_values(tmp_path, largest):
+    write_pgm(tmp_path / "depth.pgm", DEPTH, largest, b"# made by hand\n")
+    assert np.array_equal(read_depth(tmp_path / "depth.pgm").depth, DEPTH)
+
+
+def test_plain_text_pgm(tmp_path):
+    text = "P2\n16 12\n65535\n" + " ".join(map(str, DEPTH.ravel()))
+    (tmp_path / "depth.pgm").write_text(text)
+    assert np.array_equal(read_depth(tmp_path / "depth.pgm").depth, DEPTH)
+
+
+@pytest.mark.parametrize("array", [DEPTH, METRES, np.asfortranarray(METRES), DEPTH[..., None]])
+def test_npy(tmp_path, array):
+    np.save(tmp_path / "depth.npy", array)
+    assert np.array_equal(read_depth(tmp_path / "depth.npy").depth, array.reshape(12, 16))
+
+
+def test_npz_states_camera_scale_and_picture(tmp_path):
+    rgb = np.zeros((12, 16, 3), np.uint8)
+    k = (500.0, 501.0, 8.0, 6.0)
+    path = tmp_path / "frame.npz"
+    np.savez_compressed(path, depth=DEPTH, K=k, depth_scale=0.0002, rgb=rgb, note="a note")
+    frame = read_depth(path)
+    assert np.array_equal(frame.depth, DEPTH)
+    assert frame.depth_scale == 0.0002
+    assert (frame.camera.fx, frame.camera.fy, frame.camera.cx, frame.camera.cy) == k
+    assert frame.rgb.shape == (12, 16, 3)
+
+
+def test_npz_with_one_array_of_any_name_and_a_matrix(tmp_path):
+    np.savez(tmp_path / "one.npz", anything=METRES)
+    assert np.array_equal(read_depth(tmp_path / "one.npz").depth, METRES)
+    matrix = np.array(((500.0, 0, 8), (0, 501, 6), (0, 0, 1)))
+    np.savez(tmp_path / "k.npz", depth=METRES, K=matrix, depth_scale=0.001)
+    frame = read_depth(tmp_path / "k.npz")
+    assert frame.camera.fy == 501
+    assert frame.depth_scale is None  # metres have no unit to be told
+
+
+@pytest.mark.parametrize("channel", ["Z", "depth", "Y"])
+def test_exr(tmp_path, channel):
+    write_exr(tmp_path / "depth.exr", {channel: METRES})
+    assert np.array_equal(read_depth(tmp_path / "depth.exr").depth, METRES)
+
+
+def test_exr_in_colour_is_read_only_with_a_depth_channel(tmp_path):
+    colour = dict.fromkeys("RGB", METRES * 0)
+    write_exr(tmp_path / "both.exr", {**colour, "Z": METRES})
+    assert np.array_equal(read_depth(tmp_path / "both.exr").depth, METRES)
+    write_exr(tmp_path / "colour.exr", colour)
+    with pytest.raises(PlanewiseError, match="colour"):
+        read_depth(tmp_path / "colour.exr")
+
+
+def refused(path, match):
+    with pytest.raises(PlanewiseError, match=match) as error:
+        read_depth(path)
+    assert path.name in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_8_bit_is_refused_everywhere(tmp_path):
+    small = (DEPTH // 40).astype(np.uint8)
+    for name in ("d.png", "d.tiff", "d.pgm"):
+        Image.fromarray(small).save(tmp_path / name)
+        refused(tmp_path / name, "8 bits")
+    np.save(tmp_path / "d.npy", small)
+    refused(tmp_path / "d.npy", "8 bits")
+    np.save(tmp_path / "b.npy", small > 100)
+    refused(tmp_path / "b.npy", "8 bits")
+
+
+def test_colour_is_refused(tmp_path):
+    rgb = np.zeros((12, 16, 3), np.uint8)
+    Image.fromarray(rgb).save(tmp_path / "d.png")
+    refused(tmp_path / "d.png", "colour")
+    np.save(tmp_path / "d.npy", rgb.astype(float))
+    refused(tmp_path / "d.npy", "colour")
+
+
+@pytest.mark.parametrize("name", ["d.png", "d.tiff", "d.pgm", "d.npy", "d.npz", "d.exr"])
+@pytest.mark.parametrize("damage", ["truncated", "junk", "empty"])
+@pytest.mark.filterwarnings("ignore")
+def test_damaged_files_are_refused(tmp_path, name, damage, capfd):
+    path = tmp_path / name
+    if name == "d.npy":
+        np.save(path, DEPTH)
+    elif name == "d.npz":
+        np.savez(path, depth=DEPTH)
+    elif name == "d.pgm":
+        write_pgm(path, DEPTH)
+    elif name == "d.exr":
+        write_exr(path, {"Z": METRES})
+    else:
+        Image.fromarray(DEPTH).save(path)
+    data = path.read_bytes()
+    broken = {"truncated": data[: len(data) * 2 // 3], "junk": b"junk" * 50, "empty": b""}
+    path.write_bytes(broken[damage])
+    refused(path, "d\\.")
+
+
+def test_other_refusals(tmp_path):
+    refused(tmp_path / "none.png", "no file")
+    (tmp_path / "folder.png").mkdir()
+    refused(tmp_path / "folder.png", "not a file")
+    (tmp_path / "depth.jpg").write_bytes(b"")
+    refused(tmp_path / "depth.jpg", "no known kind")
+    np.save(tmp_path / "line.npy", DEPTH.ravel())
+    refused(tmp_path / "line.npy", "shape")
+    np.save(tmp_path / "complex.npy", METRES.astype(complex))
+    refused(tmp_path / "complex.npy", "integers or floating-point")
+    np.savez(tmp_path / "two.npz", a=DEPTH, b=DEPTH)
+    refused(tmp_path / "two.npz", "it holds a, b")
+    np.savez(tmp_path / "k.npz", depth=DEPTH, K=np.ones(5))
+    refused(tmp_path / "k.npz", "K of shape")
+
+
+def test_pickles_are_never_loaded(tmp_path):
+    class Trap:
+        def __reduce__(self):
+            return (pytest.fail, ("it was loaded",))
+
+    np.save(tmp_path / "trap.npy", np.array([Trap()], dtype=object), allow_pickle=True)
+    refused(tmp_path / "trap.npy", "pickled")
+
+
+def test_bombs_are_refused_before_they_are_unpacked(tmp_path):
+    side = int(MAX_PIXELS**0.5) + 1
+    header = {"descr": "<u2", "fortran_order": False, "shape": (side, side)}
+    with (tmp_path / "bomb.npy").open("wb") as stream:
+        np.lib.format.write_array_header_1_0(stream, header)
+    refused(tmp_path / "bomb.npy", "at most")
+    with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.write(tmp_path / "bomb.npy", "depth.npy")
+    refused(tmp_path / "bomb.npz", "at most")
+
+    def chunk(kind, data):
+        body = kind + data
+        return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
+
+    ihdr = struct.pack(">IIBBBBB", side, side, 16, 0, 0, 0, 0)
+    png = b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", ihdr) + chunk(b"IDAT", zlib.compress(b"\0" * 99))
+    (tmp_path / "bomb.png").write_bytes(png + chunk(b"IEND", b""))
+    refused(tmp_path / "bomb.png", "at most")
+    (tmp_path / "bomb.pgm").write_bytes(b"P5 %d %d 65535\n" % (side, side))
+    refused(tmp_path / "bomb.pgm", "at most")
+
+
+def test_folder_is_listed_in_natural_order(tmp_path):
+    for name in ("f10.png", "f2.npy", "f1.EXR", "notes.txt", ".hidden.png", "rgb.jpg"):
+        (tmp_path / name).write_bytes(b"")
+    (tmp_path / "sub.png").mkdir()
+    assert [path.name for path in list_depth_files(tmp_path)] == ["f1.EXR", "f2.npy", "f10.png"]
+    with pytest.raises(PlanewiseError, match="no depth files"):
+        list_depth_files(tmp_path / "sub.png")
+    with pytest.raises(PlanewiseError, match="not a folder"):
+        list_depth_files(tmp_path / "notes.txt")

@@ -1,0 +1,178 @@
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+from PIL import Image
+
+import planewise as pw
+from planewise import scenes
+from planewise.errors import PlanewiseError
+from planewise.result_files import (
+    FILES,
+    SCHEMA_FILE,
+    SCHEMA_VERSION,
+    depth_in_metres,
+    output_folder,
+    parent_folder,
+    write_results,
+)
+
+DOCUMENT = Path(__file__).parent.parent / "docs" / "planes-json.md"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.corner(size=(120, 160))
+
+
+@pytest.fixture(scope="module")
+def model(scene):
+    return pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+
+
+def write(folder, scene, model, **options):
+    write_results(
+        folder, model, depth=scene.depth, camera=scene.camera, sensor=scene.sensor, **options
+    )
+    return json.loads((folder / "planes.json").read_text())
+
+
+def validate(record):
+    schema = json.loads(SCHEMA_FILE.read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.validate(record, schema)
+
+
+def test_files_say_what_the_model_says(tmp_path, scene, model):
+    record = write(tmp_path, scene, model, source="depth.png")
+    validate(record)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(FILES)
+    labels = np.asarray(Image.open(tmp_path / "labels.png"))
+    assert labels.dtype == np.uint16
+    assert np.array_equal(labels, model.labels)
+    assert record["planewise_version"] == pw.__version__
+    assert record["information"] == model.information
+    assert record["readings"] == model.readings
+    assert record["input"] == {
+        "file": "depth.png",
+        "width": 160,
+        "height": 120,
+        "depth_scale": 0.001,
+    }
+    assert record["options"] == dict(model.settings)
+    assert record["curve"]["information"] == list(model.curve)
+    assert len(record["planes"]) == len(model) == 4
+    for written, plane in zip(record["planes"], model.planes, strict=True):
+        assert np.array_equal(written["normal"], plane.normal)
+        assert written["distance"] == plane.distance
+        assert written["readings"] == plane.count
+        assert np.array_equal(written["covariance"], plane.covariance)
+        assert np.count_nonzero(labels == written["label"]) == plane.count
+    for name in ("overlay.png", "curve.png"):
+        with Image.open(tmp_path / name) as picture:
+            assert picture.mode == "RGB"
+
+
+def test_a_model_without_planes_is_written_too(tmp_path, scene):
+    depth = np.full((120, 160), np.nan)
+    model = pw.detect_planes(depth, scene.camera, scene.sensor)
+    write_results(tmp_path, model, depth=depth, camera=scene.camera, sensor=scene.sensor)
+    record = json.loads((tmp_path / "planes.json").read_text())
+    validate(record)
+    assert record["planes"] == []
+    assert record["note"]
+    assert record["input"]["depth_scale"] is None
+
+
+def test_distorted_camera_and_custom_noise_are_valid(tmp_path, scene):
+    camera = pw.PinholeCamera(fx=125, fy=125, cx=80, cy=60, distortion=(0.05, 0.0, 0.0, 0.0))
+    sensor = pw.Sensor(max_depth=3.0, noise=lambda z: 0.004 + 0 * z)
+    model = pw.detect_planes(scene.depth, camera, sensor, search="sequential", inlier_ratio=0.2)
+    write_results(tmp_path, model, depth=scene.depth, camera=camera, sensor=sensor)
+    validate(json.loads((tmp_path / "planes.json").read_text()))
+
+
+def test_the_document_describes_every_field():
+    text = DOCUMENT.read_text()
+    schema = json.loads(SCHEMA_FILE.read_text())
+    assert f"Schema version {SCHEMA_VERSION}" in text
+    for name in (*schema["properties"], *schema["$defs"]["plane"]["properties"]):
+        assert f"`{name}`" in text, name
+    for part in ("input", "curve"):
+        for name in schema["properties"][part]["properties"]:
+            assert f"`{name}`" in text, name
+
+
+def test_new_folder_appears_whole(tmp_path):
+    target = tmp_path / "a" / "b"
+    with output_folder(target) as folder:
+        (folder / "x").write_text("1")
+        assert not target.exists()
+    assert (target / "x").read_text() == "1"
+    assert [path.name for path in target.parent.iterdir()] == ["b"]
+
+
+def test_existing_folder_keeps_its_other_files(tmp_path):
+    (tmp_path / "x").write_text("old")
+    (tmp_path / "y").write_text("mine")
+    with output_folder(tmp_path) as folder:
+        (folder / "x").write_text("new")
+        assert (tmp_path / "x").read_text() == "old"
+    assert (tmp_path / "x").read_text() == "new"
+    assert (tmp_path / "y").read_text() == "mine"
+
+
+@pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
+@pytest.mark.parametrize("exists", [False, True])
+def test_nothing_is_left_after_an_error(tmp_path, error, exists):
+    target = tmp_path / "a" / "b"
+    if exists:
+        target.mkdir(parents=True)
+
+    def fail():
+        with output_folder(target) as folder:
+            (folder / "x").write_text("1")
+            raise error
+
+    with pytest.raises(error):
+        fail()
+    assert list(tmp_path.rglob("*")) == ([target.parent, target] if exists else [])
+
+
+def test_folders_that_cannot_be_made_are_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    for target in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(PlanewiseError, match="output"), output_folder(target):
+            pytest.fail("the work must not start")
+        with pytest.raises(PlanewiseError, match="output"), parent_folder(target):
+            pytest.fail("the work must not start")
+    assert list(tmp_path.iterdir()) == [tmp_path / "file"]
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission_is_refused(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(PlanewiseError, match="output"), output_folder(tmp_path / "new"):
+        pytest.fail("the work must not start")
+
+
+def test_an_empty_parent_goes_again(tmp_path):
+    with parent_folder(tmp_path / "a" / "b"):
+        pass
+    assert not list(tmp_path.iterdir())
+    with parent_folder(tmp_path / "a") as folder:
+        (folder / "x").write_text("")
+    assert (tmp_path / "a" / "x").exists()
+
+
+def test_depth_in_metres_leaves_out_what_is_no_reading():
+    sensor = pw.Sensor(min_depth=0.5, max_depth=2.0, resolution=0.001)
+    integer = depth_in_metres(np.array([[0, 499, 500], [2000, 2001, 1000]], np.uint16), sensor)
+    assert np.array_equal(integer, [[np.nan, np.nan, 0.5], [2, np.nan, 1]], equal_nan=True)
+    floating = depth_in_metres(np.array([[np.inf, np.nan, 1.5]]), sensor)
+    assert np.array_equal(floating, [[np.nan, np.nan, 1.5]], equal_nan=True)
