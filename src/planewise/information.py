@@ -41,9 +41,12 @@ def mask_information(readings: int, planes: int) -> float:
 def residual_information(residual: ArrayLike, sigma: ArrayLike, resolution: float) -> Array:
     """delta^2 / (2 sigma^2) + 1/2 ln(2 pi sigma^2 / eps^2): the last term of eq. 4."""
     residual, sigma = np.asarray(residual, float), np.asarray(sigma, float)
-    return np.asarray(
-        0.5 * (residual / sigma) ** 2 + 0.5 * np.log(2 * np.pi * (sigma / resolution) ** 2)
-    )
+    return np.asarray(0.5 * (residual / sigma) ** 2 + exact_fit_information(sigma, resolution))
+
+
+def exact_fit_information(sigma: ArrayLike, resolution: float) -> Array:
+    """1/2 ln(2 pi sigma^2 / eps^2): residual information where the residual is zero."""
+    return np.asarray(np.log(np.asarray(sigma, float) * (math.sqrt(2 * math.pi) / resolution)))
 
 
 def inlier_information(

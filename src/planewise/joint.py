@@ -20,7 +20,8 @@ from planewise.problem import Problem, Solution
 
 Array = NDArray[np.float64]
 
-_SAMPLE = 16_384  # readings on which candidates are judged
+_SAMPLE = 12_288  # readings on which candidates are judged
+_PATIENCE = 16  # planes added in a row without a lower Phi
 _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
 _ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
@@ -29,8 +30,8 @@ _POOL = 256  # candidates that compete to be added or exchanged
 _SKETCH = 3  # refits of a plane when the greedy choice takes it
 _TRIAL = 2  # refits before a move is judged
 _SETTLE = 8  # refits after it was taken
-_FINAL = 20  # planes refitted on all readings, all steps together ...
-_FEWEST = 3  # ... but no fewer steps
+_FINAL = 12  # planes refitted on all readings, all steps together ...
+_FEWEST = 2  # ... but no fewer steps
 _DROPPABLE = 1.2  # a plane that saves less than this much of its cost may be dropped
 _EXCHANGED = 3  # planes that save least are tried against others
 _SHARED = 0.7  # of a plane's gain that another must offer for the pair to be worth a merge
@@ -115,7 +116,7 @@ def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array, Array]:
         more = np.arange(1, problem.max_planes - len(chosen) + 1)
         hope = phi[-1] + problem.weight * saved * more
         hope += problem.structure[len(chosen) + more] - problem.structure[len(chosen)]
-        if not hope.min() < min(phi):
+        if not hope.min() < min(phi) or len(phi) - int(np.argmin(phi)) > _PATIENCE:
             break
         chosen.append(plane)
         floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.information import (
+    exact_fit_information,
     mask_information,
     outlier_information,
     plane_information,
-    residual_information,
 )
 from planewise.observation import Observation
 
@@ -68,7 +68,7 @@ class IndependentError:
         within = outlier_information(
             observation.freedom - 1, observation.range, observation.resolution
         )
-        return within + residual_information(0.0, observation.sigma, observation.resolution)
+        return within + exact_fit_information(observation.sigma, observation.resolution)
 
 
 @dataclass(frozen=True)
