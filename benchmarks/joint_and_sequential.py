@@ -1,15 +1,18 @@
 """Phi of the joint search against the paper's, frame by frame: prints a Markdown table.
 
-python -m benchmarks.joint_and_sequential [--data FOLDER] [--rooms 20] [--seeds 1]
+python -m benchmarks.joint_and_sequential [--data FOLDER] [--rooms 20]
+        [--seeds 1] [--proportional 0.01]
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
+import planewise as pw
 from benchmarks.frames import DATA, Frame, real, rooms
 
 
@@ -41,8 +44,13 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--rooms", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--proportional", type=float, help="sigma = this z on every frame")
     options = parser.parse_args()
-    table(chain(rooms(options.rooms), real(options.data)), options.seeds)
+    frames: Iterable[Frame] = chain(rooms(options.rooms), real(options.data))
+    if options.proportional:
+        noise = pw.noise.proportional(options.proportional)
+        frames = (replace(f, sensor=replace(f.sensor, noise=noise)) for f in frames)
+    table(frames, options.seeds)
 
 
 if __name__ == "__main__":
