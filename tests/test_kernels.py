@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise import kernels
+from planewise.kernels import readings as kernels
 
 from . import oracles
 

@@ -14,7 +14,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import kernels, threads
+from planewise import threads
+from planewise.kernels import readings as kernels
 from planewise.observation import Observation, PointObservation, RayObservation
 
 Array = NDArray[np.float64]

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from planewise.evaluate import Evaluator
 from planewise.model import Curve, Move
 from planewise.problem import Problem, Solution
+from planewise.sequential import distinct_tuples
 
 Array = NDArray[np.float64]
 
@@ -26,6 +27,7 @@ _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
 _ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
 _ROUNDS = 30  # moves on the sample at most
+_DRAWS = 512  # planes drawn among the outliers before every move
 _POOL = 256  # candidates that compete to be added or exchanged
 _SKETCH = 3  # refits of a plane when the greedy choice takes it
 _TRIAL = 2  # refits before a move is judged
@@ -68,7 +70,7 @@ def joint_search(
     start, spare, pool = _greedy(sample, candidates)
     draft = sample.refine(sample.solve(start))
     exact = record("greedy", problem.solve(draft.parameters))
-    for kind, better in _descend(sample, draft, pool):
+    for kind, better in _descend(sample, draft, pool, rng):
         # A move is found on the sample, and taken if it lowers Phi of all readings.
         trial = problem.solve(better.parameters)
         if not trial.phi < exact.phi:
@@ -145,11 +147,12 @@ def _lazy_best(evaluator: Evaluator, candidates: Array, bounds: Array, floor: Ar
 
 
 def _descend(
-    problem: Problem, solution: Solution, candidates: Array
+    problem: Problem, solution: Solution, candidates: Array, rng: np.random.Generator
 ) -> Iterator[tuple[str, Solution]]:
     """Yield better and better solutions until no move lowers Phi."""
     for _ in range(_ROUNDS):
-        for kind, trial in _moves(problem, solution, candidates):
+        fresh = _among_outliers(problem, solution, rng)
+        for kind, trial in _moves(problem, solution, np.vstack((candidates, fresh))):
             if trial.phi < solution.phi - problem.tolerance:
                 solution = problem.refine(trial, _SETTLE)
                 yield kind, solution
@@ -177,9 +180,7 @@ def _moves(
         labels[labels == j + 1] = i + 1
         joined = problem.evaluator.refit(solution.parameters, labels)
         yield "merge", problem.refine(problem.solve(np.delete(joined, j, axis=0)), _TRIAL)
-    if n == 0:
-        return
-    if n < problem.max_planes:
+    if n < problem.max_planes and len(candidates):
         added = _with_best(problem, solution.parameters, solution.assignment.best, candidates)
         yield "add", problem.refine(problem.solve(added), _TRIAL)
     for j in np.argsort(losses, kind="stable")[:_EXCHANGED]:
@@ -187,6 +188,16 @@ def _moves(
         rest = problem.solve(others)
         swapped = _with_best(problem, others, rest.assignment.best, candidates)
         yield "exchange", problem.refine(problem.solve(swapped), _TRIAL)
+
+
+def _among_outliers(problem: Problem, solution: Solution, rng: np.random.Generator) -> Array:
+    """Planes through random readings that no plane explains yet: what the paper's search draws."""
+    left = np.flatnonzero(solution.assignment.labels == 0)
+    if left.size < problem.evaluator.dimension:
+        return np.empty((0, problem.evaluator.width))
+    drawn = distinct_tuples(rng, _DRAWS, left.size, problem.evaluator.dimension)
+    planes = problem.evaluator.through(left[drawn])
+    return planes[np.isfinite(planes).all(axis=1)]
 
 
 def _losses(problem: Problem, solution: Solution) -> Array:

@@ -37,7 +37,7 @@ class Problem:
     empty: float
     structure: Array
     weight: float = 1.0
-    tolerance: float = 1e-6
+    tolerance: float = 0.0
 
     @property
     def max_planes(self) -> int:

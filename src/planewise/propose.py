@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import kernels
 from planewise.evaluate import Evaluator, RayEvaluator
+from planewise.kernels import readings as kernels
 from planewise.observation import Observation
 from planewise.sequential import distinct_tuples
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import kernels
 from planewise.evaluate import Assignment, Evaluator
+from planewise.kernels import readings as kernels
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation
 from planewise.problem import Problem, Solution

@@ -1,4 +1,4 @@
-"""The compiled loops. Nothing else in the package is compiled, and these call nothing outside.
+"""Loops over readings: scores, assignments, least squares, sums.
 
 Readings on rays are whitened so that a plane theta (theta . x = 1) is scored without sigma:
 

@@ -1,0 +1,56 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_array_equal
+
+from planewise import scenes
+from planewise.information import mask_information
+from planewise.mask_code import spatial_mask_information
+
+from .arithmetic_coder import decode, encode
+
+
+def check(labels, there, planes, slack):
+    bits = encode(labels, there, planes)
+    assert_array_equal(decode(bits, there, planes), np.where(there, labels, 0))
+    nats = spatial_mask_information(labels, there, planes)
+    assert len(bits) * math.log(2) == pytest.approx(nats, rel=0.01, abs=slack)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_room_is_sent_and_received_at_the_claimed_length(seed):
+    scene = scenes.room(seed, size=(90, 120))
+    check(scene.labels.astype(int), scene.depth > 0, len(scene.planes), 2)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    height=st.integers(1, 12),
+    width=st.integers(1, 12),
+    planes=st.integers(0, 6),
+    share=st.floats(0, 1),
+)
+def test_any_mask_is_sent_and_received(seed, height, width, planes, share):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, planes + 1, (height, width))
+    check(labels, rng.random((height, width)) < share, planes, 2)
+
+
+def test_without_planes_there_is_nothing_to_say():
+    assert spatial_mask_information(np.zeros((9, 9), int), np.ones((9, 9), bool), 0) == 0
+
+
+def test_surfaces_are_cheap_and_white_noise_is_no_cheaper_than_uniform():
+    rng = np.random.default_rng(0)
+    there = np.ones((200, 200), bool)
+    noise = rng.integers(0, 5, (200, 200))
+    uniform = mask_information(noise.size, 4)
+    assert uniform < spatial_mask_information(noise, there, 4) < 1.02 * uniform
+    scene = scenes.room(1)
+    planes = len(scene.planes)
+    spatial = spatial_mask_information(scene.labels.astype(int), scene.depth > 0, planes)
+    assert spatial < 0.03 * mask_information(scene.labels.size, planes)
