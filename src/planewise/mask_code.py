@@ -1,4 +1,4 @@
-"""Codes for the labels of an image: how many nats it takes to say which reading is on which plane."""
+"""Codes for the labels of an image: the nats that say which reading is on which plane."""
 
 from __future__ import annotations
 

@@ -12,45 +12,31 @@ before it in its row or column.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
 NEIGHBOURS = 4
 SYMBOLS = NEIGHBOURS + 1  # the last one: none of the neighbours
-CONTEXTS = 64 * 2
+CONTEXTS = 128  # six equalities among the neighbours, and whether the left one is on a plane
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
 @_compiled
-def context_of(left, above, right, corner, order):  # type: ignore[no-untyped-def]
-    """Context of a pixel, and its distinct neighbours in `order`; returns both numbers."""
-    pattern = np.int64(left == above)
-    pattern += 2 * (right == above) + 4 * (corner == above) + 8 * (left == corner)
-    pattern += 16 * (left == right) + 32 * (right == corner)
-    order[0] = left
-    distinct = 1
-    for label in (above, right, corner):
-        known = False
-        for i in range(distinct):
-            known = known or order[i] == label
-        if not known:
-            order[distinct] = label
-            distinct += 1
-    return 2 * pattern + (left > 0), distinct
-
-
-@_compiled
 def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
     """Nats of a label image.
 
-    labels (H, W) integer in 0 ... planes; there (H, W) bool: where there is a reading.
+    labels (H, W) integer in 0 ... planes; there (H, W) bool: where there is a reading. The order in
+    which a context's symbols came does not change the length of an adaptive code, so they are
+    counted first and paid for at the end.
     """
     height, width = labels.shape
-    counts = np.full((CONTEXTS, SYMBOLS), PRIOR)
+    counts = np.zeros((CONTEXTS, SYMBOLS), np.int64)
+    distinct_of = np.ones(CONTEXTS, np.int64)
     upper = np.zeros(width + 2, np.int64)  # last label of each column, one column of margin
-    order = np.empty(NEIGHBOURS, np.int64)
     total = 0.0
     for y in range(height):
         left, corner = upper[1], upper[0]
@@ -58,21 +44,41 @@ def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
             above, right = upper[x + 1], upper[x + 2]
             if there[y, x]:
                 label = np.int64(labels[y, x])
-                context, distinct = context_of(left, above, right, corner, order)
-                others = planes + 1 - distinct
-                symbol = NEIGHBOURS
-                for i in range(distinct):
-                    if order[i] == label:
-                        symbol = i
-                row = counts[context]
-                mass = row[NEIGHBOURS] if others > 0 else 0.0
-                for i in range(distinct):
-                    mass += row[i]
-                total -= np.log(row[symbol] / mass)
+                if left == above and above == right and right == corner:
+                    context, distinct = 126 + (left > 0), 1
+                    symbol = 0 if label == left else NEIGHBOURS
+                else:
+                    context = 2 * np.int64(left == above) + 4 * np.int64(right == above)
+                    context += 8 * np.int64(corner == above) + 16 * np.int64(left == corner)
+                    context += 32 * np.int64(left == right) + 64 * np.int64(right == corner)
+                    context += np.int64(left > 0)
+                    # The place of each neighbour among the distinct ones.
+                    second = above != left
+                    third = right not in (left, above)
+                    fourth = corner not in (left, above, right)
+                    distinct = 1 + np.int64(second) + np.int64(third) + np.int64(fourth)
+                    if label == left:
+                        symbol = 0
+                    elif label == above:
+                        symbol = 1
+                    elif label == right:
+                        symbol = 1 + np.int64(second)
+                    elif label == corner:
+                        symbol = distinct - 1
+                    else:
+                        symbol = NEIGHBOURS
+                counts[context, symbol] += 1
+                distinct_of[context] = distinct
                 if symbol == NEIGHBOURS:
-                    total += np.log(others)
-                row[symbol] += 1.0
+                    total += np.log(planes + 1 - distinct)
                 upper[x + 1] = label
                 left = label
             corner = above
+    for context in range(CONTEXTS):
+        row, symbols = counts[context], distinct_of[context] + (planes >= distinct_of[context])
+        # product over the symbols of (count so far + 1/2) / (all so far + symbols / 2)
+        total += math.lgamma(row.sum() + PRIOR * symbols) - math.lgamma(PRIOR * symbols)
+        for symbol in range(SYMBOLS):
+            if row[symbol] > 0:
+                total -= math.lgamma(row[symbol] + PRIOR) - math.lgamma(PRIOR)
     return total
