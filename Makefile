@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types bench pictures clean
+.PHONY: help setup demo test lint types bench accuracy pictures clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -33,6 +33,9 @@ types: $(READY)  ## types
 
 bench: $(READY)  ## time the detector on this machine
 	$(BIN)/python -m benchmarks.speed
+
+accuracy: $(READY)  ## score the detector on synthetic and, where they are at hand, labelled real frames
+	$(BIN)/python -m benchmarks.accuracy
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) demo-output dist build .mypy_cache .ruff_cache .pytest_cache

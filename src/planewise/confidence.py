@@ -73,7 +73,7 @@ def mean_interval(values: ArrayLike, *, coverage: float = 0.95) -> Interval:
 
 
 def student_t(coverage: float, freedom: int) -> float:
-    """Return t with P(\\|T\\| <= t) = `coverage` for Student's T of so many degrees of freedom.
+    """Return t with P(|T| <= t) = `coverage` for Student's T of so many degrees of freedom.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def student_t(coverage: float, freedom: int) -> float:
 
 
 def _share_within(angle: float, freedom: int) -> float:
-    """P(\\|T\\| <= sqrt(freedom) tan(angle)): Abramowitz and Stegun, 26.7.3 and 26.7.4."""
+    """P(|T| <= sqrt(freedom) tan(angle)): Abramowitz and Stegun, 26.7.3 and 26.7.4."""
     odd = freedom % 2
     step = np.arange(1, (freedom - odd) // 2)
     ratio = (2 * step - 1 + odd) / (2 * step + odd)

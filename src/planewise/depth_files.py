@@ -122,10 +122,11 @@ def list_depth_files(folder: str | Path) -> list[Path]:
     if not files:
         known = ", ".join(sorted(_READERS))
         raise PlanewiseError(f"depth: the folder {folder} holds no depth files ({known})")
-    return sorted(files, key=_natural)
+    return sorted(files, key=natural_order)
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def natural_order(path: Path) -> list[tuple[int, str]]:
+    """Sort key by which frame 2 comes before frame 10."""
     parts = re.split(r"(\d+)", path.name)
     return [(int(part), "") if part.isdecimal() else (-1, part.lower()) for part in parts]
 
@@ -145,7 +146,8 @@ def _check_array(depth: NDArray[Any]) -> NDArray[Any]:
     return depth
 
 
-def _check_size(pixels: int) -> None:
+def check_size(pixels: int) -> None:
+    """Refuse a file that claims to hold more than `MAX_PIXELS`."""
     if pixels > MAX_PIXELS:
         raise PlanewiseError(f"claims {pixels:,} values; at most {MAX_PIXELS:,} are read")
 
@@ -159,7 +161,7 @@ def _read_picture(path: Path) -> DepthFile:
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
         opened = Image.open(path, formats=("PNG", "TIFF"))
     with opened as image:
-        _check_size(image.width * image.height)
+        check_size(image.width * image.height)
         if image.mode in ("1", "L", "P"):
             raise PlanewiseError(_EIGHT_BIT)
         if len(image.getbands()) > 1:
@@ -179,7 +181,7 @@ def _read_pgm(path: Path) -> DepthFile:
     if header is None:
         raise PlanewiseError("is not a grey PGM (P2 or P5)")
     width, height, largest = (int(header[group]) for group in (3, 4, 5))
-    _check_size(width * height)
+    check_size(width * height)
     if largest < 256:
         raise PlanewiseError(_EIGHT_BIT)
     body = data[header.end() :]
@@ -194,7 +196,7 @@ def _read_pgm(path: Path) -> DepthFile:
 
 def _read_npy(path: Path) -> DepthFile:
     with path.open("rb") as stream:
-        return DepthFile(depth=_check_array(_read_array(stream)))
+        return DepthFile(depth=_check_array(read_array(stream)))
 
 
 def _read_npz(path: Path) -> DepthFile:
@@ -202,7 +204,7 @@ def _read_npz(path: Path) -> DepthFile:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
 
         def array(name: str) -> NDArray[Any]:
-            return _read_array(stack.enter_context(archive.open(members[name])))
+            return read_array(stack.enter_context(archive.open(members[name])))
 
         if "depth" not in members and len(members) != 1:
             names = ", ".join(sorted(members)) or "none"
@@ -228,7 +230,7 @@ def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:
     return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
 
 
-def _read_array(stream: IO[bytes]) -> NDArray[Any]:
+def read_array(stream: IO[bytes]) -> NDArray[Any]:
     """Read one NumPy array; the size it claims is checked first, pickles are refused."""
     version = np.lib.format.read_magic(stream)
     read_header: Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
@@ -242,7 +244,7 @@ def _read_array(stream: IO[bytes]) -> NDArray[Any]:
     count = math.prod(shape)
     if min(shape, default=0) < 0 or dtype.itemsize > 16:
         raise PlanewiseError(f"claims an array of shape {shape} and type {dtype}")
-    _check_size(count // 3 if len(shape) == 3 else count)
+    check_size(count // 3 if len(shape) == 3 else count)
     # Only what the header claims is unpacked, so an archive cannot swell beyond it.
     data = stream.read(count * dtype.itemsize)
     if len(data) < count * dtype.itemsize:
@@ -261,7 +263,7 @@ def _read_exr(path: Path) -> DepthFile:
         raise PlanewiseError("is not an OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:
         low, high = header.header()["dataWindow"]
-        _check_size(int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1)))
+        check_size(int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1)))
     with OpenEXR.File(str(path), separate_channels=True) as image:
         channels = image.channels()
         name = next((name for name in ("Z", "depth") if name in channels), next(iter(channels)))

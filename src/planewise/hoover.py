@@ -1,6 +1,8 @@
-"""The five counts of Hoover et al., "An experimental comparison of range image segmentation
-algorithms", IEEE Transactions on Pattern Analysis and Machine Intelligence 18(7), 1996.
-"""  # noqa: D205
+"""Five counts that compare two segmentations.
+
+A. Hoover et al., "An experimental comparison of range image segmentation algorithms", IEEE
+Transactions on Pattern Analysis and Machine Intelligence 18(7), 1996.
+"""
 
 from __future__ import annotations
 
@@ -86,8 +88,7 @@ def hoover_counts(counts: ArrayLike, *, tolerance: float = 0.8) -> HooverCounts:
     table = np.asarray(counts, np.float64)
     if table.ndim != 2 or 0 in table.shape or not (table >= 0).all():
         raise ValueError(
-            "counts must be numbers of at least 0 of shape (G + 1, P + 1), "
-            f"got shape {table.shape}"
+            f"counts must be numbers of at least 0 of shape (G + 1, P + 1), got shape {table.shape}"
         )
     taken_truth: set[int] = set()
     taken_predicted: set[int] = set()
@@ -127,9 +128,7 @@ def _instances(table: Array, tolerance: float) -> list[_Instance]:
     ]
     found += [
         _Instance(kind="under", truth=parts, predicted=(whole,), measure=measure)
-        for whole, parts, measure in _made_up(
-            common.T, predicted, truth, in_predicted.T, tolerance
-        )
+        for whole, parts, measure in _made_up(common.T, predicted, truth, in_predicted.T, tolerance)
     ]
     return found
 

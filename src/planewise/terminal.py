@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TypeVar
 
@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from planewise.confidence import Interval
 from planewise.model import PlaneModel
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
@@ -79,6 +80,20 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     say(f"files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
+
+
+def show_scores(scores: Mapping[str, Interval]) -> None:
+    """Print a table of means over frames; what is defined on no frame is left out."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table.add_column("score")
+    for name in ("mean", "95 % confidence interval", "frames"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, score in scores.items():
+        if not score.count:
+            continue
+        interval = f"{score.low:z.4f} ... {score.high:z.4f}" if score.count > 1 else ""
+        table.add_row(name, f"{score.mean:z.4f}", interval, str(score.count))
+    _OUT.print(table)
 
 
 def show_presets(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:

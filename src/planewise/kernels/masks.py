@@ -45,7 +45,7 @@ def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
             if there[y, x]:
                 label = np.int64(labels[y, x])
                 if left == above and above == right and right == corner:
-                    context, distinct = 126 + (left > 0), 1
+                    context, distinct = np.int64(126) + np.int64(left > 0), np.int64(1)
                     symbol = 0 if label == left else NEIGHBOURS
                 else:
                     context = 2 * np.int64(left == above) + 4 * np.int64(right == above)
@@ -56,7 +56,7 @@ def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
                     second = above != left
                     third = right not in (left, above)
                     fourth = corner not in (left, above, right)
-                    distinct = 1 + np.int64(second) + np.int64(third) + np.int64(fourth)
+                    distinct = np.int64(1) + np.int64(second) + np.int64(third) + np.int64(fourth)
                     if label == left:
                         symbol = 0
                     elif label == above:

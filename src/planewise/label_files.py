@@ -1,0 +1,220 @@
+"""Read label images from files, and pair predicted ones with true ones."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.depth_files import check_size, natural_order, read_array
+from planewise.errors import MissingExtraError, PlanewiseError
+
+_KEYS = ("labels", "gt")
+_KINDS = (".png", ".npy", ".npz")
+_RESULT = "labels.png"
+_PARAMETERS = "planes.json"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelFile:
+    """What a file says about the planes of one frame.
+
+    Attributes
+    ----------
+    labels : ndarray of int, shape (H, W)
+        0 for no plane.
+    valid : ndarray of bool, shape (H, W), optional
+        Pixels with a reading, where the file holds the depth, too.
+    planes : ndarray, shape (N, 4), optional
+        Rows (normal, distance), row j - 1 for label j, where they are known.
+    """
+
+    labels: NDArray[np.integer]
+    valid: NDArray[np.bool_] | None = None
+    planes: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """Frames of two folders.
+
+    Attributes
+    ----------
+    paired : tuple of (str, Path, Path)
+        Name, predicted and true file of the frames that both hold.
+    only_predicted, only_true : tuple of str
+        Names that the other folder lacks.
+    """
+
+    paired: tuple[tuple[str, Path, Path], ...]
+    only_predicted: tuple[str, ...] = ()
+    only_true: tuple[str, ...] = ()
+
+
+def read_labels(path: str | Path) -> LabelFile:
+    """Read one label image.
+
+    Parameters
+    ----------
+    path : path
+        A grey or indexed PNG of 8 or 16 bits, an array of integers (``.npy``), or an archive
+        (``.npz``) with the key ``labels`` or ``gt``. An archive may also hold ``depth`` (0 or NaN
+        where there is no reading) and ``planes``; beside a ``labels.png`` that `planewise detect`
+        wrote lies its ``planes.json``.
+
+    Returns
+    -------
+    LabelFile
+        Labels, and what else is known.
+
+    Raises
+    ------
+    PlanewiseError
+        If the file is missing, damaged, too large, or holds no labels.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise PlanewiseError(f"labels: there is no file {path}")
+    if path.suffix.lower() not in _KINDS:
+        raise PlanewiseError(
+            f"labels: {path.name} is of no known kind; expected one of {', '.join(_KINDS)}"
+        )
+    try:
+        return _read(path)
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        raise PlanewiseError(f"labels: {path.name} {error}") from None
+    except Exception as error:  # decoders of foreign bytes may raise anything
+        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise PlanewiseError(
+            f"labels: {path.name} cannot be read; it is damaged or not what its name says "
+            f"({detail})"
+        ) from error
+
+
+def pair_files(predicted: Path, truth: Path) -> Pairs:
+    """Pair two files, or the files of two folders by name without ending.
+
+    Parameters
+    ----------
+    predicted, truth : Path
+        Label images, or folders of them. A subfolder with a ``labels.png``, as `planewise detect`
+        writes one for each frame, is the frame of the subfolder's name.
+
+    Raises
+    ------
+    PlanewiseError
+        If one is missing, a file where the other is a folder, if a folder holds two files for one
+        frame, or if no frame is in both.
+    """
+    for name, path in (("predicted", predicted), ("truth", truth)):
+        if not path.exists():
+            raise PlanewiseError(f"{name}: there is no file or folder {path}")
+    if predicted.is_dir() != truth.is_dir():
+        folder = "predicted" if predicted.is_dir() else "truth"
+        raise PlanewiseError(f"{folder} is a folder and the other is not; give two of a kind")
+    if not predicted.is_dir():
+        return Pairs(paired=((_stem(truth), predicted, truth),))
+    found, true = _by_stem(predicted), _by_stem(truth)
+    pairs = Pairs(
+        paired=tuple((stem, found[stem], true[stem]) for stem in true if stem in found),
+        only_predicted=tuple(stem for stem in found if stem not in true),
+        only_true=tuple(stem for stem in true if stem not in found),
+    )
+    if not pairs.paired:
+        raise PlanewiseError(
+            f"no frame is in both folders: {predicted} has {len(found)} label images, {truth} has "
+            f"{len(true)}; their names (without ending) must agree"
+        )
+    return pairs
+
+
+def _stem(path: Path) -> str:
+    return path.parent.name if path.name == _RESULT and path.parent.name else path.stem
+
+
+def _by_stem(folder: Path) -> dict[str, Path]:
+    files: dict[str, Path] = {}
+    for path in sorted(folder.iterdir(), key=natural_order):
+        file = path / _RESULT if path.is_dir() else path
+        stem = path.name if path.is_dir() else path.stem
+        if path.name.startswith(".") or file.suffix.lower() not in _KINDS or not file.is_file():
+            continue
+        if stem in files:
+            raise PlanewiseError(
+                f"{folder} holds two label images of one frame: {files[stem].name} and {path.name}"
+            )
+        files[stem] = file
+    return files
+
+
+def _read(path: Path) -> LabelFile:
+    kind = path.suffix.lower()
+    if kind == ".npz":
+        return _read_archive(path)
+    if kind == ".npy":
+        with path.open("rb") as stream:
+            return LabelFile(labels=_check(read_array(stream)))
+    beside = path.with_name(_PARAMETERS)
+    planes = _read_parameters(beside) if path.name == _RESULT and beside.is_file() else None
+    return LabelFile(labels=_check(_read_picture(path)), planes=planes)
+
+
+def _read_picture(path: Path) -> NDArray[Any]:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
+    with Image.open(path, formats=("PNG",)) as image:
+        check_size(image.width * image.height)
+        if len(image.getbands()) > 1:
+            raise PlanewiseError("is a colour picture; labels are numbers in one channel")
+        labels = np.asarray(image)  # of an indexed picture the indices, not the colours
+    return labels.astype(labels.dtype.newbyteorder("="))
+
+
+def _read_archive(path: Path) -> LabelFile:
+    with zipfile.ZipFile(path) as archive, ExitStack() as stack:
+        members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
+
+        def array(name: str) -> NDArray[Any] | None:
+            if name not in members:
+                return None
+            return read_array(stack.enter_context(archive.open(members[name])))
+
+        key = next((key for key in _KEYS if key in members), None)
+        if key is None:
+            names = ", ".join(sorted(members)) or "none"
+            raise PlanewiseError(f"must hold an array named 'labels' or 'gt'; it holds {names}")
+        labels, depth, planes = array(key), array("depth"), array("planes")
+    assert labels is not None
+    labels = _check(labels)
+    valid = None
+    if depth is not None and depth.shape == labels.shape and depth.dtype.kind in "uif":
+        valid = np.asarray(np.isfinite(depth) & (depth > 0))
+    if planes is not None and (planes.ndim != 2 or planes.shape[1] != 4):
+        raise PlanewiseError(f"has planes of shape {planes.shape}; expected (N, 4)")
+    return LabelFile(
+        labels=labels, valid=valid, planes=None if planes is None else planes.astype(np.float64)
+    )
+
+
+def _read_parameters(path: Path) -> NDArray[np.float64]:
+    planes = json.loads(path.read_text(encoding="utf-8"))["planes"]
+    rows = [(*plane["normal"], plane["distance"]) for plane in planes]
+    return np.array(rows, np.float64).reshape(-1, 4)
+
+
+def _check(labels: NDArray[Any]) -> NDArray[np.integer]:
+    if labels.ndim != 2:
+        raise PlanewiseError(f"must hold an image of shape (H, W), got shape {labels.shape}")
+    if labels.dtype.kind not in "uib":
+        raise PlanewiseError(f"must hold integer labels, got {labels.dtype}")
+    return labels.astype(np.uint8) if labels.dtype.kind == "b" else labels
