@@ -45,24 +45,23 @@ def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
             if there[y, x]:
                 label = np.int64(labels[y, x])
                 if left == above and above == right and right == corner:
-                    context, distinct = np.int64(126) + np.int64(left > 0), np.int64(1)
+                    context, distinct = 126 + int(left > 0), 1
                     symbol = 0 if label == left else NEIGHBOURS
                 else:
-                    context = 2 * np.int64(left == above) + 4 * np.int64(right == above)
-                    context += 8 * np.int64(corner == above) + 16 * np.int64(left == corner)
-                    context += 32 * np.int64(left == right) + 64 * np.int64(right == corner)
-                    context += np.int64(left > 0)
+                    context = int(left > 0) + 2 * int(left == above) + 4 * int(right == above)
+                    context += 8 * int(corner == above) + 16 * int(left == corner)
+                    context += 32 * int(left == right) + 64 * int(right == corner)
                     # The place of each neighbour among the distinct ones.
                     second = above != left
                     third = right not in (left, above)
                     fourth = corner not in (left, above, right)
-                    distinct = np.int64(1) + np.int64(second) + np.int64(third) + np.int64(fourth)
+                    distinct = 1 + int(second) + int(third) + int(fourth)
                     if label == left:
                         symbol = 0
                     elif label == above:
                         symbol = 1
                     elif label == right:
-                        symbol = 1 + np.int64(second)
+                        symbol = 1 + int(second)
                     elif label == corner:
                         symbol = distinct - 1
                     else:
