@@ -21,18 +21,18 @@ from planewise.sequential import distinct_tuples
 
 Array = NDArray[np.float64]
 
-_SAMPLE = 12_288  # readings on which candidates are judged
+_SAMPLE = 10_240  # readings on which candidates are judged
 _PATIENCE = 16  # planes added in a row without a lower Phi
 _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
 _ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
 _ROUNDS = 30  # moves on the sample at most
-_DRAWS = 512  # planes drawn among the outliers before every move
+_DRAWS = 256  # planes drawn among the outliers before every move
 _POOL = 256  # candidates that compete to be added or exchanged
 _SKETCH = 3  # refits of a plane when the greedy choice takes it
 _TRIAL = 2  # refits before a move is judged
 _SETTLE = 8  # refits after it was taken
-_FINAL = 12  # planes refitted on all readings, all steps together ...
+_FINAL = 8  # planes refitted on all readings, all steps together ...
 _FEWEST = 2  # ... but no fewer steps
 _DROPPABLE = 1.2  # a plane that saves less than this much of its cost may be dropped
 _EXCHANGED = 3  # planes that save least are tried against others
