@@ -57,6 +57,28 @@ class Polynomial:
         return " + ".join(f"{size:g}{name}" for size, name in parts if size) + " m"
 
 
+@dataclass(frozen=True, kw_only=True)
+class ErrorParts:
+    """What a sensor's error consists of: neighbouring readings do not err independently.
+
+    Attributes
+    ----------
+    white : callable
+        Standard deviation in metres at depth z of what is new in every reading, quantisation apart.
+    shared : callable
+        Standard deviation in metres of what readings some ten pixels apart still share.
+    drift : callable
+        Standard deviation in metres by which the error wanders over 100 pixels, like a random walk.
+    """
+
+    white: Noise
+    shared: Noise
+    drift: Noise
+
+    def __str__(self) -> str:
+        return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"
+
+
 def constant(sigma: float) -> Polynomial:
     """Noise that does not depend on depth.
 
@@ -116,3 +138,8 @@ def stereo(*, focal: float, baseline: float, subpixel: float = 0.08) -> Polynomi
 
 KINECT = quadratic(0.0012, 0.0019, 0.4)
 """Axial noise of the first Kinect (Nguyen, Izadi, Lovell 2012), the paper's experimental model."""
+
+KINECT_PARTS = ErrorParts(
+    white=quadratic(0.0, 0.0012), shared=quadratic(0.0, 0.0008), drift=quadratic(0.0, 0.0025)
+)
+"""Parts of the first Kinect's error, measured on planes of real frames (docs/method.md)."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.camera import PinholeCamera
+from planewise.noise import ErrorParts
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -102,11 +103,17 @@ class RayObservation(Observation):
         Readings in metres.
     solid : ndarray, shape (k,)
         Area that each pixel covers on the plane z = 1, in square metres.
+    pixel_size : (float, float)
+        Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy.
+    parts : ErrorParts, optional
+        How much of the error neighbouring readings share.
     """
 
     rays: Array
     depth: Array
     solid: Array
+    pixel_size: tuple[float, float]
+    parts: ErrorParts | None = None
 
     @property
     def dimension(self) -> int:
@@ -225,6 +232,8 @@ def observe(
         rays=camera.ray_rows(shape).take(index, axis=1),
         depth=z,
         solid=camera.pixel_area(shape).take(index),
+        pixel_size=(1.0 / camera.fx, 1.0 / camera.fy),
+        parts=sensor.parts,
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planewise.noise import Array, Noise, constant, proportional
+from planewise.noise import Array, ErrorParts, Noise, constant, proportional
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +26,9 @@ class Sensor:
         in metres for every depth.
     min_depth : float
         Smallest depth it reports, in metres; readings below are "no reading".
+    parts : ErrorParts, optional
+        How much of the error neighbouring readings share, for ``objective="spatial"``; ``None``
+        means none: every reading errs on its own, with the noise above.
     depth_range : float, optional
         R of the paper, in metres: a reading that no plane explains is one of R / eps values.
         ``None`` means `max_depth`.
@@ -47,6 +50,7 @@ class Sensor:
     resolution: float = 0.001
     noise: Noise | float = field(default_factory=lambda: proportional(0.01))
     min_depth: float = 0.0
+    parts: ErrorParts | None = None
     depth_range: float | None = None
 
     def __post_init__(self) -> None:
@@ -116,4 +120,5 @@ class Sensor:
             "range_m": self.range,
             "resolution_m": self.resolution,
             "noise": str(self.noise),
+            "parts": "independent" if self.parts is None else str(self.parts),
         }

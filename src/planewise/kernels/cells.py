@@ -1,0 +1,159 @@
+"""Loops over cells: moments, which cells are planes, and what their shared error leaves of them.
+
+On a plane inverse depth w = 1 / z is affine in the image: w = t0 + t1 X + t2 Y, where X and Y are
+undistorted pixel coordinates divided by `UNIT`. A row of moments holds, for readings of weight p,
+
+    [sum p, pX, pY, pXX, pXY, pYY, pw, pXw, pYw, pww, count]
+
+and says all about any plane on its readings. A row of a segment has the same layout: its first nine
+entries are the information P on the plane's parameters once the error that neighbouring readings
+share is integrated out, and P t; adding rows joins segments. Two entries follow: the misfit of the
+joins so far, and what the cells would cost as a free smooth surface.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+UNIT = 100.0  # pixels per unit of X and Y
+MOMENTS = 11
+COUNT, MISFIT, FREE = 10, 11, 12  # entries of a segment beyond the moments'
+SEGMENT = 13
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
+    """Moments of every cell of side x side pixels; w, p, x, y (H, W), p = 0 without a reading."""
+    height, width = w.shape
+    columns = (width + side - 1) // side
+    moments[:] = 0.0
+    for i in range(height):
+        row = (i // side) * columns
+        for j in range(width):
+            weight = p[i, j]
+            if weight > 0.0:
+                m = moments[row + j // side]
+                a, b, v = x[i, j], y[i, j], w[i, j]
+                pa, pb, pv = weight * a, weight * b, weight * v
+                m[0] += weight
+                m[1] += pa
+                m[2] += pb
+                m[3] += pa * a
+                m[4] += pa * b
+                m[5] += pb * b
+                m[6] += pv
+                m[7] += pv * a
+                m[8] += pv * b
+                m[9] += pv * v
+                m[10] += 1.0
+
+
+@_compiled
+def _own_misfit(m):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of a row of moments."""
+    if m[0] <= 0.0:
+        return 0.0
+    cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
+    xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
+    xw, yw = m[7] - cx * m[6], m[8] - cy * m[6]
+    square = m[9] - mean * m[6]
+    determinant = xx * yy - xy * xy
+    if determinant <= 1e-9 * xx * yy:
+        return max(square, 0.0)
+    tx, ty = (yy * xw - xy * yw) / determinant, (xx * yw - xy * xw) / determinant
+    return max(square - tx * xw - ty * yw, 0.0)
+
+
+@_compiled
+def own_misfits(moments, out):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of every row of moments."""
+    for i in range(moments.shape[0]):
+        out[i] = _own_misfit(moments[i])
+
+
+@_compiled
+def merge_quarters(moments, rows, columns, side, white, split, hopeless, filled, unit, units, size):  # type: ignore[no-untyped-def]
+    """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
+
+    white: chi^2 per degree of freedom of white noise in this frame; split: F above which four planes
+    are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there is none;
+    filled: least share of a cell's pixels. Writes unit (rows * columns): index of the unit of every
+    cell or -1; units (., 11) their moments; size (.): 2 or 1. Returns the number of units.
+    """
+    full = float(side * side)
+    found = 0
+    m = np.empty(MOMENTS)
+    unit[:] = -1
+    for top in range(0, rows, 2):
+        for left in range(0, columns, 2):
+            m[:] = 0.0
+            apart = 0.0
+            for i in range(top, min(top + 2, rows)):
+                for j in range(left, min(left + 2, columns)):
+                    m += moments[i * columns + j]
+                    apart += _own_misfit(moments[i * columns + j])
+            together = _own_misfit(m)
+            freedom = m[COUNT] - 3.0
+            whole = m[COUNT] >= 4 * filled * full and together <= hopeless * white * freedom
+            if whole and together > white * freedom:
+                # F of the nine further parameters of four planes: free of the noise's scale.
+                apart = max(apart, 0.5 * white * (freedom - 9.0))
+                whole = (together - apart) * (freedom - 9.0) <= split * 9.0 * apart
+            for i in range(top, min(top + 2, rows)):
+                for j in range(left, min(left + 2, columns)):
+                    c = i * columns + j
+                    count = moments[c, COUNT]
+                    if whole:
+                        if count > 0.0:
+                            unit[c] = found
+                    elif count >= max(filled * full, 8.0):
+                        if _own_misfit(moments[c]) <= hopeless * white * (count - 3.0):
+                            unit[c] = found
+                            units[found] = moments[c]
+                            size[found] = 1.0
+                            found += 1
+            if whole:
+                units[found] = m
+                size[found] = 2.0
+                found += 1
+    return found
+
+
+@_compiled
+def marginalise(units, shared, step, tilt, half, lateral, segments):  # type: ignore[no-untyped-def]
+    """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
+
+    P = (A^-1 + Sigma)^-1 about the unit's centroid, A its weighted normal equations, divided by its
+    chi^2 per degree of freedom where that exceeds one. Sigma is diagonal: an offset of variance
+    shared + lateral^2 |slope|^2 + step, and slopes of tilt^2 times the first two terms plus step /
+    half^2. shared, step (units,): variances of w; half (units,): half the unit's side.
+    """
+    for k in range(units.shape[0]):
+        m, out = units[k], segments[k]
+        cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
+        inflated = max(1.0, _own_misfit(m) / (m[COUNT] - 3.0))
+        a = m[0] / inflated
+        xx = (m[3] - cx * m[1]) / inflated
+        xy = (m[4] - cx * m[2]) / inflated
+        yy = (m[5] - cy * m[2]) / inflated
+        xw, yw = (m[7] - cx * m[6]) / inflated, (m[8] - cy * m[6]) / inflated
+        determinant = xx * yy - xy * xy
+        vxx, vxy, vyy = yy / determinant, -xy / determinant, xx / determinant
+        tx, ty = vxx * xw + vxy * yw, vxy * xw + vyy * yw
+        common = shared[k] + lateral * lateral * (tx * tx + ty * ty)
+        offset = 1.0 / (1.0 / a + common + step[k])
+        slope = common * tilt * tilt + step[k] / (half[k] * half[k])
+        cxx, cyy = vxx + slope, vyy + slope
+        determinant = cxx * cyy - vxy * vxy
+        pxx, pxy, pyy = cyy / determinant, -vxy / determinant, cxx / determinant
+        qx, qy = pxx * tx + pxy * ty, pxy * tx + pyy * ty
+        out[0], out[1], out[2] = offset, offset * cx, offset * cy
+        out[3], out[4] = offset * cx * cx + pxx, offset * cx * cy + pxy
+        out[5] = offset * cy * cy + pyy
+        out[6], out[7], out[8] = offset * mean, offset * mean * cx + qx, offset * mean * cy + qy
+        out[9] = offset * mean * mean + qx * tx + qy * ty
+        out[COUNT], out[MISFIT], out[FREE] = m[COUNT], 0.0, 0.0

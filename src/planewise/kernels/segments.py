@@ -1,0 +1,298 @@
+"""Loops over segments: are two of them one plane, and merging neighbours while that saves nats.
+
+A segment is a row as `kernels.cells` lays it out; joining segments is adding rows.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT, UNIT
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def _at_centroid(s):  # type: ignore[no-untyped-def]
+    """Centroid of a segment, its plane there, and the covariance of its slopes."""
+    cx, cy = s[1] / s[0], s[2] / s[0]
+    xx, xy, yy = s[3] - cx * s[1], s[4] - cx * s[2], s[5] - cy * s[2]
+    qx, qy = s[7] - cx * s[6], s[8] - cy * s[6]
+    determinant = xx * yy - xy * xy
+    vxx, vxy, vyy = yy / determinant, -xy / determinant, xx / determinant
+    return cx, cy, s[6] / s[0], vxx * qx + vxy * qy, vxy * qx + vyy * qy, vxx, vxy, vyy
+
+
+@_compiled
+def _quadratic_form(a, b, c, d, e, f, x, y, z):  # type: ignore[no-untyped-def]
+    """(x y z) M^-1 (x y z)' and det M of M = [[a b c] [b d e] [c e f]]."""
+    p, q, r = d * f - e * e, c * e - b * f, b * e - c * d
+    determinant = a * p + b * q + c * r
+    s, t, u = a * f - c * c, b * c - a * e, a * d - b * b
+    form = p * x * x + s * y * y + u * z * z + 2.0 * (q * x * y + r * x * z + t * y * z)
+    return form / determinant, determinant
+
+
+@_compiled
+def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+    """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
+
+    discord = delta' C^-1 delta with delta the difference of their planes at the centroid of the
+    smaller one and C = P_a^-1 + P_b^-1 + Sigma_d. Sigma_d is what the sensor's slow error allows over
+    the extent e of the smaller one, like a random walk: drift e for the offset, 4 drift / e for the
+    slopes. evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing to do with
+    the other.
+    """
+    small, large = (b, a) if a[COUNT] > b[COUNT] else (a, b)
+    x0, y0, w0, tx, ty, vxx, vxy, vyy = _at_centroid(small)
+    x1, y1, w1, ux, uy, uxx, uxy, uyy = _at_centroid(large)
+    dx, dy = x0 - x1, y0 - y1
+    d0, d1, d2 = w0 - (w1 + dx * ux + dy * uy), tx - ux, ty - uy
+    extent = np.sqrt(small[COUNT]) / UNIT
+    c00 = 1.0 / small[0] + 1.0 / large[0] + drift * extent
+    c00 += dx * dx * uxx + 2.0 * dx * dy * uxy + dy * dy * uyy
+    c01, c02 = dx * uxx + dy * uxy, dx * uxy + dy * uyy
+    c11, c12, c22 = vxx + uxx, vxy + uxy, vyy + uyy
+    c11, c22 = c11 + 4.0 * drift / extent, c22 + 4.0 * drift / extent
+    discord, near = _quadratic_form(c00, c01, c02, c11, c12, c22, d0, d1, d2)
+    c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
+    _, far = _quadratic_form(c00, c01, c02, c11, c12, c22, d0, d1, d2)
+    return discord, 0.5 * np.log(far / near)
+
+
+@_compiled
+def free_prices(segments, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
+    """1/2 ln det(I + P S0): nats for a plane of its own in every unit of a smooth surface."""
+    for k in range(segments.shape[0]):
+        _, _, _, _, _, vxx, vxy, vyy = _at_centroid(segments[k])
+        determinant = vxx * vyy - vxy * vxy
+        pxx, pxy, pyy = vyy / determinant, -vxy / determinant, vxx / determinant
+        slopes = (1.0 + pxx * slope_prior[k]) * (1.0 + pyy * slope_prior[k])
+        slopes -= pxy * pxy * slope_prior[k] * slope_prior[k]
+        out[k] = 0.5 * np.log(1.0 + segments[k, 0] * offset_prior[k]) + 0.5 * np.log(slopes)
+
+
+@_compiled
+def neighbour_discords(unit, rows, columns, segments, size, drift, scale, out):  # type: ignore[no-untyped-def]
+    """Discord of neighbouring whole units with P divided by scale; returns how many there are."""
+    found = 0
+    a, b = np.empty(SEGMENT), np.empty(SEGMENT)
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i * columns + j]
+            if u < 0 or size[u] < 2.0:
+                continue
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if row < rows and column < columns:
+                    v = unit[row * columns + column]
+                    if v >= 0 and v != u and size[v] == 2.0:
+                        for n in range(10):
+                            a[n], b[n] = segments[u, n] / scale, segments[v, n] / scale
+                        a[COUNT], b[COUNT] = segments[u, COUNT], segments[v, COUNT]
+                        out[found] = compare(a, b, np.sqrt(drift[u] * drift[v]), 0.0, 0.0)[0]
+                        found += 1
+    return found
+
+
+@_compiled
+def border_discords(unit, rows, columns, segments, drift, out):  # type: ignore[no-untyped-def]
+    """Discord across every side shared by two units: out[0] to the right, out[1] below; else -1."""
+    out[:] = -1.0
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i * columns + j]
+            if u < 0:
+                continue
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if row < rows and column < columns:
+                    v = unit[row * columns + column]
+                    if v >= 0 and v != u:
+                        slow = np.sqrt(drift[u] * drift[v])
+                        out[k, i, j] = compare(segments[u], segments[v], slow, 0.0, 0.0)[0]
+
+
+@_compiled
+def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
+    """Enter an item into a heap whose top is the largest key; returns the new size."""
+    i = size
+    while i > 0 and keys[(i - 1) >> 1] < key:
+        keys[i], items[i] = keys[(i - 1) >> 1], items[(i - 1) >> 1]
+        i = (i - 1) >> 1
+    keys[i], items[i] = key, item
+    return size + 1
+
+
+@_compiled
+def _pop(keys, items, size):  # type: ignore[no-untyped-def]
+    """Take the top off a heap; returns the new size."""
+    size -= 1
+    key, item = keys[size], items[size]
+    i = 0
+    while 2 * i + 1 < size:
+        child = 2 * i + 1
+        if child + 1 < size and keys[child + 1] > keys[child]:
+            child += 1
+        if keys[child] <= key:
+            break
+        keys[i], items[i] = keys[child], items[child]
+        i = child
+    keys[i], items[i] = key, item
+    return size
+
+
+@_compiled
+def _merge_gain(segments, u, v, boundary, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
+    """Nats saved by making two segments one: evidence, at most a plane's parameters, and boundary."""
+    small = u if segments[u, COUNT] < segments[v, COUNT] else v
+    slow = np.sqrt(drift[u] * drift[v])
+    discord, evidence = compare(
+        segments[u], segments[v], slow, offset_prior[small], slope_prior[small]
+    )
+    return min(evidence, most) - 0.5 * discord + boundary
+
+
+@_compiled
+def agglomerate(unit, rows, columns, border, segments, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
+    """Merge neighbouring segments, the merge that saves most first, while one saves anything.
+
+    border (2, rows, columns): nats of each side shared with the unit to the right and below.
+    segments and drift are changed in place: the row of a root holds its whole segment. Returns the
+    root of every unit.
+
+    Gains are valued lazily: a popped edge whose segments have changed since is valued again. The
+    edges of a segment are a linked list of half-edges, 2 e and 2 e + 1.
+    """
+    count = segments.shape[0]
+    ends = np.empty((2 * rows * columns, 2), np.int32)
+    boundary = np.empty(2 * rows * columns)
+    head, tail = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
+    edges = 0
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i * columns + j]
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if u >= 0 and row < rows and column < columns:
+                    v = unit[row * columns + column]
+                    if v >= 0 and v != u:
+                        ends[edges, 0], ends[edges, 1] = u, v
+                        boundary[edges] = border[k, i, j]
+                        edges += 1
+    following = np.full(2 * edges, -1, np.int32)
+    for half in range(2 * edges):
+        u = ends[half >> 1, half & 1]
+        if head[u] < 0:
+            head[u] = half
+        else:
+            following[tail[u]] = half
+        tail[u] = half
+    alive = np.ones(edges, np.bool_)
+    seen = np.full(count, -1, np.int32)  # edge to each neighbour, while one segment is looked at
+    for u in range(count):
+        # Two units may share two sides: one edge is enough.
+        half = head[u]
+        while half >= 0:
+            edge = half >> 1
+            other = ends[edge, 1 - (half & 1)]
+            if alive[edge]:
+                if seen[other] >= 0:
+                    boundary[seen[other]] += boundary[edge]
+                    alive[edge] = False
+                else:
+                    seen[other] = edge
+            half = following[half]
+        half = head[u]
+        while half >= 0:
+            seen[ends[half >> 1, 1 - (half & 1)]] = -1
+            half = following[half]
+
+    root = np.arange(count).astype(np.int32)
+    version = np.zeros(count, np.int64)
+    valued = np.zeros(edges, np.int64)  # versions of both ends when an edge was last valued
+    current = np.zeros(edges)  # its only valid key in the heap
+    keys, items = np.empty(4 * edges + 16), np.empty(4 * edges + 16, np.int32)
+    size = 0
+    for edge in range(edges):
+        if alive[edge]:
+            u, v = ends[edge, 0], ends[edge, 1]
+            current[edge] = _merge_gain(
+                segments, u, v, boundary[edge], drift, offset_prior, slope_prior, most
+            )
+            if current[edge] > 0.0:
+                size = _push(keys, items, size, current[edge], edge)
+    while size > 0:
+        key, edge = keys[0], items[0]
+        size = _pop(keys, items, size)
+        if not alive[edge] or key != current[edge]:
+            continue
+        u, v = ends[edge, 0], ends[edge, 1]
+        if valued[edge] != version[u] + version[v]:
+            valued[edge] = version[u] + version[v]
+            current[edge] = _merge_gain(
+                segments, u, v, boundary[edge], drift, offset_prior, slope_prior, most
+            )
+            if current[edge] > 0.0:
+                size = _push(keys, items, size, current[edge], edge)
+            continue
+        if segments[u, COUNT] < segments[v, COUNT]:
+            u, v = v, u
+        slow = np.sqrt(drift[u] * drift[v])
+        segments[u, MISFIT] += compare(segments[u], segments[v], slow, 0.0, 0.0)[0]
+        share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
+        drift[u] += share * (drift[v] - drift[u])
+        segments[u] += segments[v]
+        version[u] += version[v] + 1
+        root[v] = u
+        alive[edge] = False
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half, before = head[u], -1
+        while half >= 0:
+            if alive[half >> 1]:
+                seen[ends[half >> 1, 1 - (half & 1)]] = half >> 1
+                before = half
+            elif before < 0:
+                head[u] = following[half]
+            else:
+                following[before] = following[half]
+            half = following[half]
+        tail[u] = before
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                if seen[other] >= 0:
+                    kept = seen[other]
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = False
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept], current[kept] = -1, np.inf
+                    size = _push(keys, items, size, np.inf, kept)
+                else:
+                    ends[moved, half & 1] = u
+                    following[half] = -1
+                    if tail[u] < 0:
+                        head[u] = half
+                    else:
+                        following[tail[u]] = half
+                    tail[u] = half
+            half = after
+        half = head[u]
+        while half >= 0:
+            seen[ends[half >> 1, 1 - (half & 1)]] = -1
+            half = following[half]
+        if size > 3 * edges:  # full of old copies
+            size = 0
+            for other_edge in range(edges):
+                if alive[other_edge] and current[other_edge] > 0.0:
+                    size = _push(keys, items, size, current[other_edge], other_edge)
+    for u in range(count):
+        top = root[u]
+        while root[top] != top:
+            top = root[top]
+        root[u] = top
+    return root
