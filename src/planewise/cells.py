@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from planewise.kernels import cells as kernels
 from planewise.kernels import segments as loops
-from planewise.noise import Noise
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
@@ -34,23 +33,26 @@ class Frame:
     Attributes
     ----------
     w, p : ndarray
-        Inverse depth in 1 / m, and one over the variance of its white part.
+        Inverse depth in 1 / m, and one over the variance of what is new in every reading.
     x, y : ndarray
         Undistorted pixel coordinates about the principal point, divided by 100.
-    slow : ndarray
-        Variance of w by what readings share: short part, drift over 100 pixels and quantisation.
-    step : ndarray
-        Quantisation step in metres.
+    shared, drift, step : ndarray
+        Variances of w: of what near readings share, of how far that drifts over 100 pixels, and of
+        the quantisation.
     """
 
     w: Array
     p: Array
     x: Array
     y: Array
-    slow: Array
+    shared: Array
+    drift: Array
     step: Array
-    shared: Noise
-    drift: Noise
+
+    @property
+    def slow(self) -> Array:
+        """Variance of w by everything that near readings share."""
+        return self.shared + self.drift + self.step
 
 
 @dataclass(frozen=True)
@@ -67,8 +69,8 @@ class Cells:
         Variance of w by which the error drifts over 100 pixels.
     offset_prior, slope_prior : ndarray, shape (units,)
         Variances of a local plane about which nothing is known.
-    scale : float
-        Short-range error of this frame, as a variance, against the sensor's description.
+    white, scale : float
+        White and short-range variance of this frame against the sensor's description.
     """
 
     grid: NDArray[np.int32]
@@ -76,6 +78,7 @@ class Cells:
     drift: Array
     offset_prior: Array
     slope_prior: Array
+    white: float
     scale: float
 
 
@@ -111,15 +114,13 @@ def reading_steps(z: Array) -> Array:
 def frame_of(observation: RayObservation) -> Frame:
     """Spread readings over images, in inverse depth."""
     z, parts = observation.depth, observation.parts
-    nothing = lambda depth: np.zeros(np.shape(depth))  # noqa: E731
-    shared, drift = (nothing, nothing) if parts is None else (parts.shared, parts.drift)
-    step = reading_steps(z)
-    white = observation.sigma if parts is None else np.asarray(parts.white(z))
-    w, quarter = 1.0 / z, 1.0 / z**4
-    variance = (white**2 + step**2 / 12) * quarter
-    slow = (np.asarray(shared(z)) ** 2 + np.asarray(drift(z)) ** 2 + step**2 / 12) * quarter
+    quarter = 1.0 / z**4
+    step = reading_steps(z) ** 2 / 12 * quarter
+    if parts is None:
+        white, shared, drift = observation.sigma, np.zeros(z.shape), np.zeros(z.shape)
+    else:
+        white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
     du, dv = observation.pixel_size
-    u, v = observation.rays[0] / (du * kernels.UNIT), observation.rays[1] / (dv * kernels.UNIT)
 
     def image(values: Array) -> Array:
         out = np.zeros(observation.shape)
@@ -127,14 +128,13 @@ def frame_of(observation: RayObservation) -> Frame:
         return out
 
     return Frame(
-        w=image(w),
-        p=image(1.0 / variance),
-        x=image(u),
-        y=image(v),
-        slow=image(slow),
+        w=image(1.0 / z),
+        p=image(1.0 / (white**2 * quarter + step)),
+        x=image(observation.rays[0] / (du * kernels.UNIT)),
+        y=image(observation.rays[1] / (dv * kernels.UNIT)),
+        shared=image(shared**2 * quarter),
+        drift=image(drift**2 * quarter),
         step=image(step),
-        shared=shared,
-        drift=drift,
     )
 
 
@@ -144,52 +144,75 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
     rows, columns = -(-height // SIDE), -(-width // SIDE)
     moments = np.empty((rows * columns, kernels.MOMENTS))
     kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, SIDE, moments)
-
-    misfits = np.empty(len(moments))
-    kernels.own_misfits(moments, misfits)
-    full = moments[:, kernels.COUNT] == SIDE * SIDE
-    white = np.median(misfits[full]) / (SIDE * SIDE - 3) / 0.95 if full.any() else 1.0
+    white = _white_scale(moments)
+    moments[:, :10] /= white
 
     unit = np.empty(rows * columns, np.int32)
     units = np.empty((rows * columns, kernels.MOMENTS))
     size = np.empty(rows * columns)
     found = kernels.merge_quarters(
-        moments, rows, columns, SIDE, max(white, 1.0), _SPLIT, _HOPELESS, _FILLED, unit, units, size
+        moments, rows, columns, SIDE, 1.0, _SPLIT, _HOPELESS, _FILLED, unit, units, size
     )
     if not found:
         return None
     units, size = units[:found], size[:found]
-    w = units[:, 6] / units[:, 0]
-    z = 1.0 / w
-    shared = np.asarray(frame.shared(z)) ** 2 * w**4
-    drift = np.asarray(frame.drift(z)) ** 2 * w**4
-    step = _cell_steps(frame, z) ** 2 / 12 * w**4
+    shared, drift, step = (
+        _at_units(values, unit, rows, columns, found)
+        for values in (frame.shared, frame.drift, _shared_step(frame, white))
+    )
     segments = np.zeros((found, kernels.SEGMENT))
     half = size * SIDE / 2 / kernels.UNIT
     kernels.marginalise(units, shared, step, _TILT, half, LATERAL / kernels.UNIT, segments)
-
     scale = _short_scale(unit, (rows, columns), segments, size, drift)
     segments[:, :10] /= scale
+    w = units[:, 6] / units[:, 0]
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
     return Cells(
         grid=unit.reshape(rows, columns),
         rows=segments,
-        drift=drift,
+        drift=drift * min(scale, 1.0),
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
+        white=white,
         scale=scale,
     )
 
 
-def _cell_steps(frame: Frame, z: Array) -> Array:
-    """Step at the depth of each cell: that of the nearest reading."""
-    there = frame.p > 0
-    depth, step = 1.0 / frame.w[there], frame.step[there]
-    place = np.rint(depth / 0.01).astype(np.int64)
-    count = np.bincount(place)
-    table = np.bincount(place, step) / np.maximum(count, 1)
-    known = np.flatnonzero(count)
-    return np.interp(z, known * 0.01, table[known])
+def _white_scale(moments: Array) -> float:
+    """Factor, at least one, on the white variance: the median cell about its own plane says it."""
+    misfits = np.empty(len(moments))
+    kernels.own_misfits(moments, misfits)
+    full = moments[:, kernels.COUNT] == SIDE * SIDE
+    if not full.any():
+        return 1.0
+    freedom = SIDE * SIDE - 3
+    return max(1.0, float(np.median(misfits[full])) / (freedom * (1 - 2 / (9 * freedom)) ** 3))
+
+
+def _shared_step(frame: Frame, white: float) -> Array:
+    """Variance by quantisation that near readings share: noise of its size makes it independent.
+
+    White noise of standard deviation s dithers steps of q: the mean error keeps exp(-2 pi^2 s^2 /
+    q^2) of its amplitude.
+    """
+    dither = np.zeros(frame.step.shape)
+    coarse = frame.step > 0
+    variance = white / frame.p[coarse] - frame.step[coarse]
+    dither[coarse] = np.exp(-4 * np.pi**2 * variance / (12 * frame.step[coarse]))
+    return np.asarray(frame.step * dither)
+
+
+def _at_units(
+    values: Array, unit: NDArray[np.int32], rows: int, columns: int, count: int
+) -> Array:
+    """Value of an image in the middle of every unit."""
+    height, width = values.shape
+    i = np.minimum(np.arange(rows) * SIDE + SIDE // 2, height - 1)
+    j = np.minimum(np.arange(columns) * SIDE + SIDE // 2, width - 1)
+    centre = values[i[:, None], j[None]].reshape(-1)
+    there = (unit >= 0) & (centre > 0)
+    members = np.bincount(unit[there], minlength=count)
+    return np.bincount(unit[there], centre[there], count) / np.maximum(members, 1)
 
 
 def _short_scale(
@@ -202,14 +225,16 @@ def _short_scale(
     """Factor on the short-range variance at which neighbouring cells disagree as they should.
 
     The discord of two cells of one plane is chi^2 of three degrees of freedom; most neighbours in
-    most frames are on one plane, so their median tells. Found by bisection, the drift kept.
+    most frames are on one plane, so their median tells. The drift shrinks with it, for both have one
+    cause, but does not grow. Found by bisection.
     """
     discords = np.empty(2 * unit.size)
-    low, high = 0.05, 8.0
+    low, high = 0.005, 8.0
     scale = 1.0
-    for _ in range(6):
+    for _ in range(8):
         scale = float(np.sqrt(low * high))
-        found = loops.neighbour_discords(unit, *shape, segments, size, drift, scale, discords)
+        slow = drift * min(scale, 1.0)
+        found = loops.neighbour_discords(unit, *shape, segments, size, slow, scale, discords)
         if not found:
             return 1.0
         if np.median(discords[:found]) > _MEDIAN_CHI2_3:

@@ -140,6 +140,6 @@ KINECT = quadratic(0.0012, 0.0019, 0.4)
 """Axial noise of the first Kinect (Nguyen, Izadi, Lovell 2012), the paper's experimental model."""
 
 KINECT_PARTS = ErrorParts(
-    white=quadratic(0.0, 0.0012), shared=quadratic(0.0, 0.0008), drift=quadratic(0.0, 0.0025)
+    white=quadratic(0.0, 0.0015), shared=quadratic(0.0, 0.0010), drift=quadratic(0.0, 0.0025)
 )
 """Parts of the first Kinect's error, measured on planes of real frames (docs/method.md)."""

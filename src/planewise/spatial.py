@@ -219,7 +219,7 @@ def _label(
     affine = np.vstack((np.zeros((1, 3)), _affine(planes)))
     slow = cells.scale * frame.slow
     null = float(np.log(observation.range / observation.resolution))
-    arguments = (frame.p, frame.x, frame.y, slow)
+    arguments = (frame.p / cells.white, frame.x, frame.y, slow)
     label_loops.label_pixels(
         labels,
         _settled(coarse),
