@@ -149,11 +149,11 @@ def test_summarise():
     k, width = 400, 25
     index = np.sort(rng.choice(1000, k, replace=False))
     labels = rng.integers(0, 4, k).astype(np.uint16)
-    gain, tau, sigma, depth, solid = rng.uniform(1, 2, size=(5, k))
+    gain, square, depth, solid = rng.uniform(1, 2, size=(4, k))
     direction = rng.normal(size=(3, k))
     sums, box = np.empty((3, 7)), np.empty((3, 4), np.int64)
-    kernels.summarise(labels, gain, tau, sigma, direction, depth, solid, index, width, sums, box)
-    square, area, position = 2 * (gain + tau) * sigma**2, depth**3 * solid, direction * depth
+    kernels.summarise(labels, gain, square, direction, depth, solid, index, width, sums, box)
+    area, position = depth**3 * solid, direction * depth
     for j in range(3):
         mine = labels == j + 1
         expected = [mine.sum(), gain[mine].sum(), square[mine].sum(), area[mine].sum()]

@@ -17,10 +17,11 @@ SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane exp
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
-_TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
+TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 LATERAL = 0.5  # pixels; error across the image, which shows where a surface is steep
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
+_WHITE_LIMIT = 25.0  # five times the described standard deviation
 _GRID = 1e-4  # metres; distinct readings are told apart on this grid
 _WINDOW = 9  # gaps between readings over which the step is a median
 _MEDIAN_CHI2_3 = 2.366  # of three degrees of freedom: neighbouring cells of one plane
@@ -162,7 +163,7 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
     )
     segments = np.zeros((found, kernels.SEGMENT))
     half = size * SIDE / 2 / kernels.UNIT
-    kernels.marginalise(units, shared, step, _TILT, half, LATERAL / kernels.UNIT, segments)
+    kernels.marginalise(units, shared, step, TILT, half, LATERAL / kernels.UNIT, segments)
     scale = _short_scale(unit, (rows, columns), segments, size, drift)
     segments[:, :10] /= scale
     w = units[:, 6] / units[:, 0]
@@ -179,14 +180,20 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
 
 
 def _white_scale(moments: Array) -> float:
-    """Factor, at least one, on the white variance: the median cell about its own plane says it."""
+    """Factor, at least one, on the white variance: the median cell about its own plane says it.
+
+    A frame whose cells are farther from planes than a sensor can err has no such noise, but no
+    planes: then the description stands.
+    """
     misfits = np.empty(len(moments))
     kernels.own_misfits(moments, misfits)
     full = moments[:, kernels.COUNT] == SIDE * SIDE
     if not full.any():
         return 1.0
     freedom = SIDE * SIDE - 3
-    return max(1.0, float(np.median(misfits[full])) / (freedom * (1 - 2 / (9 * freedom)) ** 3))
+    median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
+    scale = max(1.0, float(np.median(misfits[full])) / median)
+    return scale if scale <= _WHITE_LIMIT else 1.0
 
 
 def _shared_step(frame: Frame, white: float) -> Array:
@@ -202,9 +209,7 @@ def _shared_step(frame: Frame, white: float) -> Array:
     return np.asarray(frame.step * dither)
 
 
-def _at_units(
-    values: Array, unit: NDArray[np.int32], rows: int, columns: int, count: int
-) -> Array:
+def _at_units(values: Array, unit: NDArray[np.int32], rows: int, columns: int, count: int) -> Array:
     """Value of an image in the middle of every unit."""
     height, width = values.shape
     i = np.minimum(np.arange(rows) * SIDE + SIDE // 2, height - 1)
@@ -225,8 +230,8 @@ def _short_scale(
     """Factor on the short-range variance at which neighbouring cells disagree as they should.
 
     The discord of two cells of one plane is chi^2 of three degrees of freedom; most neighbours in
-    most frames are on one plane, so their median tells. The drift shrinks with it, for both have one
-    cause, but does not grow. Found by bisection.
+    most frames are on one plane, so their median tells. The drift shrinks with it, as both have
+    one cause, but does not grow. Found by bisection.
     """
     discords = np.empty(2 * unit.size)
     low, high = 0.005, 8.0

@@ -6,20 +6,21 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.camera import PinholeCamera
 from planewise.evaluate import MAX_PLANES, evaluator
 from planewise.joint import joint_search
 from planewise.model import Curve, PlaneModel
-from planewise.objective import Objective, as_objective
-from planewise.observation import Observation, observe, observe_points
+from planewise.objective import PAPER, SPATIAL, Objective, as_objective
+from planewise.observation import Observation, RayObservation, observe, observe_points
 from planewise.problem import Problem
 from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
+from planewise.spatial_model import spatial_model
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator
@@ -35,8 +36,11 @@ class Options:
     ----------
     search : {"joint", "sequential"}
         All planes together, or the paper's one after the other.
-    objective : {"paper"} or Objective
-        What is minimised.
+    objective : {"paper", "spatial"} or Objective
+        What is minimised: the paper's objective, or a spatial mask code with correlated error and a
+        smooth null (depth images only).
+    instances : bool
+        Keep coplanar surfaces that do not touch apart (spatial objective).
     confidence : float
         c of the paper: probability that a plane's sample is drawn from it alone (sequential).
     inlier_ratio : float
@@ -52,6 +56,7 @@ class Options:
 
     search: Search = "joint"
     objective: Objective | str = "paper"
+    instances: bool = False
     confidence: float = 0.99
     inlier_ratio: float = 0.1
     max_planes: int | None = None
@@ -61,7 +66,12 @@ class Options:
     def __post_init__(self) -> None:
         if self.search not in _MAX_PLANES:
             raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
-        as_objective(self.objective)
+        if self.objective != SPATIAL:
+            as_objective(self.objective)
+            if self.instances:
+                raise ValueError("instances needs objective='spatial', got another objective")
+        elif self.search != "joint":
+            raise ValueError("objective='spatial' needs search='joint', got another search")
         trial_count(self.confidence, self.inlier_ratio)
         if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
             raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
@@ -74,6 +84,7 @@ class Options:
             "search": self.search,
             "objective": self.objective if isinstance(self.objective, str) else "custom",
             "max_planes": self.max_planes or _MAX_PLANES[self.search],
+            "instances": self.instances,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
         }
         if self.search == "sequential":
@@ -89,6 +100,7 @@ def detect_planes(
     depth_scale: float | None = None,
     search: Search = "joint",
     objective: Objective | str = "paper",
+    instances: bool = False,
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
@@ -108,7 +120,7 @@ def detect_planes(
         Range, resolution and noise; `planewise.sensors` has presets.
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
-    search, objective, confidence, inlier_ratio, max_planes, rng, threads
+    search, objective, instances, confidence, inlier_ratio, max_planes, rng, threads
         See `Options`.
 
     Returns
@@ -134,6 +146,7 @@ def detect_planes(
     options = Options(
         search=search,
         objective=objective,
+        instances=instances,
         confidence=confidence,
         inlier_ratio=inlier_ratio,
         max_planes=max_planes,
@@ -238,14 +251,24 @@ def find(observation: Observation, options: Options) -> PlaneModel:
     PlaneModel
         Planes, best first.
     """
-    objective = as_objective(options.objective)
     most = options.max_planes or _MAX_PLANES[options.search]
+    spatial = options.objective == SPATIAL
+    if spatial and not isinstance(observation, RayObservation):
+        raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
+    objective = PAPER if spatial else as_objective(options.objective)
     structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
     empty = objective.empty(observation)
     if observation.count < observation.dimension:
         return _no_planes(observation, options, empty)
 
     compilation.announce()
+    if spatial and isinstance(observation, RayObservation):
+        return spatial_model(
+            observation,
+            instances=options.instances,
+            max_planes=options.max_planes or MAX_PLANES,
+            settings=options.describe(),
+        )
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
         observation, objective.thresholds(observation), options.threads or threads.available()
@@ -265,12 +288,19 @@ def find(observation: Observation, options: Options) -> PlaneModel:
         information=solution.phi,
         curve=curve,
         readings=observation.count,
-        structure=tuple(structure[: len(solution) + 1].tolist()),
+        prefix=_prefix(solution.phi, [plane.information for plane in planes], structure),
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note="" if len(solution) else curve.reason,
         settings=options.describe(),
     )
+
+
+def _prefix(phi: float, worth: list[float], structure: NDArray[np.float64]) -> tuple[float, ...]:
+    """Phi with the best 0 ... N planes, the readings of the others on none."""
+    n = len(worth)
+    lost = np.concatenate((np.cumsum(worth[::-1])[::-1], [0.0]))
+    return tuple((phi - lost - (structure[n] - structure[: n + 1])).tolist())
 
 
 def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:
@@ -280,7 +310,7 @@ def _no_planes(observation: Observation, options: Options, empty: float) -> Plan
         information=empty,
         curve=Curve(information=np.array([empty]), chosen=0, reason=observation.note),
         readings=observation.count,
-        structure=(0.0,),
+        prefix=(empty,),
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note=observation.note,

@@ -200,12 +200,7 @@ class RayEvaluator(Evaluator):
         fisher = 2.0 * self._gauss_newton(parameters, labels)[0]
         out = np.full((len(parameters), 4, 4), np.nan)
         for j, theta in enumerate(parameters):
-            size = np.linalg.norm(theta)
-            unit = theta / size
-            jacobian = np.vstack(
-                (-(np.eye(3) - np.outer(unit, unit)) / size, -unit[None] / size**2)
-            )
-            out[j] = jacobian @ _inverse(fisher[j]) @ jacobian.T
+            out[j] = covariance_of_plane(theta, _inverse(fisher[j]))
         return out
 
     def _gauss_newton(self, parameters: Array, labels: Labels) -> tuple[Array, Array]:
@@ -324,6 +319,14 @@ def evaluator(observation: Observation, tau: Array, threads: int = 1) -> Evaluat
     if isinstance(observation, PointObservation):
         return PointEvaluator.of(observation, tau, threads)
     raise TypeError(f"no evaluator for {type(observation).__name__}")
+
+
+def covariance_of_plane(theta: Array, covariance: Array) -> Array:
+    """Covariance of theta carried over to (normal, distance) = (-theta, 1) / |theta|."""
+    size = np.linalg.norm(theta)
+    unit = theta / size
+    jacobian = np.vstack((-(np.eye(3) - np.outer(unit, unit)) / size, -unit[None] / size**2))
+    return np.asarray(jacobian @ covariance @ jacobian.T)
 
 
 def _assignment(count: int, planes: int) -> Assignment:

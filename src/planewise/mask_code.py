@@ -23,7 +23,7 @@ def spatial_mask_information(
     there : ndarray of bool, shape (H, W)
         Where there is a reading; other pixels are known to have no label and cost nothing.
     planes : int
-        N, the largest label there may be.
+        N, the largest label there may be; larger ones count as 0.
 
     Returns
     -------

@@ -32,6 +32,9 @@ class Plane:
     covariance : ndarray, shape (n + 1, n + 1)
         Of (normal, distance): the inverse Fisher information. NaN where the readings do not
         determine it.
+    significance : float
+        Nats the plane saves against a smooth surface after paying for its parameters and its
+        border (spatial objective; NaN under the paper's).
     area : float
         Area its readings cover, in square metres; NaN for free points.
     bounding_box : tuple of int
@@ -45,6 +48,7 @@ class Plane:
     rms: float
     centroid: Array
     covariance: Array
+    significance: float = float("nan")
     area: float = float("nan")
     bounding_box: tuple[int, ...] = ()
 
@@ -116,8 +120,8 @@ class PlaneModel:
         Phi against the number of planes, and why the search stopped.
     readings : int
         Valid readings, k.
-    structure : tuple of float
-        Nats for mask and plane parameters of a model with 0, 1 ... N of the planes.
+    prefix : tuple of float
+        Phi of the models of the best 0, 1 ... N planes.
     search, objective : str
         What found it and what it minimises.
     note : str
@@ -131,7 +135,7 @@ class PlaneModel:
     information: float
     curve: Curve
     readings: int
-    structure: tuple[float, ...]
+    prefix: tuple[float, ...]
     search: str
     objective: str
     note: str = ""
@@ -164,12 +168,10 @@ class PlaneModel:
             raise ValueError(f"k must not be negative, got {k}")
         if k >= len(self.planes):
             return self
-        lost = sum(plane.information for plane in self.planes[k:])
-        saved = self.structure[len(self.planes)] - self.structure[k]
         return replace(
             self,
             labels=np.where(self.labels <= k, self.labels, 0).astype(np.uint16),
             planes=self.planes[:k],
-            information=self.information - lost - saved,
-            structure=self.structure[: k + 1],
+            information=self.prefix[k],
+            prefix=self.prefix[: k + 1],
         )

@@ -120,6 +120,9 @@ PAPER = Objective()
 
 OBJECTIVES = {"paper": PAPER}
 
+SPATIAL = "spatial"
+"""Name of the spatial objective, whose parts are not separable: see `spatial_information`."""
+
 
 def as_objective(objective: Objective | str) -> Objective:
     """Objective of that name, or the one given.
@@ -132,6 +135,6 @@ def as_objective(objective: Objective | str) -> Objective:
     if isinstance(objective, Objective):
         return objective
     if objective not in OBJECTIVES:
-        known = ", ".join(map(repr, OBJECTIVES))
+        known = ", ".join(map(repr, (*OBJECTIVES, SPATIAL)))
         raise ValueError(f"objective must be {known} or an Objective, got {objective!r}")
     return OBJECTIVES[objective]

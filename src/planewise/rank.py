@@ -79,48 +79,57 @@ def rank(
     labels : ndarray of uint16, shape (k,)
         0 for none, j for ``planes[j - 1]``.
     """
-    labels = solution.assignment.labels
-    sums, boxes = _summarise(observation, evaluator, solution)
+    labels, gains = solution.assignment.labels, solution.assignment.best
+    # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
+    square = 2.0 * (gains + evaluator.tau) * observation.sigma**2
     rows = evaluator.coefficients(solution.parameters)
     covariances = evaluator.covariances(solution.parameters, labels)
-    order = np.argsort(sums[:, 1], kind="stable")
+    planes = describe(observation, rows, covariances, labels, gains, square)
+    order = np.argsort([plane.information for plane in planes], kind="stable")
     place = np.zeros(len(solution) + 1, np.uint16)
     place[order + 1] = np.arange(1, len(solution) + 1)
-    planes = tuple(
-        _plane(rows[j], covariances[j], sums[j], boxes[j] if _is_image(observation) else None)
-        for j in order
-    )
-    return planes, place[labels]
+    return tuple(planes[j] for j in order), place[labels]
 
 
-def _is_image(observation: Observation) -> bool:
-    return isinstance(observation, RayObservation) and len(observation.shape) == 2
+def describe(
+    observation: Observation,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.integer],
+    gains: Array,
+    square: Array,
+) -> list[Plane]:
+    """Planes with the statistics of their readings, in the order of their labels.
 
-
-def _summarise(
-    observation: Observation, evaluator: Evaluator, solution: Solution
-) -> tuple[Array, NDArray[np.int64]]:
-    sums = np.empty((len(solution), 4 + observation.dimension))
-    boxes = np.empty((len(solution), 4), np.int64)
+    Parameters
+    ----------
+    observation : Observation
+        Positions and areas of the readings.
+    rows : ndarray, shape (N, n + 1)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, n + 1, n + 1)
+        Of the rows.
+    labels : ndarray of int, shape (k,)
+        0 for none, j for row j - 1.
+    gains, square : ndarray, shape (k,)
+        What each reading saves, in nats, and its squared residual, in square metres.
+    """
+    sums = np.empty((len(rows), 4 + observation.dimension))
+    boxes = np.empty((len(rows), 4), np.int64)
     if isinstance(observation, RayObservation):
         direction, depth, solid = observation.rays, observation.depth, observation.solid
     else:
         direction = observation.positions().T.copy()
         depth, solid = np.ones(observation.count), np.zeros(observation.count)
+    width = observation.shape[-1]
     kernels.summarise(
-        solution.assignment.labels,
-        solution.assignment.best,
-        evaluator.tau,
-        observation.sigma,
-        direction,
-        depth,
-        solid,
-        observation.index,
-        observation.shape[-1],
-        sums,
-        boxes,
+        labels, gains, square, direction, depth, solid, observation.index, width, sums, boxes
     )
-    return sums, boxes
+    image = isinstance(observation, RayObservation) and len(observation.shape) == 2
+    return [
+        _plane(row, covariances[j], sums[j], boxes[j] if image else None)
+        for j, row in enumerate(rows)
+    ]
 
 
 def _plane(row: Array, covariance: Array, sums: Array, box: NDArray[np.int64] | None) -> Plane:

@@ -9,9 +9,7 @@ from __future__ import annotations
 from planewise import noise
 from planewise.sensor import Sensor
 
-KINECT_V1 = Sensor(
-    max_depth=10.0, resolution=0.001, noise=noise.KINECT, parts=noise.KINECT_PARTS
-)
+KINECT_V1 = Sensor(max_depth=10.0, resolution=0.001, noise=noise.KINECT, parts=noise.KINECT_PARTS)
 """Microsoft Kinect for Xbox 360 and Asus Xtion. Noise: axial model of Nguyen, Izadi and Lovell,
 "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012, which the
 paper uses. Range: NYU-v2 stores depths up to 10 m."""

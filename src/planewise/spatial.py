@@ -13,19 +13,18 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import LATERAL, SIDE, Cells, Frame, cells_of, frame_of
+from planewise.cells import LATERAL, SIDE, Cells, Frame
 from planewise.information import plane_information
 from planewise.kernels import labels as label_loops
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
-from planewise.model import Move
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
 _KNEE = 10.0  # discord at which a border is as likely as not
-_MERGE_BORDER = (0.1, 2.0)  # nats per pixel of border, where the surface breaks and where it goes on
+_MERGE_BORDER = (0.1, 2.0)  # nats per pixel of border where the surface breaks, and goes on
 _PLANE_BORDER = (0.05, 4.0)  # the same when a plane has to pay for all of its border
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.35  # cells of few pixels are worth less: they share their error with neighbours
@@ -49,22 +48,30 @@ class Segmentation:
     ----------
     theta : ndarray, shape (N, 3)
         theta . x = 1 for the points of each plane.
+    covariance : ndarray, shape (N, 3, 3)
+        Of theta, the error that near readings share included.
     labels : ndarray of int32, shape (H, W)
         0 for none, j for row j - 1.
     significance : ndarray, shape (N,)
         Nats that each plane saves against a smooth surface, all its costs paid.
-    moves : tuple of Move
-        What the search did.
+    affine : ndarray, shape (N, 3)
+        The same planes as w = t0 + t1 x + t2 y (`cells.Frame`).
     """
 
     theta: Array
+    covariance: Array
     labels: Labels
     significance: Array
-    moves: tuple[Move, ...]
+    affine: Array
 
 
 def segment(
-    observation: RayObservation, *, instances: bool = False, max_planes: int | None = None
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    *,
+    instances: bool = False,
+    max_planes: int | None = None,
 ) -> Segmentation:
     """Find planes and labels under the spatial objective.
 
@@ -72,6 +79,8 @@ def segment(
     ----------
     observation : RayObservation
         Of a depth image.
+    frame, cells
+        The same readings as images, and their cells.
     instances : bool
         Do not join coplanar segments seen through gaps: each is a surface of its own.
     max_planes : int, optional
@@ -81,8 +90,6 @@ def segment(
     -------
     Segmentation
     """
-    frame = frame_of(observation)
-    cells = cells_of(frame, observation.pixel_size)
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
@@ -90,16 +97,13 @@ def segment(
     accepted, worth = _accept(cells, rows, root, cost)
     planes, owner = _join_through_gaps(cells, rows, accepted, instances)
     if max_planes is not None and len(planes) > max_planes:
-        total = np.bincount(owner, worth, len(planes))
-        keep = np.sort(np.argsort(-total, kind="stable")[:max_planes])
-        place = np.full(len(planes), -1)
-        place[keep] = np.arange(len(keep))
-        owner, planes = place[owner], planes[keep]
+        planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    theta, labels = _label(frame, cells, root, accepted, planes, owner, observation)
-    worth = np.bincount(owner[owner >= 0], worth[owner >= 0], len(planes))
-    return _compact(theta, labels, worth, observation.pixel_size)
+    planes, labels = _label(frame, cells, root, accepted, planes, owner, observation)
+    kept = owner >= 0
+    total = np.bincount(owner[kept], worth[kept], len(planes))
+    return _compact(planes, labels, total, observation.pixel_size)
 
 
 def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
@@ -108,9 +112,10 @@ def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
     free = np.empty(len(rows))
     loops.free_prices(rows, cells.offset_prior, cells.slope_prior, free)
     rows[:, FREE] = (free + _FITTED_AWAY) * (rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
-    root = loops.agglomerate(
+    root: NDArray[np.int32] = loops.agglomerate(
         cells.grid.reshape(-1),
-        *cells.grid.shape,
+        cells.grid.shape[0],
+        cells.grid.shape[1],
         _border_prices(cells, _MERGE_BORDER),
         rows,
         cells.drift.copy(),
@@ -122,11 +127,10 @@ def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
 
 
 def _border_prices(cells: Cells, bounds: tuple[float, float]) -> Array:
-    """Nats of every side of a cell as a border: dear where the surface goes on, cheap at a break."""
+    """Nats of every side of a cell as a border: dear where the surface goes on, else cheap."""
     discords = np.empty((2, *cells.grid.shape))
-    loops.border_discords(
-        cells.grid.reshape(-1), *cells.grid.shape, cells.rows, cells.drift, discords
-    )
+    count, columns = cells.grid.shape
+    loops.border_discords(cells.grid.reshape(-1), count, columns, cells.rows, cells.drift, discords)
     low, high = bounds
     price = low + (high - low) / (1.0 + (discords / _KNEE) ** 2)
     return np.asarray(SIDE * np.where(discords < 0, low, price))
@@ -192,6 +196,17 @@ def _join_through_gaps(
     return planes[alive], place[owner]
 
 
+def _most_significant(
+    planes: Array, owner: NDArray[np.int64], worth: Array, most: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """The planes that save most, and owners with -1 for the others' segments."""
+    total = np.bincount(owner, worth, len(planes))
+    keep = np.sort(np.argsort(-total, kind="stable")[:most])
+    place = np.full(len(planes), -1)
+    place[keep] = np.arange(len(keep))
+    return planes[keep], place[owner]
+
+
 def _affine(rows: Array) -> Array:
     """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
     matrix = rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -209,7 +224,10 @@ def _label(
     owner: NDArray[np.int64],
     observation: RayObservation,
 ) -> tuple[Array, Labels]:
-    """Give every pixel near a border its label, refit the planes, put creases in their place."""
+    """Give every pixel near a border its label, refit the planes, put creases in their place.
+
+    Returns the rows of the refitted planes and the labels.
+    """
     height, width = frame.w.shape
     number = np.zeros(len(cells.rows) + 1, np.int32)
     number[accepted] = owner + 1
@@ -232,7 +250,8 @@ def _label(
         _DIFFERING,
         _SWEEPS,
     )
-    affine = _refit(cells, labels, affine)
+    planes = _refit(cells, labels, planes)
+    affine = np.vstack((np.zeros((1, 3)), _affine(planes)))
     kinds = np.zeros((len(affine), len(affine)), np.int8)
     label_loops.crease_kinds(labels, affine, frame.x, frame.y, _CREASE_REACH, kinds)
     if kinds.any():
@@ -263,7 +282,7 @@ def _label(
             _CREASE_FAR,
             2 * _CREASE_BAND,
         )
-    return affine[1:], labels
+    return planes, labels
 
 
 def _settled(coarse: Labels) -> NDArray[np.bool_]:
@@ -283,8 +302,8 @@ def _lateral(cells: Cells, affine: Array) -> Array:
     return np.asarray(cells.scale * (LATERAL / UNIT) ** 2 * slope)
 
 
-def _refit(cells: Cells, labels: Labels, affine: Array) -> Array:
-    """Planes once more, from the units that lie wholly inside their label."""
+def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
+    """Rows of the planes once more, from the units that lie wholly inside their label."""
     height, width = labels.shape
     rows, columns = height // SIDE, width // SIDE
     blocks = labels[: rows * SIDE, : columns * SIDE].reshape(rows, SIDE, columns, SIDE)
@@ -298,29 +317,38 @@ def _refit(cells: Cells, labels: Labels, affine: Array) -> Array:
     np.minimum.at(least, unit, label)
     np.maximum.at(most, unit, label)
     of_unit = np.where(least == most, most, 0)
-    sums = np.zeros((len(affine), cells.rows.shape[1]))
+    sums = np.zeros((len(planes) + 1, cells.rows.shape[1]))
     np.add.at(sums, of_unit, cells.rows)
-    enough = np.bincount(of_unit, minlength=len(affine)) >= _FEWEST_PURE
-    enough[0] = False
-    refitted = affine.copy()
-    if enough.any():
-        refitted[enough] = _affine(sums[enough])
-    return refitted
+    enough = np.bincount(of_unit, minlength=len(planes) + 1)[1:] >= _FEWEST_PURE
+    return np.where(enough[:, None], sums[1:], planes)
 
 
 def _compact(
-    affine: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
+    planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
     """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
-    count = np.bincount(labels.reshape(-1), minlength=len(affine) + 1)[1:]
+    count = np.bincount(labels.reshape(-1), minlength=len(planes) + 1)[1:]
     keep = np.flatnonzero(count)
-    place = np.zeros(len(affine) + 1, np.int32)
+    place = np.zeros(len(planes) + 1, np.int32)
     place[keep + 1] = np.arange(1, len(keep) + 1)
-    t = affine[keep]
+    affine = _affine(planes[keep])
     du, dv = pixel_size
-    theta = np.column_stack((t[:, 1] / (UNIT * du), t[:, 2] / (UNIT * dv), t[:, 0]))
-    return Segmentation(theta, place[labels], worth[keep], ())
+    turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
+    matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    return Segmentation(
+        theta=affine @ turn.T,
+        covariance=turn @ np.linalg.inv(matrix) @ turn.T,
+        labels=place[labels],
+        significance=worth[keep],
+        affine=affine,
+    )
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:
-    return Segmentation(np.empty((0, 3)), np.zeros(shape, np.int32), np.empty(0), ())
+    return Segmentation(
+        theta=np.empty((0, 3)),
+        covariance=np.empty((0, 3, 3)),
+        labels=np.zeros(shape, np.int32),
+        significance=np.empty(0),
+        affine=np.empty((0, 3)),
+    )

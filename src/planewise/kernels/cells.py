@@ -79,10 +79,10 @@ def own_misfits(moments, out):  # type: ignore[no-untyped-def]
 def merge_quarters(moments, rows, columns, side, white, split, hopeless, filled, unit, units, size):  # type: ignore[no-untyped-def]
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
-    white: chi^2 per degree of freedom of white noise in this frame; split: F above which four planes
-    are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there is none;
-    filled: least share of a cell's pixels. Writes unit (rows * columns): index of the unit of every
-    cell or -1; units (., 11) their moments; size (.): 2 or 1. Returns the number of units.
+    white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
+    planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
+    is none; filled: least share of a cell's pixels. Writes unit (rows * columns): index of the unit
+    of every cell or -1; units (., 11) their moments; size (.): 2 or 1. Returns the number of units.
     """
     full = float(side * side)
     found = 0
@@ -110,12 +110,13 @@ def merge_quarters(moments, rows, columns, side, white, split, hopeless, filled,
                     if whole:
                         if count > 0.0:
                             unit[c] = found
-                    elif count >= max(filled * full, 8.0):
-                        if _own_misfit(moments[c]) <= hopeless * white * (count - 3.0):
-                            unit[c] = found
-                            units[found] = moments[c]
-                            size[found] = 1.0
-                            found += 1
+                        continue
+                    bound = hopeless * white * (count - 3.0)
+                    if count >= max(filled * full, 8.0) and _own_misfit(moments[c]) <= bound:
+                        unit[c] = found
+                        units[found] = moments[c]
+                        size[found] = 1.0
+                        found += 1
             if whole:
                 units[found] = m
                 size[found] = 2.0
@@ -157,3 +158,51 @@ def marginalise(units, shared, step, tilt, half, lateral, segments):  # type: ig
         out[6], out[7], out[8] = offset * mean, offset * mean * cx + qx, offset * mean * cy + qy
         out[9] = offset * mean * mean + qx * tx + qy * ty
         out[COUNT], out[MISFIT], out[FREE] = m[COUNT], 0.0, 0.0
+
+
+@_compiled
+def label_groups(label, p, side, columns, planes, place):  # type: ignore[no-untyped-def]
+    """Number the pairs of cell and label that occur: place (cells, planes + 1), -1 elsewhere."""
+    height, width = label.shape
+    place[:] = -1
+    for i in range(height):
+        for j in range(width):
+            if p[i, j] > 0.0:
+                place[(i // side) * columns + j // side, label[i, j]] = 0
+    found = 0
+    for cell in range(place.shape[0]):
+        for n in range(planes + 1):
+            if place[cell, n] == 0:
+                place[cell, n] = found
+                found += 1
+    return found
+
+
+@_compiled
+def group_moments(label, w, p, x, y, extra, side, columns, place, moments):  # type: ignore[no-untyped-def]
+    """Moments of every group of one cell and one label, and the sums of further images.
+
+    extra (E, H, W). Writes moments (groups, 11 + E).
+    """
+    height, width = label.shape
+    moments[:] = 0.0
+    for i in range(height):
+        for j in range(width):
+            weight = p[i, j]
+            if weight > 0.0:
+                m = moments[place[(i // side) * columns + j // side, label[i, j]]]
+                a, b, v = x[i, j], y[i, j], w[i, j]
+                pa, pb, pv = weight * a, weight * b, weight * v
+                m[0] += weight
+                m[1] += pa
+                m[2] += pb
+                m[3] += pa * a
+                m[4] += pa * b
+                m[5] += pb * b
+                m[6] += pv
+                m[7] += pv * a
+                m[8] += pv * b
+                m[9] += pv * v
+                m[10] += 1.0
+                for k in range(extra.shape[0]):
+                    m[MOMENTS + k] += extra[k, i, j]

@@ -87,8 +87,9 @@ def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, 
 def crease_kinds(label, planes, x, y, reach, kinds):  # type: ignore[no-untyped-def]
     """How two planes that touch in the image meet: 1 convex, -1 concave, 0 they do not.
 
-    `reach` pixels on either side of their border, on a convex edge each side's plane is the nearer of
-    the two, on a concave one the farther; where one surface passes in front of the other, neither.
+    `reach` pixels on either side of their border, on a convex edge each side's plane is the nearer
+    of the two, on a concave one the farther; where one surface passes in front of the other,
+    neither.
     Writes kinds (planes, planes) int8.
     """
     height, width = label.shape
@@ -145,8 +146,8 @@ def crease_band(label, kinds, radius, band):  # type: ignore[no-untyped-def]
 def crease_offsets(label, planes, kinds, w, p, x, y, slow, lateral, unit, reach, sigma, offset):  # type: ignore[no-untyped-def]
     """Where along its normal the border between two planes that meet most likely lies, in pixels.
 
-    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + t^2 / (2 sigma^2), s the distance to the
-    line of intersection, positive on a's side: slow errors of the planes move the line a little.
+    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + t^2 / (2 sigma^2), s the distance to
+    the line of intersection, positive on a's side: slow errors of the planes move the line.
     unit: pixels per unit of x and y. Writes offset (planes, planes) for a < b.
     """
     height, width = label.shape
@@ -200,9 +201,9 @@ def crease_offsets(label, planes, kinds, w, p, x, y, slow, lateral, unit, reach,
 def snap_creases(label, band, planes, kinds, offset, p, x, y, slow, unit, reach, far, sweeps):  # type: ignore[no-untyped-def]
     """Where two planes meet, make their line of intersection the border.
 
-    A pixel beside the other label goes to the side on which it lies, as long as it is less than `far`
-    pixels from the line, the two planes differ there by less than `reach` standard deviations of a
-    reading, and the slow error moves the line by less than a pixel.
+    A pixel beside the other label goes to the side on which it lies, as long as it is less than
+    `far` pixels from the line, the two planes differ there by less than `reach` standard deviations
+    of a reading, and the slow error moves the line by less than a pixel.
     """
     height, width = label.shape
     for sweep in range(sweeps):

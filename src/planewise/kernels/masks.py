@@ -29,9 +29,9 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contrac
 def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
     """Nats of a label image.
 
-    labels (H, W) integer in 0 ... planes; there (H, W) bool: where there is a reading. The order in
-    which a context's symbols came does not change the length of an adaptive code, so they are
-    counted first and paid for at the end.
+    labels (H, W) integer, those above planes taken as 0; there (H, W) bool: where there is a
+    reading. The order in which a context's symbols came does not change the length of an adaptive
+    code, so they are counted first and paid for at the end.
     """
     height, width = labels.shape
     counts = np.zeros((CONTEXTS, SYMBOLS), np.int64)
@@ -43,7 +43,7 @@ def mask_length(labels, there, planes):  # type: ignore[no-untyped-def]
         for x in range(width):
             above, right = upper[x + 1], upper[x + 2]
             if there[y, x]:
-                label = np.int64(labels[y, x])
+                label = np.int64(labels[y, x]) if labels[y, x] <= planes else np.int64(0)
                 if left == above and above == right and right == corner:
                     context, distinct = 126 + int(left > 0), 1
                     symbol = 0 if label == left else NEIGHBOURS

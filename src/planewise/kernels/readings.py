@@ -267,11 +267,11 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
 
 
 @_compiled
-def summarise(label, gain, tau, sigma, direction, depth, solid, index, width, sums, box):  # type: ignore[no-untyped-def]
+def summarise(label, gain, square, direction, depth, solid, index, width, sums, box):  # type: ignore[no-untyped-def]
     """Sums over the readings of every plane in one pass.
 
     A reading is at direction * depth (n, k) and covers depth^3 solid / distance of its plane;
-    delta^2 = 2 (gain + tau) sigma^2. Writes sums (N, 4 + n): count, gain, delta^2, depth^3 solid,
+    square is its squared residual. Writes sums (N, 4 + n): count, gain, delta^2, depth^3 solid,
     position; and box (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
@@ -285,7 +285,7 @@ def summarise(label, gain, tau, sigma, direction, depth, solid, index, width, su
         total, z = sums[j], depth[i]
         total[0] += 1.0
         total[1] += gain[i]
-        total[2] += 2.0 * (gain[i] + tau[i]) * sigma[i] * sigma[i]
+        total[2] += square[i]
         total[3] += z * z * z * solid[i]
         for axis in range(direction.shape[0]):
             total[4 + axis] += direction[axis, i] * z

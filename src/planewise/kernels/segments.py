@@ -40,10 +40,10 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
     """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
 
     discord = delta' C^-1 delta with delta the difference of their planes at the centroid of the
-    smaller one and C = P_a^-1 + P_b^-1 + Sigma_d. Sigma_d is what the sensor's slow error allows over
-    the extent e of the smaller one, like a random walk: drift e for the offset, 4 drift / e for the
-    slopes. evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing to do with
-    the other.
+    smaller one and C = P_a^-1 + P_b^-1 + Sigma_d. Sigma_d is what the sensor's slow error allows
+    over the extent e of the smaller one, like a random walk: drift e for the offset, 4 drift / e
+    for the slopes. evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing
+    to do with the other.
     """
     small, large = (b, a) if a[COUNT] > b[COUNT] else (a, b)
     x0, y0, w0, tx, ty, vxx, vxy, vyy = _at_centroid(small)
@@ -146,7 +146,7 @@ def _pop(keys, items, size):  # type: ignore[no-untyped-def]
 
 @_compiled
 def _merge_gain(segments, u, v, boundary, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
-    """Nats saved by making two segments one: evidence, at most a plane's parameters, and boundary."""
+    """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
     slow = np.sqrt(drift[u] * drift[v])
     discord, evidence = compare(

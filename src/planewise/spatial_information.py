@@ -1,0 +1,190 @@
+"""Phi under the spatial objective: a code length for any planes and labels of a depth image.
+
+    Phi = mask + N * 3 ln(R / eps) + sum over groups of their data
+
+A group is the readings of one label in one cell of 8 x 8 pixels. Its data are normal with the white
+variance of each reading, and
+
+- on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
+  with these integrated out,
+- on none, either on a smooth surface, whose depth there takes ln(R / eps) nats and whose slopes are
+  drawn from a broad prior, or anything at all, ln(R / eps) nats a reading; ln 2 says which.
+
+Both are closed forms of the group's moments. The mask is the adaptive code of `mask_code`.
+"""
+
+from __future__ import annotations
+
+import builtins
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.cells import TILT, Cells, Frame
+from planewise.information import coordinate_information, plane_information
+from planewise.kernels import cells as kernels
+from planewise.mask_code import spatial_mask_information
+
+Array = NDArray[np.float64]
+
+GROUP_SIDE = 8  # pixels of a cell whose readings share an offset and a tilt
+_SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
+_NORM, _SLOW, _SHARED = kernels.MOMENTS, kernels.MOMENTS + 1, kernels.MOMENTS + 2
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What a model costs.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (N,)
+        Planes by worth, best first.
+    worth : ndarray, shape (N,)
+        Nats by which each plane's readings, in this order, are shorter on it than on none;
+        negative.
+    curve : ndarray, shape (N + 1,)
+        Phi in nats if only the first 0 ... N planes in this order were there and the readings of
+        the others on none; the last is Phi of the model.
+    """
+
+    order: NDArray[np.intp]
+    worth: Array
+    curve: Array
+
+
+def ledger(
+    frame: Frame,
+    cells: Cells | None,
+    affine: Array,
+    labels: NDArray[np.int32],
+    range: float,
+    resolution: float,
+    pixel_size: tuple[float, float],
+) -> Ledger:
+    """Rank planes, with exact Phi of them all and of every shorter list of the best.
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings.
+    cells : Cells, optional
+        White and shared variance of this frame against the sensor's description.
+    affine : ndarray, shape (N, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    labels : ndarray of int32, shape (H, W)
+        0 for none, j for row j - 1.
+    range, resolution : float
+        R and eps in metres.
+    pixel_size : (float, float)
+        Of a pixel on the plane z = 1, in metres.
+    """
+    planes, there = len(affine), frame.p > 0
+    scale = 1.0 if cells is None else cells.scale
+    p = frame.p if cells is None else frame.p / cells.white
+    coordinate = coordinate_information(range, resolution)
+    moments, cell, label = _groups(frame, p, scale, labels, planes, resolution)
+    slope_prior = (kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR) ** 2
+
+    def on_none(m: Array) -> Array:
+        return _surface_data(m, slope_prior, coordinate)
+
+    on_plane = label > 0
+    data = on_none(moments)
+    alone = data[on_plane].copy()
+    data[on_plane] = _plane_data(moments[on_plane], affine[label[on_plane] - 1])
+    worth = np.bincount(label[on_plane], data[on_plane] - alone, planes + 1)[1:]
+    order: NDArray[np.intp] = np.argsort(worth, kind="stable")
+    place = np.zeros(planes + 1, np.int32)
+    place[order + 1] = np.arange(1, planes + 1)
+    ranked = place[labels]
+
+    # Readings on none, cell by cell, while planes are taken away from the last on.
+    rest = np.zeros((int(cell.max(initial=-1)) + 1, moments.shape[1]))
+    rest[cell[~on_plane]] = moments[~on_plane]
+    total = float(data.sum())
+    curve = [total]
+    for plane in order[::-1]:
+        mine = label == plane + 1
+        where = cell[mine]
+        occupied = rest[where, kernels.COUNT] > 0
+        before = float(on_none(rest[where][occupied]).sum())
+        rest[where] += moments[mine]
+        total += float(on_none(rest[where]).sum()) - before - float(data[mine].sum())
+        curve.append(total)
+    parameters = plane_information(3, range, resolution)
+    structure = [
+        n * parameters + spatial_mask_information(ranked, there, n)
+        for n in builtins.range(planes + 1)
+    ]
+    phi = np.array(curve[::-1]) + np.array(structure)
+    return Ledger(order=order, worth=np.asarray(worth[order]), curve=phi)
+
+
+def _groups(
+    frame: Frame,
+    p: Array,
+    scale: float,
+    labels: NDArray[np.int32],
+    planes: int,
+    resolution: float,
+) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Moments of every group, its cell and its label."""
+    height, width = labels.shape
+    rows, columns = -(-height // GROUP_SIDE), -(-width // GROUP_SIDE)
+    place = np.empty((rows * columns, planes + 1), np.int32)
+    found = kernels.label_groups(labels, p, GROUP_SIDE, columns, planes, place)
+    # 1/2 ln(2 pi sigma_z^2 / eps^2) with sigma_z = sigma_w z^2
+    norm = np.zeros(labels.shape)
+    there = p > 0
+    norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * frame.w[there] ** 4 * resolution**2))
+    extra = np.stack((norm, scale * frame.slow, scale * frame.shared))
+    moments = np.empty((found, kernels.MOMENTS + len(extra)))
+    kernels.group_moments(
+        labels, frame.w, p, frame.x, frame.y, extra, GROUP_SIDE, columns, place, moments
+    )
+    cell, label = np.nonzero(place >= 0)
+    return moments, cell, label
+
+
+def _centred(m: Array) -> tuple[Array, ...]:
+    """Centroid, mean, and second moments about them."""
+    cx, cy, mean = m[:, 1] / m[:, 0], m[:, 2] / m[:, 0], m[:, 6] / m[:, 0]
+    xx, xy, yy = m[:, 3] - cx * m[:, 1], m[:, 4] - cx * m[:, 2], m[:, 5] - cy * m[:, 2]
+    xw, yw = m[:, 7] - cx * m[:, 6], m[:, 8] - cy * m[:, 6]
+    return cx, cy, mean, xx, xy, yy, xw, yw, m[:, 9] - mean * m[:, 6]
+
+
+def _integrated_slopes(
+    variance: Array, xx: Array, xy: Array, yy: Array, xw: Array, yw: Array
+) -> tuple[Array, Array]:
+    """What random slopes of a variance explain of chi^2, and ln det(I + variance A)."""
+    a, b, c = 1 + variance * xx, variance * xy, 1 + variance * yy
+    determinant = a * c - b * b
+    explained = variance * (c * xw * xw - 2 * b * xw * yw + a * yw * yw) / determinant
+    return explained, np.log(determinant)
+
+
+def _plane_data(m: Array, t: Array) -> Array:
+    """Nats of groups on planes t, their random offset and tilt integrated out."""
+    cx, cy, mean, xx, xy, yy, xw, yw, square = _centred(m)
+    off = mean - (t[:, 0] + t[:, 1] * cx + t[:, 2] * cy)
+    chi2 = square + m[:, 0] * off**2 - 2 * (t[:, 1] * xw + t[:, 2] * yw)
+    chi2 += t[:, 1] ** 2 * xx + 2 * t[:, 1] * t[:, 2] * xy + t[:, 2] ** 2 * yy
+    offset = m[:, _SLOW] / m[:, kernels.COUNT]
+    tilt = TILT**2 * m[:, _SHARED] / m[:, kernels.COUNT]
+    slopes, determinant = _integrated_slopes(
+        tilt, xx, xy, yy, xw - t[:, 1] * xx - t[:, 2] * xy, yw - t[:, 1] * xy - t[:, 2] * yy
+    )
+    spread = 1 + offset * m[:, 0]
+    chi2 -= offset * (m[:, 0] * off) ** 2 / spread + slopes
+    return np.asarray(0.5 * (chi2 + np.log(spread) + determinant) + m[:, _NORM])
+
+
+def _surface_data(m: Array, slope_prior: float, coordinate: float) -> Array:
+    """Nats of groups on none: a smooth surface or anything at all, whichever is shorter."""
+    _, _, mean, xx, xy, yy, xw, yw, square = _centred(m)
+    slopes, determinant = _integrated_slopes(slope_prior * mean**2, xx, xy, yy, xw, yw)
+    smooth = coordinate + 0.5 * (square - slopes + determinant) + m[:, _NORM]
+    return np.asarray(np.log(2) + np.minimum(smooth, m[:, kernels.COUNT] * coordinate))

@@ -1,0 +1,111 @@
+"""From readings to a ranked model under the spatial objective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.cells import cells_of, frame_of
+from planewise.evaluate import covariance_of_plane
+from planewise.model import Curve, Move, PlaneModel
+from planewise.observation import RayObservation
+from planewise.rank import describe
+from planewise.spatial import segment
+from planewise.spatial_information import ledger
+
+Array = NDArray[np.float64]
+
+
+def spatial_model(
+    observation: RayObservation,
+    *,
+    instances: bool,
+    max_planes: int,
+    settings: Mapping[str, object],
+) -> PlaneModel:
+    """Find, rank and describe the planes of a depth image under the spatial objective.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        Of a depth image.
+    instances : bool
+        Keep coplanar surfaces that do not touch apart.
+    max_planes : int
+        Largest number of planes.
+    settings : Mapping
+        Recorded in the model.
+
+    Returns
+    -------
+    PlaneModel
+        With exact Phi of its planes and labels.
+    """
+    size = observation.pixel_size
+    frame = frame_of(observation)
+    cells = cells_of(frame, size)
+    found = segment(observation, frame, cells, instances=instances, max_planes=max_planes)
+
+    book = ledger(
+        frame,
+        cells,
+        found.affine,
+        found.labels,
+        observation.range,
+        observation.resolution,
+        size,
+    )
+    moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
+    best = int(np.argmin(book.curve))
+    if best < len(book.order):
+        # What does not pay for itself by exact Phi goes.
+        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
+    order = book.order[:best]
+    place = np.zeros(len(book.order) + 1, np.uint16)
+    place[order + 1] = np.arange(1, best + 1)
+    labels, phi = place[found.labels], book.curve[: best + 1]
+
+    theta = found.theta[order]
+    length = np.linalg.norm(theta, axis=1, keepdims=True)
+    rows = np.hstack((-theta / length, 1.0 / length))
+    covariances = np.array(
+        [covariance_of_plane(theta[j], found.covariance[k]) for j, k in enumerate(order)]
+    ).reshape(-1, 4, 4)
+    marks = labels.reshape(-1)[observation.index]
+    square = _squared_residuals(observation, theta, marks)
+    planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
+    reason = "no plane saves more than it costs" if not best else "no merge saves anything"
+    return PlaneModel(
+        labels=labels,
+        planes=tuple(
+            replace(
+                plane,
+                information=float(book.worth[j]),
+                significance=float(found.significance[order[j]]),
+            )
+            for j, plane in enumerate(planes)
+        ),
+        information=float(phi[-1]),
+        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        readings=observation.count,
+        prefix=tuple(phi.tolist()),
+        search="joint",
+        objective="spatial",
+        note="" if best else reason,
+        settings=settings,
+    )
+
+
+def _squared_residuals(
+    observation: RayObservation, theta: Array, marks: NDArray[np.uint16]
+) -> Array:
+    """(z - 1 / (theta . r))^2 of every reading on a plane, 0 elsewhere."""
+    on = np.flatnonzero(marks)
+    mine = theta[marks[on].astype(np.intp) - 1]
+    inverse = np.einsum("ik,ki->i", mine, observation.rays[:, on])
+    out = np.zeros(observation.count)
+    out[on] = (observation.depth[on] - 1.0 / inverse) ** 2
+    return out

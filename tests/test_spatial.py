@@ -1,0 +1,147 @@
+"""The spatial objective on whole frames."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise import scenes
+from planewise.mask_code import spatial_mask_information
+
+SENSOR = pw.Sensor(max_depth=10, noise=0.002)
+
+
+def detect(depth, camera, sensor=SENSOR, **options):
+    return pw.detect_planes(depth, camera, sensor, objective="spatial", **options)
+
+
+def test_a_roof_has_two_planes_and_a_straight_ridge(roof, camera):
+    depth, planes, labels = roof
+    model = detect(depth, camera)
+    assert len(model) == 2
+    truth = -planes[:, :3] / planes[:, 3:]
+    found = -model.coefficients[:, :3] / model.coefficients[:, 3:]
+    order = [int(np.argmin(np.linalg.norm(found - row, axis=1))) for row in truth]
+    assert sorted(order) == [0, 1]
+    assert_allclose(found[order], truth, atol=0.01)
+    assert (np.array(order)[labels - 1] + 1 == model.labels).mean() > 0.995
+
+
+@pytest.mark.parametrize("name", ["staircase", "corner"])
+def test_the_papers_scenes_have_four_planes(name):
+    for seed in range(5):
+        scene = getattr(scenes, name)(rng=seed)
+        model = detect(scene.depth, scene.camera, scene.sensor)
+        assert len(model) == 4
+        normals = model.coefficients[:, :3]
+        cosine = np.clip(scene.planes[:, :3] @ normals.T, -1, 1)
+        assert np.degrees(np.arccos(cosine.max(axis=1))).max() < 0.2
+        gap = np.linalg.norm(scene.planes[:, None] - model.coefficients[None], axis=2)
+        match = gap.argmin(axis=1) + 1
+        wrong = (match[scene.labels - 1] != model.labels) & (scene.depth > 0)
+        assert wrong.mean() < 0.005
+
+
+def test_the_t_junction_is_labelled_right():
+    scene = scenes.t_junction(sigma=0.01)
+    spatial = detect(scene.depth, scene.camera, scene.sensor)
+    paper = pw.detect_planes(
+        scene.depth, scene.camera, scene.sensor, search="sequential", inlier_ratio=0.25
+    )
+
+    def wrong(model):
+        own = np.zeros(len(model) + 1, int)
+        for j in range(1, len(model) + 1):
+            own[j] = np.bincount(scene.labels[model.labels == j]).argmax()
+        there = (scene.labels > 0) & (scene.depth > 0)
+        return int((there & (own[model.labels] != scene.labels)).sum())
+
+    assert wrong(paper) > 0
+    assert wrong(spatial) * 10 <= wrong(paper)
+
+
+def test_a_room_is_seen_as_a_person_would():
+    scene = scenes.room(1)
+    model = detect(scene.depth, scene.camera, pw.sensors.KINECT_V1)
+    large = [n for n in range(len(scene.planes)) if (scene.labels == n + 1).sum() > 3000]
+    assert scene.found(model.labels)[large].mean() > 0.8
+    worth = [plane.information for plane in model.planes]
+    assert worth == sorted(worth)
+    assert all(plane.significance > 0 for plane in model.planes)
+    assert model.information == pytest.approx(model.curve[len(model)])
+    assert model.curve[len(model)] == min(model.curve)
+    for k in (0, 3, len(model)):
+        best = model.top(k)
+        assert best.information == pytest.approx(model.curve[k])
+        assert best.labels.max() == k
+    mask = spatial_mask_information(model.labels, scene.depth > 0, len(model))
+    assert 0 < mask < 0.02 * model.information
+
+
+def test_instances_keep_surfaces_apart_that_share_a_plane(camera):
+    rng = np.random.default_rng(0)
+    camera = pw.PinholeCamera(fx=120, fy=120, cx=79.5, cy=59.5)
+    depth = np.full((120, 160), 2.0)
+    depth[:, 60:100] = 1.2
+    depth += rng.normal(0, 0.002, depth.shape)
+    assert len(detect(depth, camera)) == 2
+    assert len(detect(depth, camera, instances=True)) == 3
+
+
+@pytest.mark.parametrize("value", [0.0, np.nan])
+def test_frames_without_readings_say_why(camera, value):
+    model = detect(np.full((48, 64), value), camera)
+    assert len(model) == 0
+    assert "0 valid readings" in model.note
+
+
+@pytest.mark.parametrize("count", [1, 3, 40])
+def test_a_few_scattered_readings_are_no_plane_and_no_error(camera, count):
+    depth = np.zeros((48, 64))
+    depth.flat[np.arange(count) * 70] = 2.0
+    model = detect(depth, camera)
+    assert len(model) == 0
+    assert np.isfinite(model.information)
+
+
+def test_a_constant_depth_is_a_plane(camera):
+    model = detect(np.full((48, 64), 2.0), camera)
+    assert len(model) == 1
+    assert model.planes[0].count == 48 * 64
+    assert_allclose(model.planes[0].normal, [0, 0, -1], atol=1e-6)
+
+
+def test_uniform_noise_has_no_plane(camera):
+    depth = np.random.default_rng(0).uniform(0.1, 10, (48, 64))
+    model = detect(depth, camera)
+    assert len(model) == 0
+    assert model.note
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (5, 7), (48, 65), (3, 200)])
+def test_any_image_size(shape):
+    camera = pw.PinholeCamera(fx=100, fy=100, cx=shape[1] / 2, cy=shape[0] / 2)
+    depth = 2.0 + np.random.default_rng(0).normal(0, 0.002, shape)
+    sensor = pw.Sensor(max_depth=10, noise=0.002)
+    observation = pw.observe(depth, camera.cropped(0, 0, shape), sensor)
+    model = pw.find(observation, pw.Options(objective="spatial"))
+    assert model.labels.shape == shape
+
+
+def test_max_planes_and_repeatability():
+    scene = scenes.room(2, size=(240, 320))
+    first = detect(scene.depth, scene.camera, pw.sensors.KINECT_V1)
+    second = detect(scene.depth, scene.camera, pw.sensors.KINECT_V1, threads=2)
+    assert_array_equal(first.labels, second.labels)
+    assert first.information == second.information
+    assert len(detect(scene.depth, scene.camera, pw.sensors.KINECT_V1, max_planes=2)) == 2
+
+
+def test_what_it_cannot_do_is_said(camera):
+    depth = np.full((48, 64), 2.0)
+    with pytest.raises(ValueError, match="needs search='joint'"):
+        detect(depth, camera, search="sequential")
+    with pytest.raises(ValueError, match="instances needs objective='spatial'"):
+        pw.detect_planes(depth, camera, SENSOR, instances=True)
+    with pytest.raises(ValueError, match="needs a depth image"):
+        pw.detect_planes_in_points(np.ones((9, 3)), SENSOR, objective="spatial")

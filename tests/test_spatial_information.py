@@ -1,0 +1,84 @@
+"""The closed forms of the spatial objective against dense normal densities, reading by reading."""
+
+import math
+
+import numpy as np
+import pytest
+
+import planewise as pw
+from planewise.cells import TILT, cells_of, frame_of
+from planewise.mask_code import spatial_mask_information
+from planewise.spatial_information import GROUP_SIDE, ledger
+
+PARTS = pw.noise.ErrorParts(
+    white=pw.noise.constant(0.003),
+    shared=pw.noise.constant(0.002),
+    drift=pw.noise.constant(0.004),
+)
+SENSOR = pw.Sensor(max_depth=8, noise=0.003, parts=PARTS)
+
+
+def normal_nats(values, covariance):
+    sign, determinant = np.linalg.slogdet(2 * np.pi * covariance)
+    assert sign > 0
+    return 0.5 * (values @ np.linalg.solve(covariance, values) + determinant)
+
+
+def oracle(frame, cells, affine, labels, R, eps, pixel_size):
+    L = math.log(R / eps)
+    p = frame.p / cells.white
+    total = len(affine) * 3 * L
+    total += spatial_mask_information(labels, frame.p > 0, len(affine))
+    height, width = labels.shape
+    slope = 100 * math.sqrt(pixel_size[0] * pixel_size[1])
+    for top in range(0, height, GROUP_SIDE):
+        for left in range(0, width, GROUP_SIDE):
+            window = np.s_[top : top + GROUP_SIDE, left : left + GROUP_SIDE]
+            for label in range(len(affine) + 1):
+                mine = (labels[window] == label) & (p[window] > 0)
+                if not mine.any():
+                    continue
+                w, v = frame.w[window][mine], 1 / p[window][mine]
+                x, y = frame.x[window][mine], frame.y[window][mine]
+                cx, cy = np.average(x, weights=1 / v), np.average(y, weights=1 / v)
+                J = np.column_stack((np.ones_like(x), x - cx, y - cy))
+                # density of z, not of w: dz = z^2 dw, in steps of eps
+                change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
+                if label:
+                    offset = cells.scale * frame.slow[window][mine].mean()
+                    tilt = TILT**2 * cells.scale * frame.shared[window][mine].mean()
+                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
+                    t = affine[label - 1]
+                    total += normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
+                    continue
+                mean = np.average(w, weights=1 / v)
+                s = (slope * mean) ** 2
+                C = np.diag(v) + J @ np.diag([0, s, s]) @ J.T
+                smooth = L + normal_nats(w - mean, C) + change
+                total += math.log(2) + min(smooth, w.size * L)
+    return total
+
+
+def test_the_ledger_is_exact(roof, camera):
+    depth, planes, labels = roof
+    depth, labels = depth.copy(), labels.astype(np.int32)
+    depth[5:12, 8:20] = 0
+    depth[30:36, 40:44] = 5.0
+    labels[28:40, 36:50] = 0
+    labels[depth == 0] = 0
+    observation = pw.observe(depth, camera, SENSOR)
+    frame = frame_of(observation)
+    cells = cells_of(frame, observation.pixel_size)
+    du, dv = observation.pixel_size
+    theta = -planes[:, :3] / planes[:, 3:]
+    affine = np.column_stack((theta[:, 2], theta[:, 0] * du * 100, theta[:, 1] * dv * 100))
+    book = ledger(frame, cells, affine, labels, 8, 0.001, observation.pixel_size)
+    place = np.zeros(3, np.int32)
+    place[book.order + 1] = [1, 2]
+    for n in range(3):
+        kept = np.where(place[labels] <= n, place[labels], 0).astype(np.int32)
+        best = affine[book.order[:n]]
+        expected = oracle(frame, cells, best, kept, 8, 0.001, observation.pixel_size)
+        assert book.curve[n] == pytest.approx(expected, rel=1e-9)
+    assert book.worth[0] <= book.worth[1] < 0
+    assert book.curve[2] < book.curve[1] < book.curve[0]
