@@ -171,7 +171,7 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
     return Cells(
         grid=unit.reshape(rows, columns),
         rows=segments,
-        drift=drift * min(scale, 1.0),
+        drift=drift,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
         white=white,
@@ -230,16 +230,14 @@ def _short_scale(
     """Factor on the short-range variance at which neighbouring cells disagree as they should.
 
     The discord of two cells of one plane is chi^2 of three degrees of freedom; most neighbours in
-    most frames are on one plane, so their median tells. The drift shrinks with it, as both have
-    one cause, but does not grow. Found by bisection.
+    most frames are on one plane, so their median tells. Found by bisection, the drift kept.
     """
     discords = np.empty(2 * unit.size)
     low, high = 0.005, 8.0
     scale = 1.0
     for _ in range(8):
         scale = float(np.sqrt(low * high))
-        slow = drift * min(scale, 1.0)
-        found = loops.neighbour_discords(unit, *shape, segments, size, slow, scale, discords)
+        found = loops.neighbour_discords(unit, *shape, segments, size, drift, scale, discords)
         if not found:
             return 1.0
         if np.median(discords[:found]) > _MEDIAN_CHI2_3:

@@ -69,11 +69,15 @@ class ErrorParts:
         Standard deviation in metres of what readings some ten pixels apart still share.
     drift : callable
         Standard deviation in metres by which the error wanders over 100 pixels, like a random walk.
+    drift_varies : bool
+        Whether `drift` is what a frame may show at most, to be estimated from each: it differs
+        between devices and places, and many planes are too small to tell.
     """
 
     white: Noise
     shared: Noise
     drift: Noise
+    drift_varies: bool = True
 
     def __str__(self) -> str:
         return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"

@@ -8,7 +8,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,12 @@ _CREASE_BAND = 4  # pixels about a border that are looked at
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
 _CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
 _CREASE_FAR = 8.0  # pixels from the line of intersection
+_CLEAN = 0.5  # short-range variance against the sensor's, below which a frame is a clean one
+_DRIFT_LAG = 96  # pixels between cells that tell how far the error drifts
+_DRIFT_PAIRS = 50  # of them that are needed
+_DRIFT_BLURRED = 0.35  # factor from which it may as well be clutter
+_DRIFT_LEAST = 0.02
+_MEDIAN_CHI2_1 = 0.455  # of one degree of freedom
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 
 
@@ -93,6 +99,11 @@ def segment(
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
+    parts = observation.parts
+    if parts is not None and parts.drift_varies and cells.scale < _CLEAN:
+        factor = _drift_factor(cells, cost)
+        cells = replace(cells, drift=factor * cells.drift)
+        frame = replace(frame, drift=factor * frame.drift)
     rows, root = _agglomerate(cells, cost)
     accepted, worth = _accept(cells, rows, root, cost)
     planes, owner = _join_through_gaps(cells, rows, accepted, instances)
@@ -100,10 +111,10 @@ def segment(
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    planes, labels = _label(frame, cells, root, accepted, planes, owner, observation)
+    rows, labels = _label(frame, cells, root, accepted, planes, owner, observation)
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
-    return _compact(planes, labels, total, observation.pixel_size)
+    return _compact(rows, labels, np.asarray(total), observation.pixel_size)
 
 
 def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
@@ -124,6 +135,52 @@ def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
         cost,
     )
     return rows, root
+
+
+def _drift_factor(cells: Cells, cost: float) -> float:
+    """How far the error of this frame drifts, as a variance, against what its sensor may show.
+
+    Two cells of one segment, 96 pixels apart, differ from its plane by their own errors and the
+    drift between them; the factor is the one at which half the squared differences are below the
+    median of chi^2. Segments are grown with half the drift first, lest it hide what it causes. A
+    frame in which clutter blurs the answer keeps its sensor's drift, and so does one whose error
+    over a few pixels is as large as its sensor's: only cleaner frames are asked.
+    """
+    rows, root = _agglomerate(replace(cells, drift=0.5 * cells.drift), cost)
+    grid = cells.grid[: cells.grid.shape[0] // 2 * 2, : cells.grid.shape[1] // 2 * 2]
+    corner = grid[::2, ::2]
+    whole = (corner >= 0) & (grid[1::2, ::2] == corner) & (grid[::2, 1::2] == corner)
+    whole &= grid[1::2, 1::2] == corner
+    lag = _DRIFT_LAG // (2 * SIDE)
+    pairs = []
+    for a, b in (
+        (np.s_[:, :-lag], np.s_[:, lag:]),
+        (np.s_[:-lag, :], np.s_[lag:, :]),
+    ):
+        together = whole[a] & whole[b]
+        u, v = corner[a][together], corner[b][together]
+        same = root[u] == root[v]
+        pairs.append((u[same], v[same]))
+    u, v = (np.concatenate(side) for side in zip(*pairs, strict=True))
+    if u.size < _DRIFT_PAIRS:
+        return 1.0
+    used, place = np.unique(root[u], return_inverse=True)
+    plane = _affine(rows[used])[place]
+    first, second = cells.rows[u], cells.rows[v]
+    dx = first[:, 1] / first[:, 0] - second[:, 1] / second[:, 0]
+    dy = first[:, 2] / first[:, 0] - second[:, 2] / second[:, 0]
+    off = first[:, 6] / first[:, 0] - second[:, 6] / second[:, 0]
+    off -= plane[:, 1] * dx + plane[:, 2] * dy
+    own = 1.0 / first[:, 0] + 1.0 / second[:, 0]
+    slow = np.sqrt(cells.drift[u] * cells.drift[v]) * np.hypot(dx, dy)
+    low, high = 1e-3, 4.0
+    for _ in range(8):
+        factor = float(np.sqrt(low * high))
+        if np.median(off**2 / (own + factor * slow)) > _MEDIAN_CHI2_1:
+            low = factor
+        else:
+            high = factor
+    return 1.0 if factor > _DRIFT_BLURRED else max(factor, _DRIFT_LEAST)
 
 
 def _border_prices(cells: Cells, bounds: tuple[float, float]) -> Array:
