@@ -39,6 +39,11 @@ class _Search(StrEnum):
     sequential = "sequential"
 
 
+class _Objective(StrEnum):
+    paper = "paper"
+    spatial = "spatial"
+
+
 class _OnStderr(logging.Handler):
     """Shows what the library logs, such as that the first run has to compile."""
 
@@ -136,6 +141,20 @@ def detect(
     search: Annotated[
         _Search, typer.Option(help="All planes together, or one after the other (the paper's).")
     ] = _Search.joint,
+    objective: Annotated[
+        _Objective,
+        typer.Option(
+            help="What is minimised: the paper's information, or one with a spatial mask code, "
+            "correlated error and a smooth null, which suits real sensors."
+        ),
+    ] = _Objective.paper,
+    instances: Annotated[
+        bool,
+        typer.Option(
+            "--instances",
+            help="Keep surfaces of one plane that do not touch apart (spatial objective).",
+        ),
+    ] = False,
     max_planes: Annotated[
         int | None, _optional("Largest number of planes. Default: 64, sequential 8.")
     ] = None,
@@ -175,6 +194,8 @@ def detect(
 
         options = Options(
             search=search.value,
+            objective=objective.value,
+            instances=instances,
             max_planes=max_planes,
             confidence=confidence,
             inlier_ratio=inlier_ratio,
@@ -249,7 +270,8 @@ def demo(
             from planewise.draw import draw_labels
 
             room = scenes.room(seed)
-            model, seconds = find_planes(room.depth, room.camera, room.sensor, None, Options())
+            options = Options(objective="spatial")
+            model, seconds = find_planes(room.depth, room.camera, room.sensor, None, options)
             write_image(folder / "rgb.png", room.rgb)
             write_image(folder / "depth.png", room.depth)
             write_image(folder / "truth.png", draw_labels(room.labels, room.rgb))

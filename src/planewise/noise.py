@@ -50,6 +50,12 @@ class Polynomial:
         z = np.asarray(z, dtype=np.float64)
         return self.constant + self.linear * z + self.quadratic * (z - self.offset) ** 2
 
+    def scaled(self, factor: float) -> Polynomial:
+        """The same curve, `factor` times as high."""
+        return Polynomial(
+            self.constant * factor, self.linear * factor, self.quadratic * factor, self.offset
+        )
+
     def __str__(self) -> str:
         """Write the formula, terms that are zero left out."""
         base = f"(z - {self.offset:g})^2" if self.offset else "z^2"
@@ -78,6 +84,14 @@ class ErrorParts:
     shared: Noise
     drift: Noise
     drift_varies: bool = True
+
+    @classmethod
+    def like_kinect(cls, noise: Polynomial) -> ErrorParts:
+        """Parts of a sensor of which only the noise is known, in the Kinect's proportions.
+
+        White 1, shared 2/3, drift 5/3 of the noise: an analogy, not a measurement.
+        """
+        return cls(white=noise, shared=noise.scaled(2 / 3), drift=noise.scaled(5 / 3))
 
     def __str__(self) -> str:
         return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"
