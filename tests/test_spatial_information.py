@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.cells import TILT, cells_of, frame_of
+from planewise.cells import LATERAL, TILT, cells_of, frame_of
 from planewise.mask_code import spatial_mask_information
 from planewise.spatial_information import GROUP_SIDE, ledger
 
@@ -45,11 +45,15 @@ def oracle(frame, cells, affine, labels, R, eps, pixel_size):
                 # density of z, not of w: dz = z^2 dw, in steps of eps
                 change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
                 if label:
-                    offset = cells.scale * frame.slow[window][mine].mean()
-                    tilt = TILT**2 * cells.scale * frame.shared[window][mine].mean()
-                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
                     t = affine[label - 1]
-                    total += normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
+                    lateral = cells.scale * (LATERAL / 100) ** 2 * (t[1] ** 2 + t[2] ** 2)
+                    near = lateral + cells.scale * (frame.shared + frame.step)[window][mine].mean()
+                    extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
+                    offset = near + extent * frame.drift[window][mine].mean()
+                    tilt = TILT**2 * (lateral + cells.scale * frame.shared[window][mine].mean())
+                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
+                    fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
+                    total += math.log(2) + min(fitted, w.size * L)
                     continue
                 mean = np.average(w, weights=1 / v)
                 s = (slope * mean) ** 2

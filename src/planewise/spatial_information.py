@@ -7,8 +7,9 @@ variance of each reading, and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
   with these integrated out,
-- on none, either on a smooth surface, whose depth there takes ln(R / eps) nats and whose slopes are
-  drawn from a broad prior, or anything at all, ln(R / eps) nats a reading; ln 2 says which.
+- on none, on a smooth surface whose depth there takes ln(R / eps) nats and whose slopes are drawn
+  from a broad prior,
+- in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
 
 Both are closed forms of the group's moments. The mask is the adaptive code of `mask_code`.
 """
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT, Cells, Frame
+from planewise.cells import LATERAL, TILT, Cells, Frame
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.mask_code import spatial_mask_information
@@ -30,7 +31,7 @@ Array = NDArray[np.float64]
 
 GROUP_SIDE = 8  # pixels of a cell whose readings share an offset and a tilt
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
-_NORM, _SLOW, _SHARED = kernels.MOMENTS, kernels.MOMENTS + 1, kernels.MOMENTS + 2
+_NORM, _NEAR, _DRIFT, _SHARED, _SCALE = (kernels.MOMENTS + i for i in range(5))
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,10 @@ def ledger(
     on_plane = label > 0
     data = on_none(moments)
     alone = data[on_plane].copy()
-    data[on_plane] = _plane_data(moments[on_plane], affine[label[on_plane] - 1])
+    extent = np.sqrt(np.bincount(labels[there], minlength=planes + 1)) / kernels.UNIT
+    data[on_plane] = _plane_data(
+        moments[on_plane], affine[label[on_plane] - 1], extent[label[on_plane]], coordinate
+    )
     worth = np.bincount(label[on_plane], data[on_plane] - alone, planes + 1)[1:]
     order: NDArray[np.intp] = np.argsort(worth, kind="stable")
     place = np.zeros(planes + 1, np.int32)
@@ -139,7 +143,8 @@ def _groups(
     norm = np.zeros(labels.shape)
     there = p > 0
     norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * frame.w[there] ** 4 * resolution**2))
-    extra = np.stack((norm, scale * frame.slow, scale * frame.shared))
+    shared, constant = scale * frame.shared, np.full(labels.shape, scale)
+    extra = np.stack((norm, shared + scale * frame.step, frame.drift, shared, constant))
     moments = np.empty((found, kernels.MOMENTS + len(extra)))
     kernels.group_moments(
         labels, frame.w, p, frame.x, frame.y, extra, GROUP_SIDE, columns, place, moments
@@ -166,20 +171,28 @@ def _integrated_slopes(
     return explained, np.log(determinant)
 
 
-def _plane_data(m: Array, t: Array) -> Array:
-    """Nats of groups on planes t, their random offset and tilt integrated out."""
+def _plane_data(m: Array, t: Array, extent: Array, coordinate: float) -> Array:
+    """Nats of groups on planes t, offset and tilt integrated out, or anything at all if shorter.
+
+    The offset's variance is what near readings share, an error across the image where the plane is
+    steep, and what drifts over the extent of the plane, in units of 100 pixels.
+    """
     cx, cy, mean, xx, xy, yy, xw, yw, square = _centred(m)
     off = mean - (t[:, 0] + t[:, 1] * cx + t[:, 2] * cy)
     chi2 = square + m[:, 0] * off**2 - 2 * (t[:, 1] * xw + t[:, 2] * yw)
     chi2 += t[:, 1] ** 2 * xx + 2 * t[:, 1] * t[:, 2] * xy + t[:, 2] ** 2 * yy
-    offset = m[:, _SLOW] / m[:, kernels.COUNT]
-    tilt = TILT**2 * m[:, _SHARED] / m[:, kernels.COUNT]
+    count = m[:, kernels.COUNT]
+    lateral = m[:, _SCALE] / count * (LATERAL / kernels.UNIT) ** 2
+    lateral *= t[:, 1] ** 2 + t[:, 2] ** 2
+    offset = lateral + (m[:, _NEAR] + extent * m[:, _DRIFT]) / count
+    tilt = TILT**2 * (lateral + m[:, _SHARED] / count)
     slopes, determinant = _integrated_slopes(
         tilt, xx, xy, yy, xw - t[:, 1] * xx - t[:, 2] * xy, yw - t[:, 1] * xy - t[:, 2] * yy
     )
     spread = 1 + offset * m[:, 0]
     chi2 -= offset * (m[:, 0] * off) ** 2 / spread + slopes
-    return np.asarray(0.5 * (chi2 + np.log(spread) + determinant) + m[:, _NORM])
+    fitted = 0.5 * (chi2 + np.log(spread) + determinant) + m[:, _NORM]
+    return np.asarray(np.log(2) + np.minimum(fitted, m[:, kernels.COUNT] * coordinate))
 
 
 def _surface_data(m: Array, slope_prior: float, coordinate: float) -> Array:
