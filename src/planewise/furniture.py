@@ -47,10 +47,6 @@ class Solid(ABC):
     def normal(self, points: Array, face: Faces) -> Array:
         """Outward unit normals at points of the surface."""
 
-    def face_point(self, face: int) -> Array:
-        """Return a point of a face."""
-        raise NotImplementedError(f"{type(self).__name__} has no flat faces")
-
     def corners(self) -> Array:
         """Corners of a box around it, shape (8, 3)."""
         return np.array([self.centre + self.half * signs for signs in _SIGNS])

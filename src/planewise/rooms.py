@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planewise import noise, sensors
 from planewise.camera import PinholeCamera
-from planewise.furniture import Room, Solid, furnish
+from planewise.furniture import Block, Room, Solid, furnish
 from planewise.scene import Scene, Seed
 
 Array = NDArray[np.float64]
@@ -188,7 +188,7 @@ def _truth(
     planes: list[Array] = []
     for number, count in zip(numbers[order], counts[order], strict=True):
         thing = solids[number // 6]
-        if thing.clutter or count < _SMALLEST * faces.size:
+        if not isinstance(thing, Block) or thing.clutter or count < _SMALLEST * faces.size:
             continue
         at = faces == number
         normal = hit.normal[at][0]

@@ -26,6 +26,23 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
 @_compiled
+def _add_reading(m, weight, a, b, v):  # type: ignore[no-untyped-def]
+    """Add a reading of inverse depth v at (a, b) to a row of moments."""
+    pa, pb, pv = weight * a, weight * b, weight * v
+    m[0] += weight
+    m[1] += pa
+    m[2] += pb
+    m[3] += pa * a
+    m[4] += pa * b
+    m[5] += pb * b
+    m[6] += pv
+    m[7] += pv * a
+    m[8] += pv * b
+    m[9] += pv * v
+    m[10] += 1.0
+
+
+@_compiled
 def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
     """Moments of every cell of side x side pixels; w, p, x, y (H, W), p = 0 without a reading."""
     height, width = w.shape
@@ -37,19 +54,7 @@ def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
             weight = p[i, j]
             if weight > 0.0:
                 m = moments[row + j // side]
-                a, b, v = x[i, j], y[i, j], w[i, j]
-                pa, pb, pv = weight * a, weight * b, weight * v
-                m[0] += weight
-                m[1] += pa
-                m[2] += pb
-                m[3] += pa * a
-                m[4] += pa * b
-                m[5] += pb * b
-                m[6] += pv
-                m[7] += pv * a
-                m[8] += pv * b
-                m[9] += pv * v
-                m[10] += 1.0
+                _add_reading(m, weight, x[i, j], y[i, j], w[i, j])
 
 
 @_compiled
@@ -191,18 +196,6 @@ def group_moments(label, w, p, x, y, extra, side, columns, place, moments):  # t
             weight = p[i, j]
             if weight > 0.0:
                 m = moments[place[(i // side) * columns + j // side, label[i, j]]]
-                a, b, v = x[i, j], y[i, j], w[i, j]
-                pa, pb, pv = weight * a, weight * b, weight * v
-                m[0] += weight
-                m[1] += pa
-                m[2] += pb
-                m[3] += pa * a
-                m[4] += pa * b
-                m[5] += pb * b
-                m[6] += pv
-                m[7] += pv * a
-                m[8] += pv * b
-                m[9] += pv * v
-                m[10] += 1.0
+                _add_reading(m, weight, x[i, j], y[i, j], w[i, j])
                 for k in range(extra.shape[0]):
                     m[MOMENTS + k] += extra[k, i, j]
