@@ -20,7 +20,6 @@ from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
-from planewise.spatial_model import spatial_model
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator
@@ -263,6 +262,9 @@ def find(observation: Observation, options: Options) -> PlaneModel:
 
     compilation.announce()
     if spatial and isinstance(observation, RayObservation):
+        # Its compiled loops are loaded only where they are used.
+        from planewise.spatial_model import spatial_model
+
         return spatial_model(
             observation,
             instances=options.instances,
