@@ -35,7 +35,7 @@ _SETTLE = 8  # refits after it was taken
 _FINAL = 8  # planes refitted on all readings, all steps together ...
 _FEWEST = 2  # ... but no fewer steps
 _DROPPABLE = 1.2  # a plane that saves less than this much of its cost may be dropped
-_EXCHANGED = 3  # planes that save least are tried against others
+_EXCHANGED = 2  # planes that save least are tried against others
 _SHARED = 0.7  # of a plane's gain that another must offer for the pair to be worth a merge
 
 
