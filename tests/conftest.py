@@ -40,7 +40,7 @@ def camera():
     return pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
 
 
-def render(planes, camera, shape, labels=None):
+def render(planes, camera, shape):
     """Depth of the nearest of some planes (rows of normal and distance), and which it is."""
     rays = camera.rays(shape)
     with np.errstate(divide="ignore"):

@@ -104,8 +104,9 @@ def segment(
         factor = _drift_factor(cells, cost)
         cells = replace(cells, drift=factor * cells.drift)
         frame = replace(frame, drift=factor * frame.drift)
-    rows, root = _agglomerate(cells, cost)
-    accepted, worth = _accept(cells, rows, root, cost)
+    discords = _border_discords(cells)
+    rows, root = _agglomerate(cells, discords, cost)
+    accepted, worth = _accept(cells, discords, rows, root, cost)
     planes, owner = _join_through_gaps(cells, rows, accepted, instances)
     if max_planes is not None and len(planes) > max_planes:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
@@ -117,7 +118,7 @@ def segment(
     return _compact(rows, labels, np.asarray(total), observation.pixel_size)
 
 
-def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
+def _agglomerate(cells: Cells, discords: Array, cost: float) -> tuple[Array, NDArray[np.int32]]:
     """Merge neighbouring cells into segments; returns their rows and the root of every unit."""
     rows = cells.rows.copy()
     free = np.empty(len(rows))
@@ -127,7 +128,7 @@ def _agglomerate(cells: Cells, cost: float) -> tuple[Array, NDArray[np.int32]]:
         cells.grid.reshape(-1),
         cells.grid.shape[0],
         cells.grid.shape[1],
-        _border_prices(cells, _MERGE_BORDER),
+        _border_prices(discords, _MERGE_BORDER),
         rows,
         cells.drift.copy(),
         cells.offset_prior,
@@ -146,7 +147,8 @@ def _drift_factor(cells: Cells, cost: float) -> float:
     frame in which clutter blurs the answer keeps its sensor's drift, and so does one whose error
     over a few pixels is as large as its sensor's: only cleaner frames are asked.
     """
-    rows, root = _agglomerate(replace(cells, drift=0.5 * cells.drift), cost)
+    half = replace(cells, drift=0.5 * cells.drift)
+    rows, root = _agglomerate(half, _border_discords(half), cost)
     grid = cells.grid[: cells.grid.shape[0] // 2 * 2, : cells.grid.shape[1] // 2 * 2]
     corner = grid[::2, ::2]
     whole = (corner >= 0) & (grid[1::2, ::2] == corner) & (grid[::2, 1::2] == corner)
@@ -183,22 +185,27 @@ def _drift_factor(cells: Cells, cost: float) -> float:
     return 1.0 if factor > _DRIFT_BLURRED else max(factor, _DRIFT_LEAST)
 
 
-def _border_prices(cells: Cells, bounds: tuple[float, float]) -> Array:
+def _border_discords(cells: Cells) -> Array:
+    """Discord across every side that two units share, -1 elsewhere: to the right, and below."""
+    rows, columns = cells.grid.shape
+    discords = np.empty((2, rows, columns))
+    loops.border_discords(cells.grid.reshape(-1), rows, columns, cells.rows, cells.drift, discords)
+    return discords
+
+
+def _border_prices(discords: Array, bounds: tuple[float, float]) -> Array:
     """Nats of every side of a cell as a border: dear where the surface goes on, else cheap."""
-    discords = np.empty((2, *cells.grid.shape))
-    count, columns = cells.grid.shape
-    loops.border_discords(cells.grid.reshape(-1), count, columns, cells.rows, cells.drift, discords)
     low, high = bounds
     price = low + (high - low) / (1.0 + (discords / _KNEE) ** 2)
     return np.asarray(SIDE * np.where(discords < 0, low, price))
 
 
 def _accept(
-    cells: Cells, rows: Array, root: NDArray[np.int32], cost: float
+    cells: Cells, discords: Array, rows: Array, root: NDArray[np.int32], cost: float
 ) -> tuple[NDArray[np.int64], Array]:
     """Roots of the segments that pay for being a plane, best first, and what each saves in nats."""
     owner = np.where(cells.grid >= 0, root[cells.grid], -1)
-    prices = _border_prices(cells, _PLANE_BORDER)
+    prices = _border_prices(discords, _PLANE_BORDER)
     border = np.zeros(len(rows))
     for a, b, price in (
         (owner[:, 1:], owner[:, :-1], prices[0, :, :-1]),
