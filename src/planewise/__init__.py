@@ -14,6 +14,7 @@ normals face the sensor. Information in nats; that of a plane is negative when i
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from planewise import cameras, noise, scenes, sensors
@@ -33,11 +34,13 @@ if TYPE_CHECKING:
         detect_planes_in_points,
         find,
     )
+    from planewise.noise_estimate import NoiseEstimate, estimate_noise
 
 __all__ = [
     "Curve",
     "Detector",
     "Move",
+    "NoiseEstimate",
     "Objective",
     "Options",
     "PinholeCamera",
@@ -48,6 +51,7 @@ __all__ = [
     "cameras",
     "detect_planes",
     "detect_planes_in_points",
+    "estimate_noise",
     "find",
     "information",
     "noise",
@@ -58,14 +62,17 @@ __all__ = [
 ]
 
 # Numba takes longer to import than everything else together: it waits for the first detection.
-_LAZY = {"Detector", "Options", "detect_planes", "detect_planes_in_points", "find"}
+_LAZY = {
+    **dict.fromkeys(
+        ("Detector", "Options", "detect_planes", "detect_planes_in_points", "find"), "detect"
+    ),
+    **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
+}
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
-        from planewise import detect
-
-        return getattr(detect, name)
+        return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -269,7 +269,7 @@ def find(observation: Observation, options: Options) -> PlaneModel:
             observation,
             instances=options.instances,
             max_planes=options.max_planes or MAX_PLANES,
-            settings=options.describe(),
+            settings=_settings(observation, options),
         )
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
@@ -294,8 +294,16 @@ def find(observation: Observation, options: Options) -> PlaneModel:
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note="" if len(solution) else curve.reason,
-        settings=options.describe(),
+        settings=_settings(observation, options),
     )
+
+
+def _settings(observation: Observation, options: Options) -> dict[str, object]:
+    """What the model was made with; a noise that was estimated included."""
+    out = options.describe()
+    if isinstance(observation, RayObservation) and observation.estimate is not None:
+        out["noise"] = observation.estimate.describe()
+    return out
 
 
 def _prefix(phi: float, worth: list[float], structure: NDArray[np.float64]) -> tuple[float, ...]:
@@ -316,5 +324,5 @@ def _no_planes(observation: Observation, options: Options, empty: float) -> Plan
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note=observation.note,
-        settings=options.describe(),
+        settings=_settings(observation, options),
     )

@@ -8,12 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Noise = Callable[[Array], Array]
+Auto = Literal["auto"]
+
+AUTO: Auto = "auto"
+"""In place of a noise model: estimate it from each frame (`planewise.noise_estimate`)."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,56 @@ class Polynomial:
         base = f"(z - {self.offset:g})^2" if self.offset else "z^2"
         parts = [(self.constant, ""), (self.linear, " z"), (self.quadratic, " " + base)]
         return " + ".join(f"{size:g}{name}" for size, name in parts if size) + " m"
+
+
+@dataclass(frozen=True)
+class RootSum:
+    """sigma(z) of independent errors together: the root of the sum of their squares, in metres.
+
+    Parameters
+    ----------
+    parts : tuple of callable
+        Standard deviations in metres at depth z; at least one.
+
+    Examples
+    --------
+    >>> print(RootSum((constant(0.003), constant(0.004))))
+    sqrt((0.003)^2 + (0.004)^2) m
+    >>> RootSum((constant(0.003), constant(0.004)))([1.0, 2.0])
+    array([0.005, 0.005])
+    """
+
+    parts: tuple[Noise, ...]
+
+    def __post_init__(self) -> None:
+        if not self.parts:
+            raise ValueError("noise: a sum needs at least one part")
+
+    def __call__(self, z: Array) -> Array:
+        """Evaluate sigma at depths `z` (metres)."""
+        z = np.asarray(z, dtype=np.float64)
+        return np.sqrt(np.sum([np.square(part(z)) for part in self.parts], axis=0))
+
+    def __str__(self) -> str:
+        """Write the formula."""
+        squares = (f"({str(part).removesuffix(' m')})^2" for part in self.parts)
+        return f"sqrt({' + '.join(squares)}) m"
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """An error that is not there: sigma(z) = 0."""
+
+    def __call__(self, z: Array) -> Array:
+        """Return zeros of the shape of `z`."""
+        return np.zeros(np.shape(z))
+
+    def __str__(self) -> str:
+        return "0 m"
+
+
+NOTHING = Nothing()
+"""Part of an error that is not there."""
 
 
 @dataclass(frozen=True, kw_only=True)

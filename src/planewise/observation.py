@@ -10,15 +10,18 @@ Hyperplanes are rows (normal, distance) with normal . x + distance = 0 and |norm
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.noise import ErrorParts
+from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.noise_estimate import NoiseEstimate
 
 Array = NDArray[np.float64]
 
@@ -107,6 +110,8 @@ class RayObservation(Observation):
         Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy.
     parts : ErrorParts, optional
         How much of the error neighbouring readings share.
+    estimate : NoiseEstimate, optional
+        Where `sigma` and `parts` come from, if they were estimated from these readings.
     """
 
     rays: Array
@@ -114,6 +119,7 @@ class RayObservation(Observation):
     solid: Array
     pixel_size: tuple[float, float]
     parts: ErrorParts | None = None
+    estimate: NoiseEstimate | None = None
 
     @property
     def dimension(self) -> int:
@@ -188,7 +194,8 @@ def observe(
     camera : PinholeCamera
         Its intrinsics.
     sensor : Sensor
-        Its range, resolution and noise. The noise of integer depth is evaluated once per value.
+        Its range, resolution and noise. The noise of integer depth is evaluated once per value;
+        noise "auto" is estimated from the image (`planewise.estimate_noise`).
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
 
@@ -203,6 +210,13 @@ def observe(
         If the image is not a 2-D array of numbers with at least two rows and columns, holds
         negative depths, or cannot belong to the camera.
     """
+    if sensor.noise == AUTO:
+        from planewise.noise_estimate import resolved
+
+        plain = observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale)
+        estimate, sensor = resolved(plain, sensor)
+        sigma = sensor.sigma(plain.depth)
+        return replace(plain, sigma=sigma, parts=sensor.parts, estimate=estimate)
     image = _depth_image(depth)
     shape: tuple[int, int] = (image.shape[0], image.shape[1])
     camera.check(shape)
@@ -256,8 +270,14 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     Raises
     ------
     ValueError
-        If `points` is not a 2-D array of numbers with two or more columns.
+        If `points` is not a 2-D array of numbers with two or more columns, or the noise is "auto",
+        which needs a depth image.
     """
+    if sensor.noise == AUTO:
+        raise ValueError(
+            "noise='auto' needs a depth image, whose cells show the noise; for points give it as "
+            "metres, such as noise=0.005, or as a function of the distance"
+        )
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
         raise ValueError(

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from planewise.noise import Array, ErrorParts, Noise, constant, proportional
+from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, constant, proportional
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,9 +21,10 @@ class Sensor:
     resolution : float
         eps of the paper: the step between two readings, in metres. An integer depth image is taken
         to be in units of it.
-    noise : callable or float
-        sigma(z) in metres for an array of depths in metres (see `planewise.noise`), or one number
-        in metres for every depth.
+    noise : callable, float or "auto"
+        sigma(z) in metres for an array of depths in metres (see `planewise.noise`), one number
+        in metres for every depth, or "auto": estimated, with the parts, from each depth image
+        (`planewise.estimate_noise`).
     min_depth : float
         Smallest depth it reports, in metres; readings below are "no reading".
     parts : ErrorParts, optional
@@ -37,7 +38,7 @@ class Sensor:
     ------
     ValueError
         If a length is not positive and finite, if the resolution is not smaller than the range, or
-        if the noise is not positive and finite.
+        if the noise is not positive and finite, or a word other than "auto".
 
     Examples
     --------
@@ -48,7 +49,7 @@ class Sensor:
 
     max_depth: float = 10.0
     resolution: float = 0.001
-    noise: Noise | float = field(default_factory=lambda: proportional(0.01))
+    noise: Noise | float | Auto = field(default_factory=lambda: proportional(0.01))
     min_depth: float = 0.0
     parts: ErrorParts | None = None
     depth_range: float | None = None
@@ -68,7 +69,12 @@ class Sensor:
                 f"resolution must be smaller than the range: got {self.resolution} m against "
                 f"{self.range} m; both are in metres"
             )
-        if not callable(self.noise):
+        if isinstance(self.noise, str):
+            if self.noise != AUTO:
+                raise ValueError(
+                    f"noise must be a function of depth, metres or 'auto', got {self.noise!r}"
+                )
+        elif not callable(self.noise):
             object.__setattr__(self, "noise", constant(float(self.noise)))
 
     @property
@@ -92,8 +98,14 @@ class Sensor:
         Raises
         ------
         ValueError
-            If the noise model returns another shape, or a sigma that is not positive and finite.
+            If the noise model returns another shape, or a sigma that is not positive and finite; if
+            the noise is "auto".
         """
+        if self.noise == AUTO:
+            raise ValueError(
+                "noise='auto' is estimated from a depth image and not known without one; see "
+                "planewise.estimate_noise, or give the noise as metres or a function of depth"
+            )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
         sigma = np.asarray(self.noise(z), dtype=np.float64)

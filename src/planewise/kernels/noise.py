@@ -1,0 +1,52 @@
+"""Loop over readings: a plane in inverse depth for every cell, and how far its readings are off."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+SUMS = 10  # of 1, x, y, x x, x y, y y, w, x w, y w, w w
+PLANE = 7  # count, centroid x and y, w there, slopes along x and y, sum of squared residuals
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+
+@_compiled
+def cell_planes(index, depth, rays, focal, width, side, columns, sums, planes):  # type: ignore[no-untyped-def]
+    """Least-squares plane w = w0 + wx (x - cx) + wy (y - cy) of every cell of side x side pixels.
+
+    index, depth (k,), rays (3, k): readings of an image of this width; focal: lengths in pixels
+    along x and y, so that x and y are pixels about the principal point. sums (cells, 10) is room to
+    work in. Writes planes (cells, 7): count, cx, cy, w0, wx, wy and the sum of squared residuals;
+    NaN beyond the count where the readings do not determine a plane.
+    """
+    sums[:] = 0.0
+    for k in range(index.size):
+        i, j = index[k] // width, index[k] % width
+        m = sums[(i // side) * columns + j // side]
+        x, y, w = rays[0, k] * focal[0], rays[1, k] * focal[1], 1.0 / depth[k]
+        m[0] += 1.0
+        m[1] += x
+        m[2] += y
+        m[3] += x * x
+        m[4] += x * y
+        m[5] += y * y
+        m[6] += w
+        m[7] += x * w
+        m[8] += y * w
+        m[9] += w * w
+    for c in range(sums.shape[0]):
+        m, out = sums[c], planes[c]
+        out[:] = np.nan
+        out[0] = m[0]
+        if m[0] < 4.0:
+            continue
+        cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
+        xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
+        xw, yw = m[7] - cx * m[6], m[8] - cy * m[6]
+        determinant = xx * yy - xy * xy
+        if determinant <= 1e-6 * xx * yy:
+            continue
+        tx, ty = (yy * xw - xy * yw) / determinant, (xx * yw - xy * xw) / determinant
+        out[1], out[2], out[3], out[4], out[5] = cx, cy, mean, tx, ty
+        out[6] = max(m[9] - mean * m[6] - tx * xw - ty * yw, 0.0)

@@ -1,0 +1,179 @@
+"""Small cells of a frame about planes of their own: what shows the noise of a sensor.
+
+On a plane inverse depth w = 1 / z is affine in the image. What remains of the readings of a cell
+about its own affine fit is noise, unless the cell lies on an edge or a curved surface. Readings come
+in steps of q: were the plane exactly affine and the noise s,
+
+    E V = s^2 + q^2 / 12 - sum over k of A(k m) D_k(s)
+    D_k(s) = q^2 / (2 pi^2 k^2) exp(-(2 pi k s / q)^2)
+
+with V the variance about the fit. Rounding errs by a sawtooth of the depth; noise blurs it, so that
+D_k is left of the variance of its k-th harmonic, and the fit follows the share A of that when the
+plane crosses m steps within the cell: all of it on a wall seen face-on, none on a steep one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.cells import reading_steps
+from planewise.observation import RayObservation
+
+Array = NDArray[np.float64]
+
+_SIDES = (8, 4)  # pixels of a cell in a large image, and in one of few cells
+_FEW_CELLS = 1000  # of the larger side, below which the smaller is taken
+_FILLED = 0.75  # least share of a cell's pixels that are readings
+_NO_PLANE = 0.1  # of its depth: a cell that is rougher is none of a sensor's planes
+_HARMONICS = np.arange(1, 6)
+_MOST_CROSSED = 20.0  # steps within a cell; there is no difference beyond
+_READINGS_A_LEVEL = 4  # fewer readings on every distinct value: they are not quantised
+_GRID = 1e-4  # metres; distinct readings are told apart on this grid
+_BLOCK = 8  # cells along the side of a block, which the bootstrap draws
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseCells:
+    """Cells of one frame, in raster order; arrays have shape (cells,) unless stated.
+
+    Attributes
+    ----------
+    depth : ndarray
+        Harmonic mean of the readings, metres; NaN where there is no plane.
+    variance : ndarray
+        Of the readings about the cell's own plane, square metres.
+    count : ndarray
+        Readings.
+    step : ndarray
+        Quantisation step there in metres; 0 where readings are not quantised.
+    followed, mean : ndarray, shape (cells, harmonics)
+        A(k m) / (2 pi^2 k^2): variance of the rounding error, in units of step^2, that the cell's
+        fit follows, and that its mean has, where nothing blurs it.
+    centroid : ndarray, shape (2, cells)
+        Undistorted pixel coordinates about the principal point.
+    inverse : ndarray
+        w at the centroid, 1 / m.
+    usable : ndarray of bool
+        Whether the cell has enough readings and is not rougher than any sensor.
+    grid : (int, int)
+        Rows and columns.
+    side : int
+        Pixels of a cell along either side.
+    """
+
+    depth: Array
+    variance: Array
+    count: Array
+    step: Array
+    followed: Array
+    mean: Array
+    centroid: Array
+    inverse: Array
+    usable: NDArray[np.bool_]
+    grid: tuple[int, int]
+    side: int
+
+    @property
+    def freedom(self) -> Array:
+        """Degrees of freedom of each variance."""
+        return self.count - 3.0
+
+    @property
+    def block(self) -> NDArray[np.intp]:
+        """Number of the block of 8 x 8 cells that each cell lies in."""
+        rows, columns = self.grid
+        i, j = np.arange(rows) // _BLOCK, np.arange(columns) // _BLOCK
+        return np.asarray(i[:, None] * (j[-1] + 1) + j[None]).reshape(-1)
+
+
+def noise_cells(observation: RayObservation) -> NoiseCells:
+    """Cells of a depth image, with their planes and what is left about them.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        Of a depth image; its sigma is not looked at.
+    """
+    from planewise.kernels import noise as kernels  # loads Numba
+
+    height, width = observation.shape
+    large = (height // _SIDES[0]) * (width // _SIDES[0])
+    side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
+    rows, columns = -(-height // side), -(-width // side)
+    planes = np.empty((rows * columns, kernels.PLANE))
+    kernels.cell_planes(
+        observation.index,
+        observation.depth,
+        observation.rays,
+        1.0 / np.array(observation.pixel_size),
+        width,
+        side,
+        columns,
+        np.empty((rows * columns, kernels.SUMS)),
+        planes,
+    )
+    count, x, y, inverse, slope_x, slope_y, squares = planes.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        depth = 1.0 / inverse
+        variance = squares / (count - 3.0) * depth**4
+        usable = (count >= _FILLED * side**2) & (np.sqrt(variance) < _NO_PLANE * depth)
+        step = _steps_at(np.where(usable, depth, 0.0), observation.depth)
+        crossed = np.abs((slope_x, slope_y)) * side * depth**2 / step
+    quantised = usable & (step > 0)
+    followed, mean = _harmonics(np.minimum(crossed, _MOST_CROSSED), quantised)
+    return NoiseCells(
+        depth=depth,
+        variance=variance,
+        count=count,
+        step=step,
+        followed=followed,
+        mean=mean,
+        centroid=np.stack((x, y)),
+        inverse=inverse,
+        usable=usable,
+        grid=(rows, columns),
+        side=side,
+    )
+
+
+def _steps_at(depth: Array, readings: Array) -> Array:
+    """Quantisation step in metres at some depths, from the distinct readings of the frame."""
+    if not readings.size:
+        return np.zeros(depth.shape)
+    levels = np.flatnonzero(np.bincount(np.rint(readings / _GRID).astype(np.int64))) * _GRID
+    if readings.size < _READINGS_A_LEVEL * levels.size:
+        return np.zeros(depth.shape)
+    return np.where(depth > 0, np.interp(depth, levels, reading_steps(levels)), 0.0)
+
+
+def _harmonics(crossed: Array, quantised: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Shares of step^2 by harmonic k of the rounding error: A(k m) / (2 pi^2 k^2), and the mean's.
+
+    Of shape (cells, harmonics); zero where readings are not quantised.
+    """
+    followed = np.zeros((crossed.shape[1], len(_HARMONICS)))
+    mean = np.zeros(followed.shape)
+    place = np.flatnonzero(quantised)
+    m = crossed[:, place, None] * _HARMONICS
+    flat, tilted = np.sinc(m) ** 2, _linear_share(m)
+    size = 1.0 / (2 * np.pi**2 * _HARMONICS**2)
+    mean[place] = size * flat[0] * flat[1]
+    followed[place] = mean[place] + size * (tilted[0] * flat[1] + flat[0] * tilted[1])
+    return followed, mean
+
+
+def _linear_share(periods: Array) -> Array:
+    """Share of a sinusoid's variance, averaged over phases, that a straight line follows."""
+    a = np.pi * np.maximum(periods, 1e-3)
+    return np.asarray(12 * ((np.sin(a) - a * np.cos(a)) / (2 * a**2)) ** 2)
+
+
+def blurred(ratio: Array | float) -> Array:
+    """Variance that is left of every harmonic under noise of `ratio` steps, shape (..., harmonics).
+
+    exp(-(2 pi k s / q)^2)
+    """
+    return np.exp(-((2 * np.pi * np.multiply.outer(ratio, _HARMONICS)) ** 2))
