@@ -94,7 +94,7 @@ class RootSum:
     def __call__(self, z: Array) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
         z = np.asarray(z, dtype=np.float64)
-        return np.sqrt(np.sum([np.square(part(z)) for part in self.parts], axis=0))
+        return np.asarray(np.sqrt(np.sum([np.square(part(z)) for part in self.parts], axis=0)))
 
     def __str__(self) -> str:
         """Write the formula."""

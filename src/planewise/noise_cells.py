@@ -1,8 +1,8 @@
 """Small cells of a frame about planes of their own: what shows the noise of a sensor.
 
 On a plane inverse depth w = 1 / z is affine in the image. What remains of the readings of a cell
-about its own affine fit is noise, unless the cell lies on an edge or a curved surface. Readings come
-in steps of q: were the plane exactly affine and the noise s,
+about its own affine fit is noise, unless the cell lies on an edge or a curved surface. Readings
+come in steps of q. On a plane, with noise s,
 
     E V = s^2 + q^2 / 12 - sum over k of A(k m) D_k(s)
     D_k(s) = q^2 / (2 pi^2 k^2) exp(-(2 pi k s / q)^2)
@@ -143,7 +143,9 @@ def _steps_at(depth: Array, readings: Array) -> Array:
     """Quantisation step in metres at some depths, from the distinct readings of the frame."""
     if not readings.size:
         return np.zeros(depth.shape)
-    levels = np.flatnonzero(np.bincount(np.rint(readings / _GRID).astype(np.int64))) * _GRID
+    levels: Array = np.flatnonzero(
+        np.bincount(np.rint(readings / _GRID).astype(np.int64))
+    ) * np.float64(_GRID)
     if readings.size < _READINGS_A_LEVEL * levels.size:
         return np.zeros(depth.shape)
     return np.where(depth > 0, np.interp(depth, levels, reading_steps(levels)), 0.0)

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.correlated_noise import correlation
-from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, Polynomial, RootSum, proportional
+from planewise.correlated_noise import shared_ratio
+from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, proportional
 from planewise.noise_cells import NoiseCells, blurred, noise_cells
 from planewise.noise_fit import fit_polynomial, refit
 from planewise.observation import RayObservation, observe
@@ -36,6 +36,9 @@ _STEPS = 20
 _TOLERANCE = 1e-3
 _RESOLVED = 0.05  # of a step: noise below it cannot be seen
 _CURVE_ERROR = 0.02  # relative error that a smooth curve may have on top
+_CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
+_LEAST_SHARED = 1.0  # else at least this, for what bends slowly hides from three cells in a row
+_DRIFT = 2.5  # drift over 100 pixels against the shared part: the Kinect's proportion
 _RESAMPLES = 200
 _CONFIDENCE = (2.5, 97.5)  # percent
 _ASSUMED = proportional(0.01)  # where a frame cannot tell and the sensor says nothing
@@ -81,6 +84,8 @@ class NoiseEstimate:
         of what readings some ten pixels apart share, of what wanders over 100 pixels.
     bins : NoiseBins
         The points that the curve of the white part goes through.
+    shared_ratio : float
+        Error that neighbouring cells were seen to have of their own, against the noise.
     frames : int
         Frames it comes from.
     note : str
@@ -92,19 +97,23 @@ class NoiseEstimate:
     shared: Noise
     drift: Noise
     bins: NoiseBins
+    shared_ratio: float = 0.0
     frames: int = 1
     note: str = ""
 
     @property
     def noise(self) -> Noise:
-        """Standard deviation of a reading in metres: white, rounding and shared part together."""
-        present = [p for p in (self.white, self.quantisation, self.shared) if p is not NOTHING]
-        return present[0] if len(present) == 1 else RootSum(tuple(present))
+        """Standard deviation of a reading about its surroundings in metres: white and rounding."""
+        if self.quantisation == NOTHING:
+            return self.white
+        return RootSum((self.white, self.quantisation))
 
     @property
     def parts(self) -> ErrorParts:
         """The parts for the spatial objective, which treats rounding by itself."""
-        return ErrorParts(white=self.white, shared=self.shared, drift=self.drift)
+        return ErrorParts(
+            white=self.white, shared=self.shared, drift=self.drift, drift_varies=False
+        )
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""
@@ -197,7 +206,8 @@ def pooled_noise(
     bins = [_Bin.of(pool, members, sensor.resolution) for members in _by_depth(pool.depth)]
     if not bins:
         return _assumed(sensor, pool.depth.size, len(frames))
-    depth, white, step = (np.array([getattr(b, k) for b in bins]) for k in ("depth", "white", "step"))
+    depth, white, step = np.array([(b.depth, b.white, b.step) for b in bins]).T
+    sigma = np.hypot(white, step / np.sqrt(12))
     error = np.hypot([b.error for b in bins], _CURVE_ERROR)
     curve = fit_polynomial(depth, white, error)
     rounding: Noise = NOTHING
@@ -206,21 +216,27 @@ def pooled_noise(
         rounding = fit_polynomial(
             depth[known], step[known] / np.sqrt(12), np.full(known.sum(), _CURVE_ERROR)
         )
-    shares = correlation(frames, curve)
+    ratio = shared_ratio(frames, curve)
+    shared: Noise = NOTHING
+    drift: Noise = NOTHING
+    if ratio * frames[0].side >= _CORRELATED:
+        shared = fit_polynomial(depth, max(ratio, _LEAST_SHARED) * sigma, error)
+        drift = shared.scaled(_DRIFT)
     low, high = np.full((2, len(bins)), np.nan)
     if resamples:
         whites = _bootstrap(pool, bins, resamples, np.random.default_rng(rng))
         sets = np.maximum(refit(curve, depth, whites, error), 0.0)
-        totals = np.sqrt(sets**2 + np.asarray(rounding(depth)) ** 2 + (shares.shared * sets) ** 2)
+        totals = np.hypot(sets, rounding(depth))
         low, high = np.percentile(totals, _CONFIDENCE, axis=0)
     return NoiseEstimate(
         white=curve,
         quantisation=rounding,
-        shared=_scaled(curve, shares.shared),
-        drift=_scaled(curve, shares.drift),
+        shared=shared,
+        drift=drift,
+        shared_ratio=ratio,
         bins=NoiseBins(
             depth=depth,
-            sigma=np.hypot(white, step / np.sqrt(12)),
+            sigma=sigma,
             white=white,
             step=step,
             low=low,
@@ -229,10 +245,6 @@ def pooled_noise(
         ),
         frames=len(frames),
     )
-
-
-def _scaled(curve: Polynomial, factor: float) -> Noise:
-    return curve.scaled(factor) if factor > 0 else NOTHING
 
 
 @dataclass(frozen=True)
@@ -325,14 +337,16 @@ class _Bin:
             members=members[flat],
             square=off[flat],
             least=least,
-            depth=float(pool.depth[members[flat]].mean() if flat.any() else pool.depth[members].mean()),
+            depth=float(pool.depth[members[flat] if flat.any() else members].mean()),
             white=float(np.sqrt(square)),
             step=step,
             error=0.5 * scatter / square,
         )
 
 
-def _bootstrap(pool: _Pool, bins: Sequence[_Bin], resamples: int, rng: np.random.Generator) -> Array:
+def _bootstrap(
+    pool: _Pool, bins: Sequence[_Bin], resamples: int, rng: np.random.Generator
+) -> Array:
     """White noise of every bin when units are drawn with replacement, shape (S, B)."""
     _, unit = np.unique(pool.unit, return_inverse=True)
     units = int(unit.max()) + 1
@@ -368,4 +382,3 @@ def _assumed(sensor: Sensor, cells: int, frames: int) -> NoiseEstimate:
             f"sigma = {parts.white} was assumed"
         ),
     )  # fmt: skip
-
