@@ -27,6 +27,7 @@ from planewise.observation import observe, observe_points
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
+    from planewise.calibration import calibrate
     from planewise.detect import (
         Detector,
         Options,
@@ -48,6 +49,7 @@ __all__ = [
     "PlaneModel",
     "Sensor",
     "__version__",
+    "calibrate",
     "cameras",
     "detect_planes",
     "detect_planes_in_points",
@@ -67,6 +69,7 @@ _LAZY = {
         ("Detector", "Options", "detect_planes", "detect_planes_in_points", "find"), "detect"
     ),
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
+    "calibrate": "calibration",
 }
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from planewise import cameras, noise, sensors
 from planewise.camera import PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.noise import Noise, Polynomial
+from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
 
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
@@ -75,33 +75,41 @@ def read_sensor(
     max_depth: float | None = None,
     resolution: float | None = None,
 ) -> Sensor:
-    """Sensor from a preset's name, with parts of it replaced.
+    """Sensor from a preset's name or a file, with parts of it replaced.
 
     Parameters
     ----------
     name : str, optional
-        A key of `planewise.sensors.PRESETS`; ``None`` means `planewise.Sensor` as it is by default.
+        A key of `planewise.sensors.PRESETS`, or the path of a file that ``planewise calibrate``
+        wrote; ``None`` means `planewise.Sensor` as it is by default.
     noise : str, optional
-        As `read_noise` takes it.
+        As `read_noise` takes it, or "auto": estimated from each frame.
     max_depth, resolution : float, optional
         Metres.
 
     Raises
     ------
     PlanewiseError
-        If the preset or the noise is unknown.
+        If the preset or the noise is unknown, or the file describes no sensor.
     ValueError
         If the numbers make no sensor.
     """
-    if name is not None and name.lower() not in sensors.PRESETS:
+    base = Sensor()
+    if name is not None and name.lower() in sensors.PRESETS:
+        base = sensors.PRESETS[name.lower()]
+    elif name is not None and (Path(name).is_file() or name.lower().endswith(".json")):
+        base = sensors.load(name)
+    elif name is not None:
         raise PlanewiseError(
-            f"sensor: {name!r} is not a preset; expected one of {', '.join(sensors.PRESETS)}"
+            f"sensor: {name!r} is neither a preset ({', '.join(sensors.PRESETS)}) nor a file, "
+            "such as planewise calibrate writes"
         )
     changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
     if noise is not None:
-        changes["noise"] = read_noise(noise)
+        auto = noise.strip().lower() == AUTO
+        changes["noise"] = AUTO if auto else read_noise(noise)
     given = {key: value for key, value in changes.items() if value is not None}
-    return replace(Sensor() if name is None else sensors.PRESETS[name.lower()], **given)
+    return replace(base, **given)
 
 
 def read_noise(text: str) -> Noise:

@@ -11,6 +11,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.axes import (
+    BOTTOM,
+    CHOSEN,
+    FAINT,
+    FINE,
+    GRID,
+    HEIGHT,
+    INK,
+    LEFT,
+    LINE,
+    RIGHT,
+    TOP,
+    WIDTH,
+    Scale,
+    round_step,
+)
 from planewise.errors import MissingExtraError
 from planewise.model import Curve
 
@@ -19,12 +35,6 @@ if TYPE_CHECKING:
     from PIL.ImageFont import FreeTypeFont, ImageFont
 
 Array = NDArray[np.float64]
-
-_WIDTH, _HEIGHT = 800, 500
-_LEFT, _RIGHT, _TOP, _BOTTOM = 96, 24, 40, 64
-_FINE = 2  # drawn so much larger, then reduced: smooth lines
-_INK, _FAINT, _GRID = (28, 30, 34), (110, 114, 120), (228, 228, 228)
-_LINE, _CHOSEN = (58, 110, 165), (200, 85, 61)
 
 
 def draw_curve(curve: Curve) -> NDArray[np.uint8]:
@@ -43,38 +53,38 @@ def draw_curve(curve: Curve) -> NDArray[np.uint8]:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError:
         raise MissingExtraError("pillow", "drawing the curve") from None
-    canvas = Image.new("RGB", (_WIDTH * _FINE, _HEIGHT * _FINE), "white")
+    canvas = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), "white")
     pen = ImageDraw.Draw(canvas)
-    font, title = ImageFont.load_default(17 * _FINE), ImageFont.load_default(18 * _FINE)
+    font, title = ImageFont.load_default(17 * FINE), ImageFont.load_default(18 * FINE)
     values = np.array(list(curve))
     ticks, unit = _ticks(values.min(), values.max())
     x_at, y_at = _scales(values, ticks)
 
     for tick in ticks:
         y = y_at(tick)
-        pen.line((_LEFT * _FINE, y, (_WIDTH - _RIGHT) * _FINE, y), fill=_GRID, width=_FINE)
-        pen.text((( _LEFT - 10) * _FINE, y), f"{tick / unit:,.10g}", fill=_FAINT, font=font,
+        pen.line((LEFT * FINE, y, (WIDTH - RIGHT) * FINE, y), fill=GRID, width=FINE)
+        pen.text((( LEFT - 10) * FINE, y), f"{tick / unit:,.10g}", fill=FAINT, font=font,
                  anchor="rm")  # fmt: skip
-    floor = (_HEIGHT - _BOTTOM) * _FINE
-    pen.line((_LEFT * _FINE, floor, (_WIDTH - _RIGHT) * _FINE, floor), fill=_INK, width=_FINE)
-    for number in range(0, len(values), max(1, round(_step(len(values) - 1, 14)))):
+    floor = (HEIGHT - BOTTOM) * FINE
+    pen.line((LEFT * FINE, floor, (WIDTH - RIGHT) * FINE, floor), fill=INK, width=FINE)
+    for number in range(0, len(values), max(1, round(round_step(len(values) - 1, 14)))):
         x = x_at(number)
-        pen.line((x, floor, x, floor + 6 * _FINE), fill=_INK, width=_FINE)
-        pen.text((x, floor + 12 * _FINE), str(number), fill=_FAINT, font=font, anchor="mt")
-    pen.text(((_LEFT + _WIDTH - _RIGHT) / 2 * _FINE, (_HEIGHT - 12) * _FINE), "planes in the model",
-             fill=_INK, font=title, anchor="mb")  # fmt: skip
+        pen.line((x, floor, x, floor + 6 * FINE), fill=INK, width=FINE)
+        pen.text((x, floor + 12 * FINE), str(number), fill=FAINT, font=font, anchor="mt")
+    pen.text(((LEFT + WIDTH - RIGHT) / 2 * FINE, (HEIGHT - 12) * FINE), "planes in the model",
+             fill=INK, font=title, anchor="mb")  # fmt: skip
     name = {1: "nats", 1_000: "thousand nats", 1_000_000: "million nats"}[unit]
-    pen.text((16 * _FINE, 12 * _FINE), f"information of the model, {name}", fill=_INK, font=title,
+    pen.text((16 * FINE, 12 * FINE), f"information of the model, {name}", fill=INK, font=title,
              anchor="lt")  # fmt: skip
 
     points = [(x_at(number), y_at(value)) for number, value in enumerate(values)]
     _mark_chosen(pen, points, curve, title)
     if len(points) > 1:
-        pen.line(points, fill=_LINE, width=2 * _FINE, joint="curve")
+        pen.line(points, fill=LINE, width=2 * FINE, joint="curve")
     for number, point in enumerate(points):
         chosen = number == curve.chosen
-        pen.circle(point, (7 if chosen else 4) * _FINE, fill=_CHOSEN if chosen else _LINE)
-    small = canvas.resize((_WIDTH, _HEIGHT), Image.Resampling.LANCZOS)
+        pen.circle(point, (7 if chosen else 4) * FINE, fill=CHOSEN if chosen else LINE)
+    small = canvas.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
     return np.asarray(small)
 
 
@@ -86,32 +96,32 @@ def _mark_chosen(
 ) -> None:
     """Dashed line through the chosen point, and what it says in words, clear of the curve."""
     x, y = points[curve.chosen]
-    dash = 6 * _FINE
-    for top in range(_TOP * _FINE, (_HEIGHT - _BOTTOM) * _FINE, 2 * dash):
-        pen.line((x, top, x, top + dash), fill=_CHOSEN, width=_FINE)
+    dash = 6 * FINE
+    for top in range(TOP * FINE, (HEIGHT - BOTTOM) * FINE, 2 * dash):
+        pen.line((x, top, x, top + dash), fill=CHOSEN, width=FINE)
     noun = "plane" if curve.chosen == 1 else "planes"
     text = f"{curve.chosen} {noun}\n{curve[curve.chosen]:,.0f} nats"
-    gap = 14 * _FINE
+    gap = 14 * FINE
     box = pen.multiline_textbbox((0, 0), text, font=font)
     wide, tall = box[2] - box[0], box[3] - box[1]
     places = [
         (x + side * gap - (wide if side < 0 else 0), high)
-        for high in (y - gap - tall, _TOP * _FINE, y - 5 * gap - tall, y + gap)
+        for high in (y - gap - tall, TOP * FINE, y - 5 * gap - tall, y + gap)
         for side in (1.0, -1.0)
     ]
 
     def badness(place: tuple[float, float]) -> float:
         """Points and lines of the curve under the words; leaving the axes is worst."""
         px, py = place
-        inside = px >= _LEFT * _FINE and px + wide <= (_WIDTH - 4) * _FINE
-        inside = inside and py >= (_TOP - 6) * _FINE and py + tall <= (_HEIGHT - _BOTTOM) * _FINE
+        inside = px >= LEFT * FINE and px + wide <= (WIDTH - 4) * FINE
+        inside = inside and py >= (TOP - 6) * FINE and py + tall <= (HEIGHT - BOTTOM) * FINE
         line = _along(points)
         near = (line[:, 0] > px - gap / 2) & (line[:, 0] < px + wide + gap / 2)
         near &= (line[:, 1] > py - gap / 2) & (line[:, 1] < py + tall + gap / 2)
         return 1e6 * (not inside) + float(near.sum())
 
     place = min(places, key=badness)
-    pen.multiline_text(place, text, fill=_CHOSEN, font=font)
+    pen.multiline_text(place, text, fill=CHOSEN, font=font)
 
 
 def _along(points: list[tuple[float, float]]) -> Array:
@@ -122,23 +132,12 @@ def _along(points: list[tuple[float, float]]) -> Array:
     return np.column_stack((np.interp(at, number, xy[:, 0]), np.interp(at, number, xy[:, 1])))
 
 
-class _Scale:
-    """Linear map from a value to a pixel."""
-
-    def __init__(self, low: float, high: float, first: float, last: float) -> None:
-        self.low, self.first = low, first
-        self.slope = (last - first) / (high - low)
-
-    def __call__(self, value: float) -> float:
-        return float(self.first + (value - self.low) * self.slope)
-
-
-def _scales(values: Array, ticks: Array) -> tuple[_Scale, _Scale]:
+def _scales(values: Array, ticks: Array) -> tuple[Scale, Scale]:
     low, high = min(values.min(), ticks[0]), max(values.max(), ticks[-1])
     room = 0.06 * (high - low)
     last = max(len(values) - 1, 1)
-    x = _Scale(-0.03 * last, last * 1.02, _LEFT * _FINE, (_WIDTH - _RIGHT) * _FINE)
-    y = _Scale(low - room, high + room, (_HEIGHT - _BOTTOM) * _FINE, _TOP * _FINE)
+    x = Scale(-0.03 * last, last * 1.02, LEFT * FINE, (WIDTH - RIGHT) * FINE)
+    y = Scale(low - room, high + room, (HEIGHT - BOTTOM) * FINE, TOP * FINE)
     return x, y
 
 
@@ -146,15 +145,8 @@ def _ticks(low: float, high: float) -> tuple[Array, int]:
     """Round numbers that span the values, and the unit to write them in."""
     if high - low < 1e-9 * max(1.0, abs(high)):
         low, high = low - 0.5 * max(1.0, abs(low)), high + 0.5 * max(1.0, abs(high))
-    step = _step(high - low, 6)
+    step = round_step(high - low, 6)
     ticks = step * np.arange(math.ceil(low / step), math.floor(high / step) + 1, dtype=np.float64)
     largest = max(abs(low), abs(high))
     unit = 1_000_000 if largest >= 2e7 else 1_000 if largest >= 2e4 else 1
     return ticks, unit
-
-
-def _step(span: float, most: int) -> float:
-    """Smallest of 1, 2, 5, 10, 20 ... that divides a span into at most `most` parts."""
-    rough = max(span, 1e-12) / most
-    power = 10.0 ** math.floor(math.log10(rough))
-    return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * (1 - 1e-9))

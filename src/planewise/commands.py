@@ -1,11 +1,8 @@
-"""The commands of the command line: detect, demo, eval, info."""
+"""The commands of the command line: detect, calibrate, demo, eval, info."""
 
 from __future__ import annotations
 
-import logging
 import platform
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -14,15 +11,23 @@ import typer
 
 from planewise import cameras, sensors, terminal
 from planewise._version import __version__
-from planewise.camera_files import NOISE_HELP, read_camera, read_sensor
-from planewise.cli import INTERRUPTED
+from planewise.calibrate_command import calibrate
+from planewise.camera_files import NOISE_HELP, read_camera
+from planewise.command_line import (
+    CAMERA_HELP,
+    DEPTH_SCALE_HELP,
+    FAILED,
+    MAX_DEPTH_HELP,
+    RESOLUTION_HELP,
+    check_numbers,
+    optional,
+    reported,
+    sensor_of,
+)
 from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
 from planewise.jobs import Failed, Job, find_planes
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
-from planewise.sensor import Sensor
-
-_FAILED = 2
 
 app = typer.Typer(
     name="planewise",
@@ -44,34 +49,6 @@ class _Objective(StrEnum):
     spatial = "spatial"
 
 
-class _OnStderr(logging.Handler):
-    """Shows what the library logs, such as that the first run has to compile."""
-
-    def emit(self, record: logging.LogRecord) -> None:
-        terminal.notice(record.getMessage())
-
-
-@contextmanager
-def _reported() -> Iterator[None]:
-    """Turn what a user can put right into one line on stderr and exit code 2."""
-    log = logging.getLogger("planewise")
-    log.handlers, log.propagate = [_OnStderr(logging.WARNING)], False
-    try:
-        yield
-    except ValueError as error:
-        terminal.error(str(error))
-    except MemoryError:
-        terminal.error("there is not enough memory for this image")
-    except OSError as error:
-        terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
-    except KeyboardInterrupt:
-        terminal.error("interrupted; nothing was left half-written")
-        raise typer.Exit(INTERRUPTED) from None
-    else:
-        return
-    raise typer.Exit(_FAILED)
-
-
 def _print_version(wanted: bool) -> None:
     if wanted:
         terminal.say(f"planewise {__version__}")
@@ -88,10 +65,6 @@ def _planewise(
     ] = False,
 ) -> None:
     pass
-
-
-def _optional(help_text: str, *names: str) -> typer.models.OptionInfo:
-    return typer.Option(*names, show_default=False, help=help_text)  # type: ignore[no-any-return]
 
 
 @app.command()
@@ -112,31 +85,26 @@ def detect(
     ],
     camera: Annotated[
         str | None,
-        _optional(
-            "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS "
-            "camera_info file. Not needed where an .npz holds K.",
-        ),
+        optional(CAMERA_HELP),
     ] = None,
     sensor: Annotated[
         str | None,
-        _optional(
-            "Preset (see 'planewise info'). Not needed where the camera's preset has the same "
-            "name, or --noise is given."
+        optional(
+            "Preset (see 'planewise info'), or a file that 'planewise calibrate' wrote. Not "
+            "needed where the camera's preset has the same name, or --noise is given."
         ),
     ] = None,
     noise: Annotated[
-        str | None, _optional(f"Standard deviation of a reading: {NOISE_HELP}.")
+        str | None,
+        optional(
+            f"Standard deviation of a reading: {NOISE_HELP}; or auto: estimated from each frame."
+        ),
     ] = None,
-    max_depth: Annotated[
-        float | None, _optional("Largest depth in metres; what is beyond is no reading.")
-    ] = None,
-    resolution: Annotated[float | None, _optional("Step between two readings in metres.")] = None,
+    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
+    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
     depth_scale: Annotated[
         float | None,
-        _optional(
-            "Metres per unit of an integer image. Default: what an .npz states, else the "
-            "resolution."
-        ),
+        optional(DEPTH_SCALE_HELP),
     ] = None,
     search: Annotated[
         _Search, typer.Option(help="All planes together, or one after the other (the paper's).")
@@ -156,7 +124,7 @@ def detect(
         ),
     ] = False,
     max_planes: Annotated[
-        int | None, _optional("Largest number of planes. Default: 64, sequential 8.")
+        int | None, optional("Largest number of planes. Default: 64, sequential 8.")
     ] = None,
     confidence: Annotated[
         float, typer.Option(help="Sequential: probability that a plane's sample is pure.")
@@ -165,10 +133,10 @@ def detect(
         float, typer.Option(help="Sequential: share of the readings on the smallest plane.")
     ] = 0.1,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
-    threads: Annotated[int | None, _optional("Default: one per processor.")] = None,
+    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
     rgb: Annotated[
         Path | None,
-        _optional(
+        optional(
             "Picture of the same view to draw the planes over; with a folder of depth images, a "
             "folder of pictures of the same names."
         ),
@@ -178,17 +146,12 @@ def detect(
 
     Writes labels.png (16-bit), planes.json, overlay.png and curve.png.
     """
-    with _reported():
-        if depth_scale is not None and not 0 < depth_scale < float("inf"):
-            raise PlanewiseError(
-                f"depth_scale must be a positive number of metres, got {depth_scale}"
-            )
-        if seed < 0:
-            raise PlanewiseError(f"seed must not be negative, got {seed}")
+    with reported():
+        check_numbers(depth_scale, seed)
         if rgb is not None and not rgb.exists():
             raise PlanewiseError(f"rgb: there is no file {rgb}")
         known_camera = None if camera is None else read_camera(camera)
-        known_sensor = _sensor(sensor, camera, noise, max_depth, resolution)
+        known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
 
         from planewise.detect import Options
 
@@ -217,23 +180,6 @@ def detect(
         terminal.show_summary(done.model, done.seconds, done.folder)
 
 
-def _sensor(
-    name: str | None,
-    camera: str | None,
-    noise: str | None,
-    max_depth: float | None,
-    resolution: float | None,
-) -> Sensor:
-    """Sensor as asked for; where it is not named, that of the camera, or one with given noise."""
-    if name is None and camera is not None and camera.lower() in sensors.PRESETS:
-        name = camera
-    if name is None and noise is None:
-        raise PlanewiseError(
-            f"sensor: give --sensor as one of {', '.join(sensors.PRESETS)}, or at least --noise"
-        )
-    return read_sensor(name, noise=noise, max_depth=max_depth, resolution=resolution)
-
-
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:
     paths = list_depth_files(folder)
     failed = 0
@@ -250,7 +196,10 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
     terminal.say(f"{len(paths) - failed} of {len(paths)} frames done, files in {output}")
     if failed:
-        raise typer.Exit(_FAILED)
+        raise typer.Exit(FAILED)
+
+
+app.command()(calibrate)
 
 
 @app.command()
@@ -261,7 +210,7 @@ def demo(
     seed: Annotated[int, typer.Option(help="Every seed is another room.")] = 0,
 ) -> None:
     """Build a synthetic room, find its planes and draw them."""
-    with _reported():
+    with reported():
         if seed < 0:
             raise PlanewiseError(f"seed must not be negative, got {seed}")
         with output_folder(output) as folder:
@@ -330,7 +279,7 @@ def evaluate(
 
     Prints means over the frames with 95 % confidence intervals.
     """
-    with _reported():
+    with reported():
         from planewise.label_files import pair_files
         from planewise.metrics import summarise
         from planewise.scoring import Scoring, check_table, write_table
@@ -355,13 +304,13 @@ def evaluate(
             where = f", scores in {output}" if output is not None and frames else ""
             terminal.say(f"{len(frames)} of {len(results)} frames scored{where}")
         if len(frames) < len(results):
-            raise typer.Exit(_FAILED)
+            raise typer.Exit(FAILED)
 
 
 @app.command()
 def info() -> None:
     """Print versions, threads, where compiled code is kept, and the presets."""
-    with _reported():
+    with reported():
         import numba
         import numpy as np
 

@@ -39,7 +39,9 @@ _CURVE_ERROR = 0.02  # relative error that a smooth curve may have on top
 _CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
 _LEAST_SHARED = 1.0  # else at least this, for what bends slowly hides from three cells in a row
 _DRIFT = 2.5  # drift over 100 pixels against the shared part: the Kinect's proportion
-_RESAMPLES = 200
+RESAMPLES = 200
+"""Of the bootstrap that a confidence band comes from."""
+_FEW_FRAMES = 10  # of which blocks are drawn instead
 _CONFIDENCE = (2.5, 97.5)  # percent
 _ASSUMED = proportional(0.01)  # where a frame cannot tell and the sensor says nothing
 
@@ -176,7 +178,7 @@ def estimate_noise(
     (array([0.004]), array([0.]))
     """
     observation = observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale)
-    return pooled_noise([noise_cells(observation)], sensor, resamples=_RESAMPLES, rng=rng)
+    return pooled_noise([noise_cells(observation)], sensor, resamples=RESAMPLES, rng=rng)
 
 
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:
@@ -198,7 +200,7 @@ def pooled_noise(
     sensor : Sensor
         Its resolution is the least step of its readings.
     resamples : int
-        Of the bootstrap over frames, or over blocks of a single one; 0 leaves the band out (NaN).
+        Of the bootstrap over frames, or over blocks of few frames; 0 leaves the band out (NaN).
     rng : int or numpy.random.Generator
         Seed of the bootstrap.
     """
@@ -261,8 +263,9 @@ class _Pool:
     @classmethod
     def of(cls, frames: Sequence[NoiseCells]) -> _Pool:
         units = [np.full(each.depth.size, k) for k, each in enumerate(frames)]
-        if len(frames) == 1:
-            units = [frames[0].block]
+        if len(frames) < _FEW_FRAMES:
+            most = max(each.depth.size for each in frames)
+            units = [each.block + most * k for k, each in enumerate(frames)]
         columns = [
             [a[each.usable] for a in (each.depth, each.variance, each.freedom, each.step,
                                       each.followed, unit)]

@@ -132,5 +132,10 @@ class Sensor:
             "range_m": self.range,
             "resolution_m": self.resolution,
             "noise": str(self.noise),
-            "parts": "independent" if self.parts is None else str(self.parts),
+            "parts": self._describe_parts(),
         }
+
+    def _describe_parts(self) -> str:
+        if self.noise == AUTO:
+            return "estimated with the noise"
+        return "independent" if self.parts is None else str(self.parts)

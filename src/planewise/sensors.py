@@ -1,6 +1,7 @@
 """Presets of depth sensors that people own, each with the source of its numbers.
 
-A data sheet states limits, not your device: where you can, estimate the noise of your own sensor.
+A data sheet states limits, not your device: where you can, estimate the noise of your own sensor
+(``planewise calibrate``) and `load` it.
 Every preset reports depth in millimetres, which is its resolution. How much of its error a sensor's
 neighbouring readings share was measured for the Kinect only; the others are given its proportions.
 """
@@ -10,6 +11,22 @@ from __future__ import annotations
 from planewise import noise
 from planewise.noise import ErrorParts, Polynomial
 from planewise.sensor import Sensor
+from planewise.sensor_files import load, save
+
+__all__ = [
+    "AZURE_KINECT",
+    "GEMINI_2_XL",
+    "IPHONE_LIDAR",
+    "KINECT_V1",
+    "NYU",
+    "PRESETS",
+    "REALSENSE_D415",
+    "REALSENSE_D435",
+    "REALSENSE_D455",
+    "STRUCTURE",
+    "load",
+    "save",
+]
 
 
 def _sensor(curve: Polynomial, *, min_depth: float = 0.0, max_depth: float) -> Sensor:

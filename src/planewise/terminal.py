@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -12,6 +12,10 @@ from rich.text import Text
 
 from planewise.confidence import Interval
 from planewise.model import PlaneModel
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.noise_estimate import NoiseEstimate
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 
@@ -94,6 +98,30 @@ def show_scores(scores: Mapping[str, Interval]) -> None:
         interval = f"{score.low:z.4f} ... {score.high:z.4f}" if score.count > 1 else ""
         table.add_row(name, f"{score.mean:z.4f}", interval, str(score.count))
     _OUT.print(table)
+
+
+def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
+    """Print what the bins of depth say, beside a known sensor, and the curves through them."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    names = ["depth", "sigma", "curve", "95 % band", "step", "flat cells"]
+    for name in (*names, *([] if known is None else ["preset"])):
+        table.add_column(name, justify="right", no_wrap=True)
+    bins = found.bins
+    curve = found.noise(bins.depth)
+    preset = None if known is None else known.sigma(bins.depth)
+
+    def mm(metres: float) -> str:
+        return f"{1000 * metres:.2f}"
+
+    for k, depth in enumerate(bins.depth):
+        row = [f"{depth:.2f} m", f"{mm(bins.sigma[k])} mm", mm(curve[k])]
+        row += [f"{mm(bins.low[k])} ... {mm(bins.high[k])}", mm(bins.step[k])]
+        row += [f"{bins.cells[k]:,}", *([] if preset is None else [mm(preset[k])])]
+        table.add_row(*row)
+    Console(width=max(_OUT.width, 80), highlight=False).print(table)
+    say(f"noise: {found.noise}")
+    say(f"white: {found.white}, quantisation: {found.quantisation}")
+    say(f"shared: {found.shared}, drift: {found.drift} over 100 px")
 
 
 def show_presets(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:

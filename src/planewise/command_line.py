@@ -1,0 +1,86 @@
+"""What the commands have in common: how they report, and how they are given a sensor."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import typer
+
+from planewise import sensors, terminal
+from planewise.camera_files import read_sensor
+from planewise.cli import INTERRUPTED
+from planewise.errors import PlanewiseError
+from planewise.sensor import Sensor
+
+FAILED = 2
+"""Exit code where something given cannot be used."""
+
+CAMERA_HELP = (
+    "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "
+    "file. Not needed where an .npz holds K."
+)
+MAX_DEPTH_HELP = "Largest depth in metres; what is beyond is no reading."
+RESOLUTION_HELP = "Step between two readings in metres."
+DEPTH_SCALE_HELP = (
+    "Metres per unit of an integer image. Default: what an .npz states, else the resolution."
+)
+
+
+class _OnStderr(logging.Handler):
+    """Shows what the library logs, such as that the first run has to compile."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        terminal.notice(record.getMessage())
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turn what a user can put right into one line on stderr and exit code 2."""
+    log = logging.getLogger("planewise")
+    log.handlers, log.propagate = [_OnStderr(logging.WARNING)], False
+    try:
+        yield
+    except ValueError as error:
+        terminal.error(str(error))
+    except MemoryError:
+        terminal.error("there is not enough memory for this image")
+    except OSError as error:
+        terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        terminal.error("interrupted; nothing was left half-written")
+        raise typer.Exit(INTERRUPTED) from None
+    else:
+        return
+    raise typer.Exit(FAILED)
+
+
+def optional(help_text: str, *names: str) -> typer.models.OptionInfo:
+    """Option that may be left out."""
+    return typer.Option(*names, show_default=False, help=help_text)  # type: ignore[no-any-return]
+
+
+def sensor_of(
+    name: str | None,
+    camera: str | None,
+    noise: str | None,
+    max_depth: float | None,
+    resolution: float | None,
+) -> Sensor:
+    """Sensor as asked for; where it is not named, that of the camera, or one with given noise."""
+    if name is None and camera is not None and camera.lower() in sensors.PRESETS:
+        name = camera
+    if name is None and noise is None:
+        raise PlanewiseError(
+            f"sensor: give --sensor as one of {', '.join(sensors.PRESETS)}, or at least --noise"
+        )
+    return read_sensor(name, noise=noise, max_depth=max_depth, resolution=resolution)
+
+
+def check_numbers(depth_scale: float | None, seed: int) -> None:
+    """Refuse a scale and a seed that are none."""
+    if depth_scale is not None and not 0 < depth_scale < float("inf"):
+        raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
+    if seed < 0:
+        raise PlanewiseError(f"seed must not be negative, got {seed}")
