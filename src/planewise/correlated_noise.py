@@ -85,7 +85,8 @@ def _triples(cells: NoiseCells, white: Noise, axis: int) -> Array:
 
     def ahead(values: NDArray[Any], k: int) -> NDArray[Any]:
         """Values of the k-th cell of all triples along the axis."""
-        rows = np.moveaxis(values.reshape(cells.grid), axis, 1)
+        rows = values.reshape(cells.grid)
+        rows = rows if axis else rows.T
         return rows[:, _APART * k : max(rows.shape[1] - 2 * _APART, 0) + _APART * k]
 
     whole = ahead(flat, 0) & ahead(flat, 1) & ahead(flat, 2)

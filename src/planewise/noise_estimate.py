@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 Seed = int | np.random.Generator
 
 _BIN = 1.19  # depths of a bin lie within this factor
-_FEWEST = 16  # cells of a bin, and of a frame that can tell
+_FEWEST = 12  # flat cells of a bin, and of a frame that can tell
 _START = 0.4  # quantile of the variances, from which to go up
 _ROUGH = 2.0  # times its expected variance: such a cell is on an edge
 _ROUGH_SIGMAS = 3.0  # the same in standard deviations of chi^2, for cells of few pixels
@@ -206,6 +206,7 @@ def pooled_noise(
     """
     pool = _Pool.of(frames)
     bins = [_Bin.of(pool, members, sensor.resolution) for members in _by_depth(pool.depth)]
+    bins = [each for each in bins if each.members.size >= _FEWEST]
     if not bins:
         return _assumed(sensor, pool.depth.size, len(frames))
     depth, white, step = np.array([(b.depth, b.white, b.step) for b in bins]).T
@@ -227,7 +228,7 @@ def pooled_noise(
     low, high = np.full((2, len(bins)), np.nan)
     if resamples:
         whites = _bootstrap(pool, bins, resamples, np.random.default_rng(rng))
-        sets = np.maximum(refit(curve, depth, whites, error), 0.0)
+        sets = np.maximum(refit(curve, depth, white, error, whites), 0.0)
         totals = np.hypot(sets, rounding(depth))
         low, high = np.percentile(totals, _CONFIDENCE, axis=0)
     return NoiseEstimate(

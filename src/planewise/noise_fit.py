@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,15 +9,18 @@ from planewise.noise import Polynomial
 
 Array = NDArray[np.float64]
 
-_OFFSETS = np.linspace(0.0, 1.0, 6)  # shares of the nearest depth
-_SUBSETS = [s for n in (1, 2, 3) for s in itertools.combinations(range(3), n)]
+_OFFSETS = np.linspace(0.0, 1.0, 4)  # shares of the nearest depth
+_SETS = np.array([[a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)][1:], bool)
+_SINGULAR = 1e-9  # determinant of scaled normal equations
+_ROUNDS = 3  # of weights that follow the curve
+_TOLERATED = 2.0  # standard deviations beyond which a point counts less and less (Huber)
 
 
 def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     """Curve sigma = a + b z + c (z - d)^2 without negative terms, as simple as the points allow.
 
     Terms are chosen by code length: half of chi^2 plus 1/2 ln B nats for each number, B the number
-    of points. d is at most the smallest depth.
+    of points. d is at most the smallest depth. Points far from the others' curve count little.
 
     Parameters
     ----------
@@ -38,37 +39,60 @@ def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     >>> print(fit_polynomial(z, 0.001 + 0.002 * z**2, np.full(7, 0.01)))
     0.001 + 0.002 z^2 m
     """
-    best = (np.inf, Polynomial(constant=float(np.median(sigma))))
-    price = 0.5 * np.log(len(depth))
-    for offset in _OFFSETS * depth.min():
-        terms = np.stack((np.ones(len(depth)), depth, (depth - offset) ** 2))
-        scaled = terms / (sigma * error)
-        for subset in _SUBSETS:
-            chosen = list(subset)
-            if offset > 0 and (2 not in subset or len(subset) == 1):
-                continue  # no square to move, or no noise at all at the offset
-            size = _least_squares(scaled[chosen], 1.0 / error)
-            if size is None:
-                continue
-            off = size @ scaled[chosen] - 1.0 / error
-            cost = 0.5 * float(off @ off) + price * (len(subset) + (offset > 0))
-            if cost < best[0] - 1e-9:
-                a, b, c = (float(size[chosen.index(k)]) if k in chosen else 0.0 for k in range(3))
-                best = (cost, Polynomial(a, b, c, float(offset)))
-    return best[1]
+    curve = _simplest(depth, sigma, 1.0 / (sigma * error))
+    for _ in range(_ROUNDS - 1):
+        curve = _simplest(depth, sigma, _weights(curve, depth, sigma, error))
+    return curve
 
 
-def refit(curve: Polynomial, depth: Array, sigma: Array, error: Array) -> Array:
-    """The same terms fitted to other points.
+def _simplest(depth: Array, sigma: Array, weight: Array) -> Polynomial:
+    """Curve of the shortest code for weighted points: least squares for every set of terms."""
+    offset = (_OFFSETS * depth.min())[:, None]
+    powers = np.broadcast_arrays(np.ones(len(depth)), depth, (depth - offset) ** 2)
+    rows = np.stack(powers, axis=1) * weight  # (offsets, 3, B)
+    matrix, target = rows @ rows.swapaxes(1, 2), rows @ (sigma * weight)
+    scale = 1.0 / np.sqrt(np.einsum("oii->oi", matrix))
+    matrix = matrix * scale[:, :, None] * scale[:, None, :]
+    # Terms that a set lacks are solved for as zero.
+    used = _SETS[:, :, None] & _SETS[:, None, :]
+    systems = np.where(used, matrix[:, None], np.eye(3))
+    right = np.where(_SETS, (target * scale)[:, None], 0.0)
+    singular = np.linalg.det(systems) < _SINGULAR
+    systems[singular] = np.eye(3)
+    size = np.linalg.solve(systems, right[..., None])[..., 0] * scale[:, None]
+    chi2 = (weight @ (weight * sigma**2)) - (size * target[:, None]).sum(axis=2)
+    numbers = _SETS.sum(axis=1) + (offset > 0)
+    cost = 0.5 * chi2 + 0.5 * np.log(len(depth)) * numbers
+    refused = singular | (np.where(_SETS, size, 1.0) <= 0).any(axis=2)
+    # An offset needs a square to move, and noise at the offset itself.
+    refused |= (offset > 0) & ~(_SETS[:, 2] & (_SETS.sum(axis=1) > 1))
+    best = np.unravel_index(np.argmin(np.where(refused, np.inf, cost)), cost.shape)
+    a, b, c = size[best].tolist()
+    return Polynomial(a, b, c, float(offset[best[0], 0]))
+
+
+def _weights(curve: Polynomial, depth: Array, sigma: Array, error: Array) -> Array:
+    """One over the standard deviations of points, as the scatter about a curve shows them.
+
+    Deviations are relative to the geometric mean of curve and point, so that one as much too high
+    counts as one too low.
+    """
+    between = np.sqrt(curve(depth) * sigma)
+    off = np.abs(curve(depth) - sigma) / (between * error)
+    scatter = max(1.0, 1.4826 * float(np.median(off)))
+    return np.asarray(np.sqrt(np.minimum(1.0, _TOLERATED * scatter / np.maximum(off, 1e-9)))
+                      / (between * error * scatter))  # fmt: skip
+
+
+def refit(curve: Polynomial, depth: Array, sigma: Array, error: Array, sets: Array) -> Array:
+    """The same terms fitted to other points, with the weights of the first.
 
     Parameters
     ----------
     curve : Polynomial
-        Says which terms there are.
-    depth, error : ndarray, shape (B,)
-        As in `fit_polynomial`.
-    sigma : ndarray, shape (S, B)
-        Sets of points.
+        Fitted to `depth`, `sigma` and `error` (`fit_polynomial`); says which terms there are.
+    sets : ndarray, shape (S, B)
+        Other values at the same depths, metres.
 
     Returns
     -------
@@ -77,18 +101,6 @@ def refit(curve: Polynomial, depth: Array, sigma: Array, error: Array) -> Array:
     """
     sizes = np.array((curve.constant, curve.linear, curve.quadratic))
     terms = np.stack((np.ones(len(depth)), depth, (depth - curve.offset) ** 2))[sizes > 0]
-    # Weights stay those of the first fit, so that all sets share one pseudo-inverse.
-    weight = 1.0 / (curve(depth) * error)
+    weight = _weights(curve, depth, sigma, error)
     solve = np.linalg.pinv((terms * weight).T)
-    return np.asarray((sigma * weight) @ solve.T @ terms)
-
-
-def _least_squares(rows: Array, target: Array) -> Array | None:
-    """Solve for positive factors of the rows, or ``None`` where some are not."""
-    matrix = rows @ rows.T
-    scale = 1.0 / np.sqrt(np.diag(matrix))
-    matrix = matrix * scale * scale[:, None]
-    if np.linalg.det(matrix) < 1e-9:
-        return None
-    size = scale * np.linalg.solve(matrix, scale * (rows @ target))
-    return np.asarray(size) if (size > 0).all() else None
+    return np.asarray((sets * weight) @ solve.T @ terms)

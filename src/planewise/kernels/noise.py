@@ -15,15 +15,21 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy")
 def cell_planes(index, depth, rays, focal, width, side, columns, sums, planes):  # type: ignore[no-untyped-def]
     """Least-squares plane w = w0 + wx (x - cx) + wy (y - cy) of every cell of side x side pixels.
 
-    index, depth (k,), rays (3, k): readings of an image of this width; focal: lengths in pixels
-    along x and y, so that x and y are pixels about the principal point. sums (cells, 10) is room to
-    work in. Writes planes (cells, 7): count, cx, cy, w0, wx, wy and the sum of squared residuals;
-    NaN beyond the count where the readings do not determine a plane.
+    index (k,) in rising order, depth (k,), rays (3, k): readings of an image of this width; focal:
+    lengths in pixels along x and y, so that x and y are pixels about the principal point. sums
+    (cells, 10) is room to work in. Writes planes (cells, 7): count, cx, cy, w0, wx, wy and the sum
+    of squared residuals; NaN beyond the count where the readings do not determine a plane.
     """
     sums[:] = 0.0
+    column = np.empty(width, np.int64)
+    for j in range(width):
+        column[j] = j // side
+    row, start = 0, 0  # of the pixel row that reading k lies in
     for k in range(index.size):
-        i, j = index[k] // width, index[k] % width
-        m = sums[(i // side) * columns + j // side]
+        while index[k] >= start + width:
+            start += width
+            row += 1
+        m = sums[(row // side) * columns + column[index[k] - start]]
         x, y, w = rays[0, k] * focal[0], rays[1, k] * focal[1], 1.0 / depth[k]
         m[0] += 1.0
         m[1] += x
