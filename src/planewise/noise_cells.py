@@ -25,7 +25,7 @@ from planewise.observation import RayObservation
 Array = NDArray[np.float64]
 
 _SIDES = (8, 4)  # pixels of a cell in a large image, and in one of few cells
-_FEW_CELLS = 1000  # of the larger side, below which the smaller is taken
+_FEW_CELLS = 3000  # of the larger side, below which the smaller is taken
 _FILLED = 0.75  # least share of a cell's pixels that are readings
 _NO_PLANE = 0.1  # of its depth: a cell that is rougher is none of a sensor's planes
 _HARMONICS = np.arange(1, 6)

@@ -211,7 +211,9 @@ def pooled_noise(
         return _assumed(sensor, pool.depth.size, len(frames))
     depth, white, step = np.array([(b.depth, b.white, b.step) for b in bins]).T
     sigma = np.hypot(white, step / np.sqrt(12))
-    error = np.hypot([b.error for b in bins], _CURVE_ERROR)
+    cells = np.array([b.members.size for b in bins])
+    # Depths at which little lies are more often edges and clutter.
+    error = np.hypot([b.error for b in bins], _CURVE_ERROR * np.sqrt(cells.max() / cells))
     curve = fit_polynomial(depth, white, error)
     rounding: Noise = NOTHING
     if step.any():
@@ -244,7 +246,7 @@ def pooled_noise(
             step=step,
             low=low,
             high=high,
-            cells=np.array([b.members.size for b in bins]),
+            cells=cells,
         ),
         frames=len(frames),
     )

@@ -9,18 +9,18 @@ from planewise.noise import Polynomial
 
 Array = NDArray[np.float64]
 
-_OFFSETS = np.linspace(0.0, 1.0, 4)  # shares of the nearest depth
+_OFFSETS = np.linspace(0.0, 0.9, 4)  # shares of the nearest depth
 _SETS = np.array([[a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)][1:], bool)
 _SINGULAR = 1e-9  # determinant of scaled normal equations
-_ROUNDS = 3  # of weights that follow the curve
-_TOLERATED = 2.0  # standard deviations beyond which a point counts less and less (Huber)
+_ROUNDS = 4  # of moving points that lie far off, and fitting again
+_TOLERATED = 2.0  # standard deviations that a point is off at most
 
 
 def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     """Curve sigma = a + b z + c (z - d)^2 without negative terms, as simple as the points allow.
 
     Terms are chosen by code length: half of chi^2 plus 1/2 ln B nats for each number, B the number
-    of points. d is at most the smallest depth. Points far from the others' curve count little.
+    of points. d is less than the smallest depth. Points far from the others' curve count little.
 
     Parameters
     ----------
@@ -39,10 +39,37 @@ def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     >>> print(fit_polynomial(z, 0.001 + 0.002 * z**2, np.full(7, 0.01)))
     0.001 + 0.002 z^2 m
     """
-    curve = _simplest(depth, sigma, 1.0 / (sigma * error))
-    for _ in range(_ROUNDS - 1):
-        curve = _simplest(depth, sigma, _weights(curve, depth, sigma, error))
+    curve = _median_curve(depth, sigma, error)
+    for _ in range(_ROUNDS):
+        target, weight = _winsorised(curve, depth, sigma, error)
+        curve = _simplest(depth, target, weight)
     return curve
+
+
+def _median_curve(depth: Array, sigma: Array, error: Array) -> Polynomial:
+    """One term, put through the weighted median of the points: the term they differ least from."""
+    best = (np.inf, Polynomial(constant=1.0))
+    weight = error**-2.0
+    for power in range(3):
+        level = np.log(sigma / depth**power)
+        order = np.argsort(level)
+        share = np.cumsum(weight[order])
+        middle = level[order[np.searchsorted(share, 0.5 * share[-1])]]
+        cost = float(weight @ np.abs(level - middle))
+        if cost < best[0] - 1e-9:
+            size = np.where(np.arange(3) == power, np.exp(middle), 0.0)
+            best = (cost, Polynomial(*map(float, size)))
+    return best[1]
+
+
+def _winsorised(curve: Polynomial, depth: Array, sigma: Array, error: Array) -> tuple[Array, Array]:
+    """Points, those far from a curve moved to twice the scatter of all, and their weights."""
+    expected = curve(depth)
+    off = np.log(sigma / expected) / error
+    scatter = max(1.0, 1.4826 * float(np.median(np.abs(off))))
+    most = _TOLERATED * scatter
+    target = expected * np.exp(error * np.clip(off, -most, most))
+    return np.asarray(target), np.asarray(1.0 / (expected * error * scatter))
 
 
 def _simplest(depth: Array, sigma: Array, weight: Array) -> Polynomial:
@@ -71,19 +98,6 @@ def _simplest(depth: Array, sigma: Array, weight: Array) -> Polynomial:
     return Polynomial(a, b, c, float(offset[best[0], 0]))
 
 
-def _weights(curve: Polynomial, depth: Array, sigma: Array, error: Array) -> Array:
-    """One over the standard deviations of points, as the scatter about a curve shows them.
-
-    Deviations are relative to the geometric mean of curve and point, so that one as much too high
-    counts as one too low.
-    """
-    between = np.sqrt(curve(depth) * sigma)
-    off = np.abs(curve(depth) - sigma) / (between * error)
-    scatter = max(1.0, 1.4826 * float(np.median(off)))
-    return np.asarray(np.sqrt(np.minimum(1.0, _TOLERATED * scatter / np.maximum(off, 1e-9)))
-                      / (between * error * scatter))  # fmt: skip
-
-
 def refit(curve: Polynomial, depth: Array, sigma: Array, error: Array, sets: Array) -> Array:
     """The same terms fitted to other points, with the weights of the first.
 
@@ -101,6 +115,6 @@ def refit(curve: Polynomial, depth: Array, sigma: Array, error: Array, sets: Arr
     """
     sizes = np.array((curve.constant, curve.linear, curve.quadratic))
     terms = np.stack((np.ones(len(depth)), depth, (depth - curve.offset) ** 2))[sizes > 0]
-    weight = _weights(curve, depth, sigma, error)
+    target, weight = _winsorised(curve, depth, sigma, error)
     solve = np.linalg.pinv((terms * weight).T)
-    return np.asarray((sets * weight) @ solve.T @ terms)
+    return np.asarray((sets * (target / sigma) * weight) @ solve.T @ terms)
