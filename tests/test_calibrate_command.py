@@ -1,0 +1,144 @@
+"""planewise calibrate, and what detect makes of its file."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import planewise as pw
+from planewise import noise, scenes
+from planewise.noise_chart import draw_noise
+
+from .test_cli import run
+
+CAMERA = ("--camera", "250,250,160,120")
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("frames")
+    for seed in range(2):
+        for make in (scenes.corner, scenes.staircase):
+            scene = make(sigma=0.004, size=(240, 320), rng=seed)
+            Image.fromarray(scene.depth).save(folder / f"{make.__name__}{seed}.png")
+    return folder
+
+
+def test_a_sensor_is_made_and_used(frames, tmp_path):
+    out, picture = tmp_path / "made" / "sensor.json", tmp_path / "made" / "curve.png"
+    arguments = ("--sensor", "kinect-v1", "--picture", picture, "-o", out)
+    code, text, errors = run("calibrate", frames, *CAMERA, *arguments)
+    assert (code, errors) == (0, "")
+    for word in ("depth", "sigma", "95 % band", "flat cells", "preset", "noise: sqrt((0.00"):
+        assert word in text
+    assert "4 of 4 frames used, sensor in" in text
+    assert "…" not in text
+    assert sorted(path.name for path in out.parent.iterdir()) == ["curve.png", "sensor.json"]
+    with Image.open(picture) as image:
+        assert image.size == (800, 500)
+    sensor = pw.sensors.load(out)
+    assert sensor.max_depth == pw.sensors.KINECT_V1.max_depth
+    assert np.abs(sensor.sigma([0.9, 1.3]) - 0.004).max() < 0.0002
+    record = json.loads(out.read_text())["calibration"]
+    low, high, curve = (np.array(record[k]) for k in ("curve_low_m", "curve_high_m", "curve_m"))
+    assert (low <= high).all()
+    assert np.abs(curve - 0.004).max() < 0.0002
+    assert record["frames"] == 4
+
+    result = tmp_path / "result"
+    frame = frames / "corner0.png"
+    code, text, errors = run("detect", frame, *CAMERA, "--sensor", out, "-o", result)
+    assert (code, errors) == (0, "")
+    assert "4 planes" in text
+    written = json.loads((result / "planes.json").read_text())["sensor"]["noise"]
+    assert written == str(sensor.noise)
+
+
+def test_single_files_and_the_same_band_twice(frames, tmp_path):
+    texts = []
+    for name in ("a.json", "b.json"):
+        code, *_ = run("calibrate", frames / "corner0.png", *CAMERA, "-o", tmp_path / name)
+        assert code == 0
+        texts.append((tmp_path / name).read_text())
+    assert texts[0] == texts[1]
+
+
+def test_noise_auto(frames, tmp_path):
+    arguments = (*CAMERA, "--noise", "auto", "--objective", "spatial", "-o", tmp_path / "out")
+    code, text, errors = run("detect", frames / "staircase0.png", *arguments)
+    assert (code, errors) == (0, "")
+    assert "4 planes" in text
+    record = json.loads((tmp_path / "out" / "planes.json").read_text())
+    assert record["sensor"]["noise"] == "auto"
+    used = record["options"]["noise"]
+    assert used["source"] == "estimated"
+    assert used["white"].startswith("0.00")
+    assert used["shared"] == "0 m"
+
+
+def test_bad_frames_are_reported_and_the_others_used(frames, tmp_path):
+    Image.fromarray(np.zeros((240, 320), np.uint8)).save(tmp_path / "grey.png")
+    out = tmp_path / "s.json"
+    code, text, errors = run("calibrate", frames, tmp_path / "grey.png", *CAMERA, "-o", out)
+    assert code == 2
+    assert "4 of 5 frames used" in text
+    assert "grey.png" in errors
+    assert "8 bits" in errors
+    assert out.exists()
+
+
+BAD = {
+    "no such file": (("none.png",), "there is no file or folder"),
+    "no frame": (("empty",), "no depth files"),
+    "no camera": (("wall.png",), "give --camera"),
+    "no noise in it": (("void.npy", *CAMERA), "flat cells"),
+    "picture of another kind": (
+        ("wall.png", *CAMERA, "--picture", "p.jpg"),
+        "expected a .png file, got p.jpg",
+    ),
+    "sensor that is none": (("wall.png", *CAMERA, "--sensor", "eyes"), "neither a preset"),
+    "sensor file that is not there": (("wall.png", *CAMERA, "--sensor", "x.json"), "no file"),
+    "seed": (("wall.png", *CAMERA, "--seed", "-1"), "seed"),
+    "scale": (("wall.png", *CAMERA, "--depth-scale", "nan"), "depth_scale"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_what_cannot_be_used_is_named(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "empty").mkdir()
+    Image.fromarray(np.full((240, 320), 1000, np.uint16)).save("wall.png")
+    np.save("void.npy", np.zeros((240, 320)))
+    arguments, message = BAD[name]
+    code, text, errors = run("calibrate", *arguments, "-o", "sensor.json")
+    assert (code, text) == (2, "")
+    assert message in errors
+    assert "Traceback" not in errors
+    assert not (tmp_path / "sensor.json").exists()
+
+
+def test_output_is_checked_first(frames, tmp_path, monkeypatch):
+    monkeypatch.setattr("planewise.calibration.cells_of_frame", lambda *_: pytest.fail("begun"))
+    (tmp_path / "file").write_text("")
+    for target, message in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "sensor.yaml", "expected a .json file"),
+        (tmp_path / "file" / "sensor.json", "not a folder that can be written to"),
+    ):
+        code, _, errors = run("calibrate", frames, *CAMERA, "-o", target)
+        assert code == 2
+        assert message in errors
+    code, _, errors = run(
+        "detect", frames / "corner0.png", *CAMERA, "--sensor", "no.json", "-o", "x"
+    )
+    assert code == 2
+    assert "no.json" in errors
+
+
+def test_the_picture_stands_without_a_band_and_with_one_depth(camera):
+    flat = pw.estimate_noise(np.full((48, 64), 2.0), camera, pw.Sensor())
+    assert draw_noise(flat).shape == (500, 800, 3)
+    scene = scenes.corner(size=(240, 320))
+    found = pw.observe(scene.depth, scene.camera, pw.Sensor(noise="auto")).estimate
+    assert draw_noise(found, noise.KINECT, "kinect-v1").std() > 1
