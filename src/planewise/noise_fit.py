@@ -12,7 +12,8 @@ Array = NDArray[np.float64]
 _OFFSETS = np.linspace(0.0, 0.9, 4)  # shares of the nearest depth
 _SETS = np.array([[a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)][1:], bool)
 _SINGULAR = 1e-9  # determinant of scaled normal equations
-_ROUNDS = 4  # of moving points that lie far off, and fitting again
+_ROUNDS = 8  # of moving points that lie far off, and fitting again
+_SETTLED = 1e-3  # relative change of the curve that ends it
 _TOLERATED = 2.0  # standard deviations that a point is off at most
 
 
@@ -36,13 +37,15 @@ def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     Examples
     --------
     >>> z = np.linspace(1, 4, 7)
-    >>> print(fit_polynomial(z, 0.001 + 0.002 * z**2, np.full(7, 0.01)))
-    0.001 + 0.002 z^2 m
+    >>> fit_polynomial(z, 0.001 + 0.002 * z**2, np.full(7, 0.01))([1.0, 4.0]).round(3)
+    array([0.003, 0.033])
     """
     curve = _median_curve(depth, sigma, error)
     for _ in range(_ROUNDS):
         target, weight = _winsorised(curve, depth, sigma, error)
-        curve = _simplest(depth, target, weight)
+        last, curve = curve, _simplest(depth, target, weight)
+        if np.allclose(curve(depth), last(depth), rtol=_SETTLED, atol=0.0):
+            break
     return curve
 
 
