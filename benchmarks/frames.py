@@ -13,18 +13,9 @@ import planewise as pw
 from planewise import scenes
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-# Structured light; the faces are too small to tell how far its error drifts.
 ABW = pw.Sensor(
-    max_depth=2.0,
-    resolution=0.001,
-    noise=pw.noise.constant(0.0005),
-    parts=pw.noise.ErrorParts(
-        white=pw.noise.constant(0.0003),
-        shared=pw.noise.constant(0.0001),
-        drift=pw.noise.constant(0.0006),
-        drift_varies=False,
-    ),
-)
+    max_depth=2.0, resolution=0.001, noise=pw.noise.constant(0.0003)
+)  # structured light
 KINECT_SETS = ("nyu_dpd", "nyu_mm", "mosd_boxes", "mosd_curved", "kinect_7scenes", "rgbd_misc")
 
 

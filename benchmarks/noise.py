@@ -62,9 +62,7 @@ def main() -> None:
         told = replace(
             scene.sensor,
             noise=noise.RootSum((white, step.scaled(1 / np.sqrt(12)))),
-            parts=noise.ErrorParts(
-                white=white, shared=noise.NOTHING, drift=noise.NOTHING, drift_varies=False
-            ),
+            parts=noise.ErrorParts(white=white, shared=noise.NOTHING, drift=noise.NOTHING),
         )
         row = [float(off), float(white_off), found.shared_ratio, times[1] - times[0]]
         for objective in ("paper", "spatial"):

@@ -71,7 +71,7 @@ BAD_FILES = {
     ),
     "parts that are none": ({"parts": 3}, "parts must be null, or hold white"),
     "parts without white": (
-        {"parts": {"white": [], "shared": [], "drift_per_100_px": [], "drift_varies": True}},
+        {"parts": {"white": [], "shared": [], "drift_per_100_px": []}},
         "parts.white must have",
     ),
 }  # fmt: skip

@@ -1,12 +1,13 @@
 """The closed forms of the spatial objective against dense normal densities, reading by reading."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.cells import LATERAL, TILT, cells_of, frame_of
+from planewise.cells import TILT, cells_of, frame_of
 from planewise.mask_code import spatial_mask_information
 from planewise.spatial_information import GROUP_SIDE, ledger
 
@@ -24,9 +25,9 @@ def normal_nats(values, covariance):
     return 0.5 * (values @ np.linalg.solve(covariance, values) + determinant)
 
 
-def oracle(frame, cells, affine, labels, R, eps, pixel_size):
+def oracle(frame, error, affine, labels, R, eps, pixel_size):
     L = math.log(R / eps)
-    p = frame.p / cells.white
+    p = frame.p / error.white
     total = len(affine) * 3 * L
     total += spatial_mask_information(labels, frame.p > 0, len(affine))
     height, width = labels.shape
@@ -44,22 +45,27 @@ def oracle(frame, cells, affine, labels, R, eps, pixel_size):
                 J = np.column_stack((np.ones_like(x), x - cx, y - cy))
                 # density of z, not of w: dz = z^2 dw, in steps of eps
                 change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
-                if label:
-                    t = affine[label - 1]
-                    lateral = cells.scale * (LATERAL / 100) ** 2 * (t[1] ** 2 + t[2] ** 2)
-                    near = lateral + cells.scale * (frame.shared + frame.step)[window][mine].mean()
-                    extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
-                    offset = near + extent * frame.drift[window][mine].mean()
-                    tilt = TILT**2 * (lateral + cells.scale * frame.shared[window][mine].mean())
-                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
-                    fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
-                    total += math.log(2) + min(fitted, w.size * L)
-                    continue
                 mean = np.average(w, weights=1 / v)
                 s = (slope * mean) ** 2
                 C = np.diag(v) + J @ np.diag([0, s, s]) @ J.T
                 smooth = L + normal_nats(w - mean, C) + change
-                total += math.log(2) + min(smooth, w.size * L)
+                nats = math.log(2) + min(smooth, w.size * L)
+                if label:
+                    t = affine[label - 1]
+                    shared, step, drift = (
+                        image[window][mine].mean()
+                        for image in (frame.shared, frame.step, error.drift * frame.drift)
+                    )
+                    q = np.mean(1 / v) * (t[1] ** 2 + t[2] ** 2) / 100**2
+                    steep = 1 + error.lateral * q
+                    extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
+                    offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
+                    tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.08 * drift)
+                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
+                    fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
+                    fitted = math.log(2) + min(fitted, w.size * L)
+                    nats = -np.logaddexp(math.log(0.95) - fitted, math.log(0.05) - nats)
+                total += nats
     return total
 
 
@@ -72,17 +78,18 @@ def test_the_ledger_is_exact(roof, camera):
     labels[depth == 0] = 0
     observation = pw.observe(depth, camera, SENSOR)
     frame = frame_of(observation)
-    cells = cells_of(frame, observation.pixel_size)
+    error = cells_of(frame, observation.pixel_size).error
+    error = replace(error, near=0.5, bent=0.7, lateral=0.4, drift=0.6)
     du, dv = observation.pixel_size
     theta = -planes[:, :3] / planes[:, 3:]
     affine = np.column_stack((theta[:, 2], theta[:, 0] * du * 100, theta[:, 1] * dv * 100))
-    book = ledger(frame, cells, affine, labels, 8, 0.001, observation.pixel_size)
+    book = ledger(frame, error, affine, labels, 8, 0.001, observation.pixel_size)
     place = np.zeros(3, np.int32)
     place[book.order + 1] = [1, 2]
     for n in range(3):
         kept = np.where(place[labels] <= n, place[labels], 0).astype(np.int32)
         best = affine[book.order[:n]]
-        expected = oracle(frame, cells, best, kept, 8, 0.001, observation.pixel_size)
+        expected = oracle(frame, error, best, kept, 8, 0.001, observation.pixel_size)
         assert book.curve[n] == pytest.approx(expected, rel=1e-9)
     assert book.worth[0] <= book.worth[1] < 0
     assert book.curve[2] < book.curve[1] < book.curve[0]

@@ -7,8 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.frame_error import (
+    CellPlanes,
+    FrameError,
+    drift_factor,
+    lateral_variance,
+    shared_factors,
+    white_factor,
+)
 from planewise.kernels import cells as kernels
-from planewise.kernels import segments as loops
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
@@ -18,13 +25,12 @@ _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
-LATERAL = 0.5  # pixels; error across the image, which shows where a surface is steep
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
-_WHITE_LIMIT = 25.0  # five times the described standard deviation
 _GRID = 1e-4  # metres; distinct readings are told apart on this grid
 _WINDOW = 9  # gaps between readings over which the step is a median
-_MEDIAN_CHI2_3 = 2.366  # of three degrees of freedom: neighbouring cells of one plane
+_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
+_UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's, where not known
 
 
 @dataclass(frozen=True)
@@ -40,6 +46,9 @@ class Frame:
     shared, drift, step : ndarray
         Variances of w: of what near readings share, of how far that drifts over 100 pixels, and of
         the quantisation.
+    known : bool
+        Whether shared and drift are what the sensor shows at most; else only their course over
+        depth is taken from them, and their size from the frame.
     """
 
     w: Array
@@ -49,11 +58,7 @@ class Frame:
     shared: Array
     drift: Array
     step: Array
-
-    @property
-    def slow(self) -> Array:
-        """Variance of w by everything that near readings share."""
-        return self.shared + self.drift + self.step
+    known: bool
 
 
 @dataclass(frozen=True)
@@ -70,8 +75,8 @@ class Cells:
         Variance of w by which the error drifts over 100 pixels.
     offset_prior, slope_prior : ndarray, shape (units,)
         Variances of a local plane about which nothing is known.
-    white, scale : float
-        White and short-range variance of this frame against the sensor's description.
+    error : FrameError
+        Size of the frame's error against the sensor's description.
     """
 
     grid: NDArray[np.int32]
@@ -79,8 +84,7 @@ class Cells:
     drift: Array
     offset_prior: Array
     slope_prior: Array
-    white: float
-    scale: float
+    error: FrameError
 
 
 def reading_steps(z: Array) -> Array:
@@ -118,7 +122,8 @@ def frame_of(observation: RayObservation) -> Frame:
     quarter = 1.0 / z**4
     step = reading_steps(z) ** 2 / 12 * quarter
     if parts is None:
-        white, shared, drift = observation.sigma, np.zeros(z.shape), np.zeros(z.shape)
+        white = observation.sigma
+        shared, drift = _UNKNOWN_SHARED * white, _UNKNOWN_DRIFT * white
     else:
         white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
     du, dv = observation.pixel_size
@@ -136,6 +141,7 @@ def frame_of(observation: RayObservation) -> Frame:
         shared=image(shared**2 * quarter),
         drift=image(drift**2 * quarter),
         step=image(step),
+        known=parts is not None,
     )
 
 
@@ -145,7 +151,10 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
     rows, columns = -(-height // SIDE), -(-width // SIDE)
     moments = np.empty((rows * columns, kernels.MOMENTS))
     kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, SIDE, moments)
-    white = _white_scale(moments)
+    full = moments[:, kernels.COUNT] == SIDE * SIDE
+    misfits = np.empty(len(moments))
+    kernels.own_misfits(moments, misfits)
+    white = white_factor(misfits[full], SIDE * SIDE - 3)
     moments[:, :10] /= white
 
     unit = np.empty(rows * columns, np.int32)
@@ -157,15 +166,7 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
     if not found:
         return None
     units, size = units[:found], size[:found]
-    shared, drift, step = (
-        _at_units(values, unit, rows, columns, found)
-        for values in (frame.shared, frame.drift, _shared_step(frame, white))
-    )
-    segments = np.zeros((found, kernels.SEGMENT))
-    half = size * SIDE / 2 / kernels.UNIT
-    kernels.marginalise(units, shared, step, TILT, half, LATERAL / kernels.UNIT, segments)
-    scale = _short_scale(unit, (rows, columns), segments, size, drift)
-    segments[:, :10] /= scale
+    segments, drift, error = _without_shared_error(frame, unit, (rows, columns), units, size, white)
     w = units[:, 6] / units[:, 0]
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
     return Cells(
@@ -174,26 +175,43 @@ def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:
         drift=drift,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
-        white=white,
-        scale=scale,
+        error=error,
     )
 
 
-def _white_scale(moments: Array) -> float:
-    """Factor, at least one, on the white variance: the median cell about its own plane says it.
+def _without_shared_error(
+    frame: Frame,
+    unit: NDArray[np.int32],
+    shape: tuple[int, int],
+    units: Array,
+    size: Array,
+    white: float,
+) -> tuple[Array, Array, FrameError]:
+    """Rows of the units with what neighbours share integrated out, their drift, and the error."""
+    shared, drift, step = (
+        _at_units(values, unit, *shape, len(units))
+        for values in (frame.shared, frame.drift, _shared_step(frame, white))
+    )
+    half = size * SIDE / 2 / kernels.UNIT
+    lateral, steep = lateral_variance(units, size == 2)
+    offset, tilt = steep * (shared + step), steep * (TILT**2 * shared + step / half**2)
+    segments = np.zeros((len(units), kernels.SEGMENT))
+    kernels.marginalise(units, 0.0 * offset, 0.0 * tilt, segments)
+    planes = CellPlanes.of(segments)
 
-    A frame whose cells are farther from planes than a sensor can err has no such noise, but no
-    planes: then the description stands.
-    """
-    misfits = np.empty(len(moments))
-    kernels.own_misfits(moments, misfits)
-    full = moments[:, kernels.COUNT] == SIDE * SIDE
-    if not full.any():
-        return 1.0
-    freedom = SIDE * SIDE - 3
-    median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    scale = max(1.0, float(np.median(misfits[full])) / median)
-    return scale if scale <= _WHITE_LIMIT else 1.0
+    # Cells of 2 x 2 stand for the frame.
+    grid = unit.reshape(shape)[: shape[0] // 2 * 2 : 2, : shape[1] // 2 * 2 : 2]
+    whole = (grid >= 0) & (size[grid] == 2)
+    wandering = steep * drift
+    factor = drift_factor(grid, whole, planes, wandering)
+    if frame.known:
+        factor = min(factor, 1.0)
+    wandering = factor * wandering + step
+    near, bent = shared_factors(grid, whole, planes, wandering, offset, tilt)
+    kernels.marginalise(units, near * offset, bent * tilt, segments)
+    factor *= _SATURATION
+    error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
+    return segments, _SATURATION * wandering, error
 
 
 def _shared_step(frame: Frame, white: float) -> Array:
@@ -218,30 +236,3 @@ def _at_units(values: Array, unit: NDArray[np.int32], rows: int, columns: int, c
     there = (unit >= 0) & (centre > 0)
     members = np.bincount(unit[there], minlength=count)
     return np.bincount(unit[there], centre[there], count) / np.maximum(members, 1)
-
-
-def _short_scale(
-    unit: NDArray[np.int32],
-    shape: tuple[int, int],
-    segments: Array,
-    size: Array,
-    drift: Array,
-) -> float:
-    """Factor on the short-range variance at which neighbouring cells disagree as they should.
-
-    The discord of two cells of one plane is chi^2 of three degrees of freedom; most neighbours in
-    most frames are on one plane, so their median tells. Found by bisection, the drift kept.
-    """
-    discords = np.empty(2 * unit.size)
-    low, high = 0.005, 8.0
-    scale = 1.0
-    for _ in range(8):
-        scale = float(np.sqrt(low * high))
-        found = loops.neighbour_discords(unit, *shape, segments, size, drift, scale, discords)
-        if not found:
-            return 1.0
-        if np.median(discords[:found]) > _MEDIAN_CHI2_3:
-            low = scale
-        else:
-            high = scale
-    return scale

@@ -129,24 +129,13 @@ class ErrorParts:
     shared : callable
         Standard deviation in metres of what readings some ten pixels apart still share.
     drift : callable
-        Standard deviation in metres by which the error wanders over 100 pixels, like a random walk.
-    drift_varies : bool
-        Whether `drift` is what a frame may show at most, to be estimated from each: it differs
-        between devices and places, and many planes are too small to tell.
+        Standard deviation in metres by which the error wanders over 100 pixels, like a random walk,
+        at most: a frame may show less.
     """
 
     white: Noise
     shared: Noise
     drift: Noise
-    drift_varies: bool = True
-
-    @classmethod
-    def like_kinect(cls, noise: Polynomial) -> ErrorParts:
-        """Parts of a sensor of which only the noise is known, in the Kinect's proportions.
-
-        White 1, shared 2/3, drift 5/3 of the noise: an analogy, not a measurement.
-        """
-        return cls(white=noise, shared=noise.scaled(2 / 3), drift=noise.scaled(5 / 3))
 
     def __str__(self) -> str:
         return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"
@@ -213,6 +202,6 @@ KINECT = quadratic(0.0012, 0.0019, 0.4)
 """Axial noise of the first Kinect (Nguyen, Izadi, Lovell 2012), the paper's experimental model."""
 
 KINECT_PARTS = ErrorParts(
-    white=quadratic(0.0, 0.0015), shared=quadratic(0.0, 0.0010), drift=quadratic(0.0, 0.0025)
+    white=quadratic(0.0, 0.0015), shared=quadratic(0.0, 0.0010), drift=quadratic(0.0, 0.0035)
 )
 """Parts of the first Kinect's error, measured on planes of real frames (docs/method.md)."""

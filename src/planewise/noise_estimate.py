@@ -38,7 +38,7 @@ _RESOLVED = 0.05  # of a step: noise below it cannot be seen
 _CURVE_ERROR = 0.02  # relative error that a smooth curve may have on top
 _CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
 _LEAST_SHARED = 1.0  # else at least this, for what bends slowly hides from three cells in a row
-_DRIFT = 2.5  # drift over 100 pixels against the shared part: the Kinect's proportion
+_DRIFT = 3.5  # drift over 100 pixels against the shared part: the Kinect's proportion
 RESAMPLES = 200
 """Of the bootstrap that a confidence band comes from."""
 _FEW_FRAMES = 10  # of which blocks are drawn instead
@@ -113,9 +113,7 @@ class NoiseEstimate:
     @property
     def parts(self) -> ErrorParts:
         """The parts for the spatial objective, which treats rounding by itself."""
-        return ErrorParts(
-            white=self.white, shared=self.shared, drift=self.drift, drift_varies=False
-        )
+        return ErrorParts(white=self.white, shared=self.shared, drift=self.drift)
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""

@@ -29,7 +29,7 @@ class Sensor:
         Smallest depth it reports, in metres; readings below are "no reading".
     parts : ErrorParts, optional
         How much of the error neighbouring readings share, for ``objective="spatial"``; ``None``
-        means none: every reading errs on its own, with the noise above.
+        means unknown: each frame tells.
     depth_range : float, optional
         R of the paper, in metres: a reading that no plane explains is one of R / eps values.
         ``None`` means `max_depth`.
@@ -138,4 +138,4 @@ class Sensor:
     def _describe_parts(self) -> str:
         if self.noise == AUTO:
             return "estimated with the noise"
-        return "independent" if self.parts is None else str(self.parts)
+        return "told by each frame" if self.parts is None else str(self.parts)

@@ -64,7 +64,6 @@ def save(sensor: Sensor, path: str | Path, *, calibration: Mapping[str, Any] | N
     }
     if sensor.parts is not None:
         record["parts"] = {key: _terms(getattr(sensor.parts, n)) for key, n in _PARTS.items()}
-        record["parts"]["drift_varies"] = sensor.parts.drift_varies
     if calibration is not None:
         record["calibration"] = dict(calibration)
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"
@@ -147,14 +146,12 @@ def _from_record(record: Mapping[str, Any]) -> Sensor:
     parts = record.get("parts")
     if parts is None:
         return Sensor(noise=noise, **lengths)  # type: ignore[arg-type]
-    if not isinstance(parts, dict) or not isinstance(parts.get("drift_varies"), bool):
-        raise PlanewiseError("parts must be null, or hold white, shared, drift_per_100_px (terms) "
-                             "and drift_varies (true or false)")  # fmt: skip
+    if not isinstance(parts, dict):
+        raise PlanewiseError("parts must be null, or hold white, shared, drift_per_100_px (terms)")
     curves = {name: _curve(parts.get(key), f"parts.{key}") for key, name in _PARTS.items()}
     if curves["white"] is NOTHING:
         raise PlanewiseError("parts.white must have at least one term")
-    whole = ErrorParts(**curves, drift_varies=parts["drift_varies"])
-    return Sensor(noise=noise, parts=whole, **lengths)  # type: ignore[arg-type]
+    return Sensor(noise=noise, parts=ErrorParts(**curves), **lengths)  # type: ignore[arg-type]
 
 
 def _curve(value: object, where: str) -> Noise:

@@ -3,13 +3,12 @@
 A data sheet states limits, not your device: where you can, estimate the noise of your own sensor
 (``planewise calibrate``) and `load` it.
 Every preset reports depth in millimetres, which is its resolution. How much of its error a sensor's
-neighbouring readings share was measured for the Kinect only; the others are given its proportions.
+neighbouring readings share was measured for the Kinect only; for the others each frame tells.
 """
 
 from __future__ import annotations
 
 from planewise import noise
-from planewise.noise import ErrorParts, Polynomial
 from planewise.sensor import Sensor
 from planewise.sensor_files import load, save
 
@@ -29,17 +28,6 @@ __all__ = [
 ]
 
 
-def _sensor(curve: Polynomial, *, min_depth: float = 0.0, max_depth: float) -> Sensor:
-    """Sensor of which only the noise is known, its error split in the Kinect's proportions."""
-    return Sensor(
-        min_depth=min_depth,
-        max_depth=max_depth,
-        resolution=0.001,
-        noise=curve,
-        parts=ErrorParts.like_kinect(curve),
-    )
-
-
 KINECT_V1 = Sensor(max_depth=10.0, resolution=0.001, noise=noise.KINECT, parts=noise.KINECT_PARTS)
 """Microsoft Kinect for Xbox 360 and Asus Xtion. Noise: axial model of Nguyen, Izadi and Lovell,
 "Modeling Kinect sensor noise for improved 3D reconstruction and tracking", 3DIMPVT 2012, which the
@@ -48,32 +36,47 @@ paper uses. Range: NYU-v2 stores depths up to 10 m."""
 NYU = KINECT_V1
 """The sensor of NYU-v2 is a Kinect v1."""
 
-AZURE_KINECT = _sensor(noise.Polynomial(0.011, 0.001), min_depth=0.5, max_depth=5.46)
+AZURE_KINECT = Sensor(
+    min_depth=0.5, max_depth=5.46, resolution=0.001, noise=noise.Polynomial(0.011, 0.001)
+)
 """Microsoft Azure Kinect DK. Hardware specification: 0.5-3.86 m (unbinned) to 5.46 m (binned),
 random error at most 17 mm, systematic error below 11 mm + 0.1 % of the distance; the latter is
 taken as sigma, since measured random errors (Toelgyessy et al., Sensors 2021) are far lower."""
 
-REALSENSE_D415 = _sensor(noise.stereo(focal=1005.0, baseline=0.055), min_depth=0.3, max_depth=10.0)
+REALSENSE_D415 = Sensor(
+    min_depth=0.3,
+    max_depth=10.0,
+    resolution=0.001,
+    noise=noise.stereo(focal=1005.0, baseline=0.055),
+)
 """Intel RealSense D415. D400 series datasheet: baseline 55 mm, horizontal field of view 65 degrees,
 hence 1,005 px at 1280 x 720; ideal from 0.3 m. Noise: stereo formula of Intel's tuning guide."""
 
-REALSENSE_D435 = _sensor(noise.stereo(focal=447.0, baseline=0.050), min_depth=0.2, max_depth=10.0)
+REALSENSE_D435 = Sensor(
+    min_depth=0.2, max_depth=10.0, resolution=0.001, noise=noise.stereo(focal=447.0, baseline=0.050)
+)
 """Intel RealSense D435 and D435i. D400 series datasheet: baseline 50 mm, horizontal field of view
 87 degrees, hence 447 px at 848 x 480. Noise: stereo formula of Intel's tuning guide."""
 
-REALSENSE_D455 = _sensor(noise.stereo(focal=447.0, baseline=0.095), min_depth=0.4, max_depth=10.0)
+REALSENSE_D455 = Sensor(
+    min_depth=0.4, max_depth=10.0, resolution=0.001, noise=noise.stereo(focal=447.0, baseline=0.095)
+)
 """Intel RealSense D455. D400 series datasheet: baseline 95 mm, horizontal field of view 87 degrees,
 hence 447 px at 848 x 480. Noise: stereo formula of Intel's tuning guide."""
 
-GEMINI_2_XL = _sensor(noise.proportional(0.01), min_depth=0.4, max_depth=20.0)
+GEMINI_2_XL = Sensor(
+    min_depth=0.4, max_depth=20.0, resolution=0.001, noise=noise.proportional(0.01)
+)
 """Orbbec Gemini 2 XL, 0.4-20 m. Noise: the paper's proportional model, sigma = 0.01 z, which it
 derives from this sensor's and the D435's data sheets."""
 
-STRUCTURE = _sensor(noise.quadratic(0.0, 0.0033), min_depth=0.4, max_depth=5.0)
+STRUCTURE = Sensor(
+    min_depth=0.4, max_depth=5.0, resolution=0.001, noise=noise.quadratic(0.0, 0.0033)
+)
 """Occipital Structure Sensor. Data sheet: precision 0.5 mm at 0.4 m and 30 mm at 3 m, that is
 0.0033 z^2."""
 
-IPHONE_LIDAR = _sensor(noise.constant(0.01), max_depth=5.0)
+IPHONE_LIDAR = Sensor(max_depth=5.0, resolution=0.001, noise=noise.constant(0.01))
 """Apple iPhone and iPad Pro LiDAR (256 x 192 depth map of ARKit). Range 5 m, accuracy +-1 cm
 (Luetzenburg, Kroon, Bjoerk, Scientific Reports 2021)."""
 

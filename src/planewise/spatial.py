@@ -8,12 +8,12 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import LATERAL, SIDE, Cells, Frame
+from planewise.cells import SIDE, Cells, Frame
 from planewise.information import plane_information
 from planewise.kernels import labels as label_loops
 from planewise.kernels import segments as loops
@@ -23,26 +23,22 @@ from planewise.observation import RayObservation
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
 
-_KNEE = 10.0  # discord at which a border is as likely as not
-_MERGE_BORDER = (0.1, 2.0)  # nats per pixel of border where the surface breaks, and goes on
-_PLANE_BORDER = (0.05, 4.0)  # the same when a plane has to pay for all of its border
+# Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
+_MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
+_PLANE_BORDER = (0.01, 1.5, 20.0)  # that a plane has to pay for
+_PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its border
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
-_SHARE_POWER = 0.35  # cells of few pixels are worth less: they share their error with neighbours
+_SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _GAP_OFFSET = 0.3  # of its depth: where an unrelated plane seen through a gap may lie
 _DIFFERING = 1.0  # nats per neighbouring pixel with another label
+_PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
 _CREASE_REACH = 5  # pixels beside a border where the two planes are compared
 _CREASE_BAND = 4  # pixels about a border that are looked at
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
 _CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
 _CREASE_FAR = 8.0  # pixels from the line of intersection
-_CLEAN = 0.5  # short-range variance against the sensor's, below which a frame is a clean one
-_DRIFT_LAG = 96  # pixels between cells that tell how far the error drifts
-_DRIFT_PAIRS = 50  # of them that are needed
-_DRIFT_BLURRED = 0.35  # factor from which it may as well be clutter
-_DRIFT_LEAST = 0.02
-_MEDIAN_CHI2_1 = 0.455  # of one degree of freedom
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 
 
@@ -99,11 +95,6 @@ def segment(
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    parts = observation.parts
-    if parts is not None and parts.drift_varies and cells.scale < _CLEAN:
-        factor = _drift_factor(cells, cost)
-        cells = replace(cells, drift=factor * cells.drift)
-        frame = replace(frame, drift=factor * frame.drift)
     discords = _border_discords(cells)
     rows, root = _agglomerate(cells, discords, cost)
     accepted, worth = _accept(cells, discords, rows, root, cost)
@@ -122,7 +113,7 @@ def _agglomerate(cells: Cells, discords: Array, cost: float) -> tuple[Array, NDA
     """Merge neighbouring cells into segments; returns their rows and the root of every unit."""
     rows = cells.rows.copy()
     free = np.empty(len(rows))
-    loops.free_prices(rows, cells.offset_prior, cells.slope_prior, free)
+    loops.free_prices(rows, cells.drift, cells.offset_prior, cells.slope_prior, free)
     rows[:, FREE] = (free + _FITTED_AWAY) * (rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
     root: NDArray[np.int32] = loops.agglomerate(
         cells.grid.reshape(-1),
@@ -138,53 +129,6 @@ def _agglomerate(cells: Cells, discords: Array, cost: float) -> tuple[Array, NDA
     return rows, root
 
 
-def _drift_factor(cells: Cells, cost: float) -> float:
-    """How far the error of this frame drifts, as a variance, against what its sensor may show.
-
-    Two cells of one segment, 96 pixels apart, differ from its plane by their own errors and the
-    drift between them; the factor is the one at which half the squared differences are below the
-    median of chi^2. Segments are grown with half the drift first, lest it hide what it causes. A
-    frame in which clutter blurs the answer keeps its sensor's drift, and so does one whose error
-    over a few pixels is as large as its sensor's: only cleaner frames are asked.
-    """
-    half = replace(cells, drift=0.5 * cells.drift)
-    rows, root = _agglomerate(half, _border_discords(half), cost)
-    grid = cells.grid[: cells.grid.shape[0] // 2 * 2, : cells.grid.shape[1] // 2 * 2]
-    corner = grid[::2, ::2]
-    whole = (corner >= 0) & (grid[1::2, ::2] == corner) & (grid[::2, 1::2] == corner)
-    whole &= grid[1::2, 1::2] == corner
-    lag = _DRIFT_LAG // (2 * SIDE)
-    pairs = []
-    for a, b in (
-        (np.s_[:, :-lag], np.s_[:, lag:]),
-        (np.s_[:-lag, :], np.s_[lag:, :]),
-    ):
-        together = whole[a] & whole[b]
-        u, v = corner[a][together], corner[b][together]
-        same = root[u] == root[v]
-        pairs.append((u[same], v[same]))
-    u, v = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    if u.size < _DRIFT_PAIRS:
-        return 1.0
-    used, place = np.unique(root[u], return_inverse=True)
-    plane = _affine(rows[used])[place]
-    first, second = cells.rows[u], cells.rows[v]
-    dx = first[:, 1] / first[:, 0] - second[:, 1] / second[:, 0]
-    dy = first[:, 2] / first[:, 0] - second[:, 2] / second[:, 0]
-    off = first[:, 6] / first[:, 0] - second[:, 6] / second[:, 0]
-    off -= plane[:, 1] * dx + plane[:, 2] * dy
-    own = 1.0 / first[:, 0] + 1.0 / second[:, 0]
-    slow = np.sqrt(cells.drift[u] * cells.drift[v]) * np.hypot(dx, dy)
-    low, high = 1e-3, 4.0
-    for _ in range(8):
-        factor = float(np.sqrt(low * high))
-        if np.median(off**2 / (own + factor * slow)) > _MEDIAN_CHI2_1:
-            low = factor
-        else:
-            high = factor
-    return 1.0 if factor > _DRIFT_BLURRED else max(factor, _DRIFT_LEAST)
-
-
 def _border_discords(cells: Cells) -> Array:
     """Discord across every side that two units share, -1 elsewhere: to the right, and below."""
     rows, columns = cells.grid.shape
@@ -193,33 +137,52 @@ def _border_discords(cells: Cells) -> Array:
     return discords
 
 
-def _border_prices(discords: Array, bounds: tuple[float, float]) -> Array:
+def _border_prices(discords: Array, bounds: tuple[float, float, float]) -> Array:
     """Nats of every side of a cell as a border: dear where the surface goes on, else cheap."""
-    low, high = bounds
-    price = low + (high - low) / (1.0 + (discords / _KNEE) ** 2)
+    low, high, knee = bounds
+    price = low + (high - low) / (1.0 + (discords / knee) ** 2)
     return np.asarray(SIDE * np.where(discords < 0, low, price))
 
 
 def _accept(
     cells: Cells, discords: Array, rows: Array, root: NDArray[np.int32], cost: float
 ) -> tuple[NDArray[np.int64], Array]:
-    """Roots of the segments that pay for being a plane, best first, and what each saves in nats."""
+    """Roots of the segments that pay for being a plane, best first, and what each saves in nats.
+
+    A border between two planes is paid for once. Every plane makes its neighbours cheaper, so
+    adding the ones that pay, until no more do, ends at the same planes in any order.
+    """
     owner = np.where(cells.grid >= 0, root[cells.grid], -1)
     prices = _border_prices(discords, _PLANE_BORDER)
     border = np.zeros(len(rows))
+    between = []
     for a, b, price in (
         (owner[:, 1:], owner[:, :-1], prices[0, :, :-1]),
         (owner[1:], owner[:-1], prices[1, :-1]),
     ):
         apart = a != b
-        for side in (a[apart], b[apart]):
+        a, b, price = a[apart], b[apart], price[apart]
+        for side in (a, b):
             segment = side >= 0
-            border += np.bincount(side[segment], price[apart][segment], len(rows))
+            border += np.bincount(side[segment], price[segment], len(rows))
+        both = (a >= 0) & (b >= 0)
+        between.append((a[both], b[both], price[both]))
+    a, b, price = (np.concatenate(part) for part in zip(*between, strict=True))
     ids = np.unique(root)
-    worth = rows[ids, FREE] - 0.5 * rows[ids, MISFIT] - cost - border[ids]
+    alone = np.full(len(rows), -np.inf)
+    alone[ids] = rows[ids, FREE] - 0.5 * rows[ids, MISFIT] - _PLANE_COST * cost - border[ids]
+    accepted = alone > 0
+    while True:
+        paid = np.bincount(a, price * accepted[b], len(rows))
+        paid += np.bincount(b, price * accepted[a], len(rows))
+        more = (alone + paid > 0) & ~accepted
+        if not more.any():
+            break
+        accepted |= more
+    taken = np.flatnonzero(accepted).astype(np.int64)
+    worth = np.asarray((alone + paid)[taken], np.float64)
     order = np.argsort(-worth, kind="stable")
-    order = order[worth[order] > 0]
-    return ids[order], worth[order]
+    return taken[order], worth[order]
 
 
 def _join_through_gaps(
@@ -299,9 +262,10 @@ def _label(
     labels = np.repeat(np.repeat(coarse, SIDE, 0), SIDE, 1)[:height, :width].copy()
     labels[frame.p == 0] = 0
     affine = np.vstack((np.zeros((1, 3)), _affine(planes)))
-    slow = cells.scale * frame.slow
+    error = cells.error
+    slow = error.near * (frame.shared + frame.step) + _PIXEL_DRIFT * error.drift * frame.drift
     null = float(np.log(observation.range / observation.resolution))
-    arguments = (frame.p / cells.white, frame.x, frame.y, slow)
+    arguments = (frame.p / error.white, frame.x, frame.y, slow)
     label_loops.label_pixels(
         labels,
         _settled(coarse),
@@ -363,7 +327,7 @@ def _settled(coarse: Labels) -> NDArray[np.bool_]:
 def _lateral(cells: Cells, affine: Array) -> Array:
     """Variance of w by an error of half a pixel across the image, for every plane."""
     slope = affine[:, 1] ** 2 + affine[:, 2] ** 2
-    return np.asarray(cells.scale * (LATERAL / UNIT) ** 2 * slope)
+    return np.asarray(cells.error.lateral / UNIT**2 * slope)
 
 
 def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:

@@ -11,6 +11,9 @@ variance of each reading, and
   from a broad prior,
 - in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
 
+A group labelled with a plane is a smooth surface of its own with probability 1/20: books on a table
+may be labelled as the table, which costs nats, but not without bound.
+
 Both are closed forms of the group's moments. The mask is the adaptive code of `mask_code`.
 """
 
@@ -22,7 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import LATERAL, TILT, Cells, Frame
+from planewise.cells import TILT, Frame
+from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.mask_code import spatial_mask_information
@@ -30,8 +34,9 @@ from planewise.mask_code import spatial_mask_information
 Array = NDArray[np.float64]
 
 GROUP_SIDE = 8  # pixels of a cell whose readings share an offset and a tilt
+_APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
-_NORM, _NEAR, _DRIFT, _SHARED, _SCALE = (kernels.MOMENTS + i for i in range(5))
+_NORM, _NEAR, _DRIFT, _SHARED = (kernels.MOMENTS + i for i in range(4))
 
 
 @dataclass(frozen=True)
@@ -57,7 +62,7 @@ class Ledger:
 
 def ledger(
     frame: Frame,
-    cells: Cells | None,
+    error: FrameError,
     affine: Array,
     labels: NDArray[np.int32],
     range: float,
@@ -70,8 +75,8 @@ def ledger(
     ----------
     frame : Frame
         The readings.
-    cells : Cells, optional
-        White and shared variance of this frame against the sensor's description.
+    error : FrameError
+        Size of the frame's error against the sensor's description.
     affine : ndarray, shape (N, 3)
         (t0, t1, t2) of w = t0 + t1 x + t2 y.
     labels : ndarray of int32, shape (H, W)
@@ -82,10 +87,8 @@ def ledger(
         Of a pixel on the plane z = 1, in metres.
     """
     planes, there = len(affine), frame.p > 0
-    scale = 1.0 if cells is None else cells.scale
-    p = frame.p if cells is None else frame.p / cells.white
     coordinate = coordinate_information(range, resolution)
-    moments, cell, label = _groups(frame, p, scale, labels, planes, resolution)
+    moments, cell, label = _groups(frame, error, labels, planes, resolution)
     slope_prior = (kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR) ** 2
 
     def on_none(m: Array) -> Array:
@@ -95,9 +98,14 @@ def ledger(
     data = on_none(moments)
     alone = data[on_plane].copy()
     extent = np.sqrt(np.bincount(labels[there], minlength=planes + 1)) / kernels.UNIT
-    data[on_plane] = _plane_data(
-        moments[on_plane], affine[label[on_plane] - 1], extent[label[on_plane]], coordinate
+    on = _plane_data(
+        moments[on_plane],
+        affine[label[on_plane] - 1],
+        extent[label[on_plane]],
+        error.lateral,
+        coordinate,
     )
+    data[on_plane] = -np.logaddexp(np.log(1 - _APART) - on, np.log(_APART) - alone)
     worth = np.bincount(label[on_plane], data[on_plane] - alone, planes + 1)[1:]
     order: NDArray[np.intp] = np.argsort(worth, kind="stable")
     place = np.zeros(planes + 1, np.int32)
@@ -128,8 +136,7 @@ def ledger(
 
 def _groups(
     frame: Frame,
-    p: Array,
-    scale: float,
+    error: FrameError,
     labels: NDArray[np.int32],
     planes: int,
     resolution: float,
@@ -137,14 +144,15 @@ def _groups(
     """Moments of every group, its cell and its label."""
     height, width = labels.shape
     rows, columns = -(-height // GROUP_SIDE), -(-width // GROUP_SIDE)
+    p = frame.p / error.white
     place = np.empty((rows * columns, planes + 1), np.int32)
     found = kernels.label_groups(labels, p, GROUP_SIDE, columns, planes, place)
     # 1/2 ln(2 pi sigma_z^2 / eps^2) with sigma_z = sigma_w z^2
     norm = np.zeros(labels.shape)
     there = p > 0
     norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * frame.w[there] ** 4 * resolution**2))
-    shared, constant = scale * frame.shared, np.full(labels.shape, scale)
-    extra = np.stack((norm, shared + scale * frame.step, frame.drift, shared, constant))
+    near = error.near * (frame.shared + frame.step)
+    extra = np.stack((norm, near, error.drift * frame.drift, error.bent * frame.shared))
     moments = np.empty((found, kernels.MOMENTS + len(extra)))
     kernels.group_moments(
         labels, frame.w, p, frame.x, frame.y, extra, GROUP_SIDE, columns, place, moments
@@ -171,21 +179,22 @@ def _integrated_slopes(
     return explained, np.log(determinant)
 
 
-def _plane_data(m: Array, t: Array, extent: Array, coordinate: float) -> Array:
+def _plane_data(m: Array, t: Array, extent: Array, lateral: float, coordinate: float) -> Array:
     """Nats of groups on planes t, offset and tilt integrated out, or anything at all if shorter.
 
-    The offset's variance is what near readings share, an error across the image where the plane is
-    steep, and what drifts over the extent of the plane, in units of 100 pixels.
+    The offset's variance is what near readings share and what the drift leaves about a plane of an
+    extent in units of 100 pixels; both grow where the plane is steep.
     """
     cx, cy, mean, xx, xy, yy, xw, yw, square = _centred(m)
     off = mean - (t[:, 0] + t[:, 1] * cx + t[:, 2] * cy)
     chi2 = square + m[:, 0] * off**2 - 2 * (t[:, 1] * xw + t[:, 2] * yw)
     chi2 += t[:, 1] ** 2 * xx + 2 * t[:, 1] * t[:, 2] * xy + t[:, 2] ** 2 * yy
     count = m[:, kernels.COUNT]
-    lateral = m[:, _SCALE] / count * (LATERAL / kernels.UNIT) ** 2
-    lateral *= t[:, 1] ** 2 + t[:, 2] ** 2
-    offset = lateral + (m[:, _NEAR] + extent * m[:, _DRIFT]) / count
-    tilt = TILT**2 * (lateral + m[:, _SHARED] / count)
+    steep = 1 + lateral * (t[:, 1] ** 2 + t[:, 2] ** 2) / kernels.UNIT**2 * m[:, 0] / count
+    drift = steep * m[:, _DRIFT] / count
+    offset = steep * m[:, _NEAR] / count + kernels.PLANE_RESIDUAL * extent * drift
+    tilt = steep * TILT**2 * m[:, _SHARED] / count
+    tilt += kernels.PLANE_BEND[0] / (GROUP_SIDE / kernels.UNIT) * drift
     slopes, determinant = _integrated_slopes(
         tilt, xx, xy, yy, xw - t[:, 1] * xx - t[:, 2] * xy, yw - t[:, 1] * xy - t[:, 2] * yy
     )

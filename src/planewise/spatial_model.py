@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planewise.cells import cells_of, frame_of
 from planewise.evaluate import covariance_of_plane
+from planewise.frame_error import FrameError
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe
@@ -51,7 +52,7 @@ def spatial_model(
 
     book = ledger(
         frame,
-        cells,
+        FrameError() if cells is None else cells.error,
         found.affine,
         found.labels,
         observation.range,

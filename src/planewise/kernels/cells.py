@@ -21,6 +21,12 @@ MOMENTS = 11
 COUNT, MISFIT, FREE = 10, 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
 
+# Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
+# for squares side by side (docs/method.md derives them):
+PLANE_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
+PLANE_BEND = (0.9, 0.3)  # of their slopes: D over the smaller and the larger side
+PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
+
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
@@ -130,13 +136,12 @@ def merge_quarters(moments, rows, columns, side, white, split, hopeless, filled,
 
 
 @_compiled
-def marginalise(units, shared, step, tilt, half, lateral, segments):  # type: ignore[no-untyped-def]
+def marginalise(units, offset, tilt, segments):  # type: ignore[no-untyped-def]
     """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
 
     P = (A^-1 + Sigma)^-1 about the unit's centroid, A its weighted normal equations, divided by its
-    chi^2 per degree of freedom where that exceeds one. Sigma is diagonal: an offset of variance
-    shared + lateral^2 |slope|^2 + step, and slopes of tilt^2 times the first two terms plus step /
-    half^2. shared, step (units,): variances of w; half (units,): half the unit's side.
+    chi^2 per degree of freedom where that exceeds one. offset, tilt (units,): Sigma is diagonal,
+    the variances of the offset and of either slope.
     """
     for k in range(units.shape[0]):
         m, out = units[k], segments[k]
@@ -150,18 +155,16 @@ def marginalise(units, shared, step, tilt, half, lateral, segments):  # type: ig
         determinant = xx * yy - xy * xy
         vxx, vxy, vyy = yy / determinant, -xy / determinant, xx / determinant
         tx, ty = vxx * xw + vxy * yw, vxy * xw + vyy * yw
-        common = shared[k] + lateral * lateral * (tx * tx + ty * ty)
-        offset = 1.0 / (1.0 / a + common + step[k])
-        slope = common * tilt * tilt + step[k] / (half[k] * half[k])
-        cxx, cyy = vxx + slope, vyy + slope
+        level = 1.0 / (1.0 / a + offset[k])
+        cxx, cyy = vxx + tilt[k], vyy + tilt[k]
         determinant = cxx * cyy - vxy * vxy
         pxx, pxy, pyy = cyy / determinant, -vxy / determinant, cxx / determinant
         qx, qy = pxx * tx + pxy * ty, pxy * tx + pyy * ty
-        out[0], out[1], out[2] = offset, offset * cx, offset * cy
-        out[3], out[4] = offset * cx * cx + pxx, offset * cx * cy + pxy
-        out[5] = offset * cy * cy + pyy
-        out[6], out[7], out[8] = offset * mean, offset * mean * cx + qx, offset * mean * cy + qy
-        out[9] = offset * mean * mean + qx * tx + qy * ty
+        out[0], out[1], out[2] = level, level * cx, level * cy
+        out[3], out[4] = level * cx * cx + pxx, level * cx * cy + pxy
+        out[5] = level * cy * cy + pyy
+        out[6], out[7], out[8] = level * mean, level * mean * cx + qx, level * mean * cy + qy
+        out[9] = level * mean * mean + qx * tx + qy * ty
         out[COUNT], out[MISFIT], out[FREE] = m[COUNT], 0.0, 0.0
 
 

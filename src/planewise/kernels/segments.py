@@ -8,9 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planewise.kernels.cells import COUNT, MISFIT, SEGMENT, UNIT
+from planewise.kernels.cells import COUNT, MISFIT, PLANE_BEND, PLANE_OFFSET, UNIT
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
+_NEARER = 0.45  # of the smaller extent: from its centroid towards the other, to where they meet
+_TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
+_CELL = 36.0
+_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
+_BEND_SMALL, _BEND_LARGE = PLANE_BEND
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
@@ -39,23 +44,32 @@ def _quadratic_form(a, b, c, d, e, f, x, y, z):  # type: ignore[no-untyped-def]
 def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
 
-    discord = delta' C^-1 delta with delta the difference of their planes at the centroid of the
-    smaller one and C = P_a^-1 + P_b^-1 + Sigma_d. Sigma_d is what the sensor's slow error allows
-    over the extent e of the smaller one, like a random walk: drift e for the offset, 4 drift / e
-    for the slopes. evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing
-    to do with the other.
+    discord = delta' C^-1 delta with delta the difference of their planes where they meet, near the
+    smaller one, and C = P_a^-1 + P_b^-1 + Sigma_d. Sigma_d is what an error that wanders like a
+    random walk makes of the planes of two squares side by side, and of those farther apart by a
+    gap (`frame_error`). evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has
+    nothing to do with the other.
     """
     small, large = (b, a) if a[COUNT] > b[COUNT] else (a, b)
     x0, y0, w0, tx, ty, vxx, vxy, vyy = _at_centroid(small)
     x1, y1, w1, ux, uy, uxx, uxy, uyy = _at_centroid(large)
+    extent, reach = np.sqrt(small[COUNT]) / UNIT, np.sqrt(large[COUNT]) / UNIT
+    # They meet s from the centroid of the small one, d from that of the other.
     dx, dy = x0 - x1, y0 - y1
-    d0, d1, d2 = w0 - (w1 + dx * ux + dy * uy), tx - ux, ty - uy
-    extent = np.sqrt(small[COUNT]) / UNIT
-    c00 = 1.0 / small[0] + 1.0 / large[0] + drift * extent
+    apart = np.sqrt(dx * dx + dy * dy)
+    share = min(_NEARER * extent, 0.5 * apart) / (apart + 1e-12)
+    sx, sy = -share * dx, -share * dy
+    dx, dy = dx + sx, dy + sy
+    d0 = w0 + sx * tx + sy * ty - (w1 + dx * ux + dy * uy)
+    d1, d2 = tx - ux, ty - uy
+    gap = max(apart - _TOUCHING * (extent + reach), 0.0)
+    bend = drift * (_BEND_SMALL / extent + _BEND_LARGE / reach)
+    c00 = 1.0 / small[0] + 1.0 / large[0] + drift * (PLANE_OFFSET * reach + gap)
     c00 += dx * dx * uxx + 2.0 * dx * dy * uxy + dy * dy * uyy
-    c01, c02 = dx * uxx + dy * uxy, dx * uxy + dy * uyy
-    c11, c12, c22 = vxx + uxx, vxy + uxy, vyy + uyy
-    c11, c22 = c11 + 4.0 * drift / extent, c22 + 4.0 * drift / extent
+    c00 += sx * sx * vxx + 2.0 * sx * sy * vxy + sy * sy * vyy
+    c01 = dx * uxx + dy * uxy + sx * vxx + sy * vxy
+    c02 = dx * uxy + dy * uyy + sx * vxy + sy * vyy
+    c11, c12, c22 = vxx + uxx + bend, vxy + uxy, vyy + uyy + bend
     discord, near = _quadratic_form(c00, c01, c02, c11, c12, c22, d0, d1, d2)
     c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
     _, far = _quadratic_form(c00, c01, c02, c11, c12, c22, d0, d1, d2)
@@ -63,38 +77,19 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
 
 
 @_compiled
-def free_prices(segments, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
-    """1/2 ln det(I + P S0): nats for a plane of its own in every unit of a smooth surface."""
+def free_prices(segments, drift, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
+    """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
+
+    C is what the unit would be compared with if it lay beside a plane of 100 pixels.
+    """
     for k in range(segments.shape[0]):
         _, _, _, _, _, vxx, vxy, vyy = _at_centroid(segments[k])
-        determinant = vxx * vyy - vxy * vxy
-        pxx, pxy, pyy = vyy / determinant, -vxy / determinant, vxx / determinant
-        slopes = (1.0 + pxx * slope_prior[k]) * (1.0 + pyy * slope_prior[k])
-        slopes -= pxy * pxy * slope_prior[k] * slope_prior[k]
-        out[k] = 0.5 * np.log(1.0 + segments[k, 0] * offset_prior[k]) + 0.5 * np.log(slopes)
-
-
-@_compiled
-def neighbour_discords(unit, rows, columns, segments, size, drift, scale, out):  # type: ignore[no-untyped-def]
-    """Discord of neighbouring whole units with P divided by scale; returns how many there are."""
-    found = 0
-    a, b = np.empty(SEGMENT), np.empty(SEGMENT)
-    for i in range(rows):
-        for j in range(columns):
-            u = unit[i * columns + j]
-            if u < 0 or size[u] < 2.0:
-                continue
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if row < rows and column < columns:
-                    v = unit[row * columns + column]
-                    if v >= 0 and v != u and size[v] == 2.0:
-                        for n in range(10):
-                            a[n], b[n] = segments[u, n] / scale, segments[v, n] / scale
-                        a[COUNT], b[COUNT] = segments[u, COUNT], segments[v, COUNT]
-                        out[found] = compare(a, b, np.sqrt(drift[u] * drift[v]), 0.0, 0.0)[0]
-                        found += 1
-    return found
+        bend = _BEND_SMALL * drift[k] / (np.sqrt(segments[k, COUNT]) / UNIT)
+        vxx, vyy = vxx + bend, vyy + bend
+        near = vxx * vyy - vxy * vxy
+        far = (vxx + slope_prior[k]) * (vyy + slope_prior[k]) - vxy * vxy
+        level = 1.0 / segments[k, 0] + PLANE_OFFSET * drift[k]
+        out[k] = 0.5 * np.log(1.0 + offset_prior[k] / level) + 0.5 * np.log(far / near)
 
 
 @_compiled
@@ -145,6 +140,17 @@ def _pop(keys, items, size):  # type: ignore[no-untyped-def]
 
 
 @_compiled
+def _tempered(discord, count):  # type: ignore[no-untyped-def]
+    """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
+
+    The size of a cell's error is uncertain, so that a cell on a rounded edge costs little; an
+    average over many cells is normal.
+    """
+    nu = _TAILS * max(1.0, count / _CELL)
+    return (nu + 3.0) * np.log(1.0 + discord / nu)
+
+
+@_compiled
 def _merge_gain(segments, u, v, boundary, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
     """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
@@ -152,7 +158,7 @@ def _merge_gain(segments, u, v, boundary, drift, offset_prior, slope_prior, most
     discord, evidence = compare(
         segments[u], segments[v], slow, offset_prior[small], slope_prior[small]
     )
-    return min(evidence, most) - 0.5 * discord + boundary
+    return min(evidence, most) - 0.5 * _tempered(discord, segments[small, COUNT]) + boundary
 
 
 @_compiled
@@ -241,7 +247,8 @@ def agglomerate(unit, rows, columns, border, segments, drift, offset_prior, slop
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         slow = np.sqrt(drift[u] * drift[v])
-        segments[u, MISFIT] += compare(segments[u], segments[v], slow, 0.0, 0.0)[0]
+        discord = compare(segments[u], segments[v], slow, 0.0, 0.0)[0]
+        segments[u, MISFIT] += _tempered(discord, segments[v, COUNT])
         share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
         drift[u] += share * (drift[v] - drift[u])
         segments[u] += segments[v]
