@@ -22,7 +22,7 @@ def table(frames: Iterable[Frame], seeds: int) -> None:
     print("|---|---|---|---|---|---|")
     count = worse = 0
     for frame in frames:
-        joint = frame.detect(search="joint")
+        joint = frame.detect(search="joint", objective="paper")
         sequential = min(
             (frame.detect(search="sequential", rng=seed) for seed in range(seeds)),
             key=lambda model: model.information,

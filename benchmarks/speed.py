@@ -53,6 +53,11 @@ def frame_times(frame: Frame, runs: int) -> None:
     report(
         f"{frame.name}: default call",
         timed(lambda: frame.detect(threads=1), runs),
+        80,
+    )
+    report(
+        f"{frame.name}: objective paper",
+        timed(lambda: frame.detect(objective="paper", threads=1), runs),
         60,
     )
     report(

@@ -10,7 +10,9 @@ from . import oracles
 from .conftest import render
 
 SENSOR = pw.Sensor(max_depth=10, noise=0.002)
-SEARCHES = ("joint", "sequential")
+PAPER = {"search": "joint", "objective": "paper"}
+WAYS = {"paper": PAPER, "sequential": {"search": "sequential"}, "spatial": {}}
+every_way = pytest.mark.parametrize("way", WAYS.values(), ids=WAYS)
 
 
 def angle(a, b):
@@ -18,10 +20,10 @@ def angle(a, b):
     return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_a_roof_has_two_planes(roof, camera, search):
+@every_way
+def test_a_roof_has_two_planes(roof, camera, way):
     depth, planes, labels = roof
-    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    model = pw.detect_planes(depth, camera, SENSOR, **way)
     assert len(model) == 2
     for plane in model.planes:
         errors = [angle(plane.normal, row[:3]) for row in planes]
@@ -34,12 +36,12 @@ def test_a_roof_has_two_planes(roof, camera, search):
     assert agree.mean() > 0.95
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_phi_is_that_of_an_independent_program(roof, camera, search):
+@pytest.mark.parametrize("way", [PAPER, WAYS["sequential"]], ids=["joint", "sequential"])
+def test_phi_is_that_of_an_independent_program(roof, camera, way):
     depth = roof[0].copy()
     depth[3:9, 4:20] = 0
     sensor = pw.Sensor(max_depth=9, noise=pw.noise.quadratic(0.002, 0.001))
-    model = pw.detect_planes(depth, camera, sensor, search=search)
+    model = pw.detect_planes(depth, camera, sensor, **way)
     phi = oracles.phi(
         depth,
         camera.rays(depth.shape),
@@ -52,35 +54,33 @@ def test_phi_is_that_of_an_independent_program(roof, camera, search):
     assert model.information == pytest.approx(phi, rel=1e-9)
     judge = pw.information(pw.observe(depth, camera, sensor), model.planes, model.labels)
     assert judge == pytest.approx(phi, rel=1e-12)
-    assert model.curve[len(model)] == pytest.approx(phi, rel=1e-9) or search == "sequential"
+    assert model.curve[len(model)] == pytest.approx(phi, rel=1e-9) or way["search"] == "sequential"
     assert model.curve[model.curve.chosen] == min(model.curve)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
+@every_way
 @pytest.mark.parametrize("threads", [1, 2, 3])
-def test_the_answer_does_not_depend_on_threads(roof, camera, search, threads):
-    one = pw.detect_planes(roof[0], camera, SENSOR, search=search, threads=1)
-    more = pw.detect_planes(roof[0], camera, SENSOR, search=search, threads=threads)
+def test_the_answer_does_not_depend_on_threads(roof, camera, way, threads):
+    one = pw.detect_planes(roof[0], camera, SENSOR, **way, threads=1)
+    more = pw.detect_planes(roof[0], camera, SENSOR, **way, threads=threads)
     assert one.information == more.information
     assert_array_equal(one.labels, more.labels)
     assert_array_equal(one.coefficients, more.coefficients)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_a_seed_fixes_the_answer(roof, camera, search):
-    detector = pw.Detector(camera, SENSOR, search=search, rng=3)
+@every_way
+def test_a_seed_fixes_the_answer(roof, camera, way):
+    detector = pw.Detector(camera, SENSOR, **way, rng=3)
     first, second = detector(roof[0]), detector(roof[0])
     assert_array_equal(first.coefficients, second.coefficients)
-    generator = pw.detect_planes(
-        roof[0], camera, SENSOR, search=search, rng=np.random.default_rng(3)
-    )
+    generator = pw.detect_planes(roof[0], camera, SENSOR, **way, rng=np.random.default_rng(3))
     assert_array_equal(first.coefficients, generator.coefficients)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
+@every_way
 @pytest.mark.parametrize("value", [0.0, np.nan])
-def test_a_frame_without_readings_gives_an_empty_model_that_says_why(camera, search, value):
-    model = pw.detect_planes(np.full((48, 64), value), camera, SENSOR, search=search)
+def test_a_frame_without_readings_gives_an_empty_model_that_says_why(camera, way, value):
+    model = pw.detect_planes(np.full((48, 64), value), camera, SENSOR, **way)
     assert len(model) == 0
     assert model.coefficients.shape == (0, 4)
     assert not model.labels.any()
@@ -89,30 +89,30 @@ def test_a_frame_without_readings_gives_an_empty_model_that_says_why(camera, sea
     assert model.curve.reason == model.note
 
 
-@pytest.mark.parametrize("search", SEARCHES)
+@every_way
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
-def test_a_handful_of_readings(camera, search, count):
+def test_a_handful_of_readings(camera, way, count):
     depth = np.zeros((48, 64))
     depth.flat[np.arange(count) * 500] = 2.0
-    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    model = pw.detect_planes(depth, camera, SENSOR, **way)
     assert model.readings == count
     # Up to four readings cannot pay for the three parameters of a plane and a mask.
     assert len(model) == 0
     assert model.note
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_readings_on_one_line_are_no_plane_and_no_error(camera, search):
+@every_way
+def test_readings_on_one_line_are_no_plane_and_no_error(camera, way):
     depth = np.zeros((48, 64))
     depth[20] = 2.0
-    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    model = pw.detect_planes(depth, camera, SENSOR, **way)
     assert np.isfinite(model.information)
     assert np.isfinite(model.coefficients).all()
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_a_constant_depth_is_a_plane(camera, search):
-    model = pw.detect_planes(np.full((48, 64), 2.0), camera, SENSOR, search=search)
+@every_way
+def test_a_constant_depth_is_a_plane(camera, way):
+    model = pw.detect_planes(np.full((48, 64), 2.0), camera, SENSOR, **way)
     assert len(model) == 1
     plane = model.planes[0]
     assert_allclose(plane.normal, [0, 0, -1], atol=1e-9)
@@ -124,10 +124,10 @@ def test_a_constant_depth_is_a_plane(camera, search):
     assert_allclose(plane.centroid, [2 * (31.5 - 31) / 50, 2 * (23.5 - 24.5) / 52, 2], atol=1e-9)
 
 
-@pytest.mark.parametrize("search", SEARCHES)
-def test_uniform_noise_has_no_plane(camera, search):
+@every_way
+def test_uniform_noise_has_no_plane(camera, way):
     depth = np.random.default_rng(0).uniform(0.1, 10, (48, 64))
-    model = pw.detect_planes(depth, camera, SENSOR, search=search)
+    model = pw.detect_planes(depth, camera, SENSOR, **way)
     assert len(model) == 0
     assert model.note
     assert model.information == pytest.approx(model.curve[0])
@@ -137,7 +137,7 @@ def test_planes_are_ranked_and_the_best_can_be_kept(camera):
     planes = np.array([[0, 0, -1, 1.6], [0.6, 0, -0.8, 1.5], [-0.6, 0, -0.8, 1.5]])
     depth, _ = render(planes, camera, (48, 64))
     depth += np.random.default_rng(0).normal(0, 0.002, depth.shape)
-    model = pw.detect_planes(depth, camera, SENSOR)
+    model = pw.detect_planes(depth, camera, SENSOR, objective="paper")
     assert len(model) == 3
     worth = [plane.information for plane in model.planes]
     assert worth == sorted(worth)
@@ -217,14 +217,14 @@ def test_integer_and_float_depth_agree(roof, camera):
 
 
 def test_max_planes_is_kept(roof, camera):
-    for search in SEARCHES:
-        model = pw.detect_planes(roof[0], camera, SENSOR, search=search, max_planes=1)
+    for way in WAYS.values():
+        model = pw.detect_planes(roof[0], camera, SENSOR, **way, max_planes=1)
         assert len(model) == 1
         assert "max_planes = 1" in model.curve.reason
 
 
 def test_moves_and_curve_are_recorded(roof, camera):
-    model = pw.detect_planes(roof[0], camera, SENSOR)
+    model = pw.detect_planes(roof[0], camera, SENSOR, **PAPER)
     assert model.curve.moves[0].kind == "greedy"
     assert model.curve.moves[-1].information == pytest.approx(model.information)
     assert model.curve.reason == "no move lowers the information"
@@ -257,7 +257,15 @@ def test_an_objective_can_be_put_together(roof, camera):
 
     custom = pw.Objective(mask=FreeMask())
     model = pw.detect_planes(roof[0], camera, SENSOR, objective=custom)
-    paper = pw.detect_planes(roof[0], camera, SENSOR)
+    paper = pw.detect_planes(roof[0], camera, SENSOR, **PAPER)
     assert model.objective == "custom"
     assert model.information < paper.information
     assert len(model) >= len(paper)
+
+
+def test_the_objective_follows_from_what_there_is(roof, camera):
+    image = pw.detect_planes(roof[0], camera, SENSOR)
+    sequential = pw.detect_planes(roof[0], camera, SENSOR, search="sequential")
+    points = pw.detect_planes_in_points(np.zeros((3, 3)), SENSOR)
+    assert [m.objective for m in (image, sequential, points)] == ["spatial", "paper", "paper"]
+    assert image.settings["objective"] == "spatial"

@@ -7,9 +7,11 @@ import planewise as pw
 from planewise import scenes
 
 
-@pytest.mark.parametrize("search", ["joint", "sequential"])
+@pytest.mark.parametrize(
+    ("search", "objective"), [("joint", "paper"), ("sequential", "paper"), ("joint", "spatial")]
+)
 @pytest.mark.parametrize("name", ["staircase", "corner"])
-def test_four_planes_at_every_seed(name, search):
+def test_four_planes_at_every_seed(name, search, objective):
     for seed in range(20):
         scene = getattr(scenes, name)(rng=seed)
         model = pw.detect_planes(
@@ -17,6 +19,7 @@ def test_four_planes_at_every_seed(name, search):
             scene.camera,
             scene.sensor,
             search=search,
+            objective=objective,
             confidence=0.99,
             inlier_ratio=0.25,
             max_planes=8,
@@ -40,7 +43,9 @@ def test_the_joint_search_is_never_above_the_sequential_one(seed):
     observation = pw.observe(scene.depth, scene.camera, scene.sensor)
     phi = {}
     for search in ("joint", "sequential"):
-        model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, search=search)
+        model = pw.detect_planes(
+            scene.depth, scene.camera, scene.sensor, search=search, objective="paper"
+        )
         phi[search] = pw.information(observation, model.planes, model.labels)
         assert model.information == pytest.approx(phi[search], rel=1e-9)
     assert phi["joint"] <= phi["sequential"]
@@ -60,7 +65,7 @@ def test_the_same_on_real_frames(real_frames, folder, name):
     depth, camera, scale = real_frames(folder, name)
     phi = {
         search: pw.detect_planes(
-            depth, camera, pw.sensors.KINECT_V1, depth_scale=scale, search=search
+            depth, camera, pw.sensors.KINECT_V1, depth_scale=scale, search=search, objective="paper"
         ).information
         for search in ("joint", "sequential")
     }

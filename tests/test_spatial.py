@@ -142,6 +142,8 @@ def test_what_it_cannot_do_is_said(camera):
     with pytest.raises(ValueError, match="needs search='joint'"):
         detect(depth, camera, search="sequential")
     with pytest.raises(ValueError, match="instances needs objective='spatial'"):
-        pw.detect_planes(depth, camera, SENSOR, instances=True)
+        pw.detect_planes(depth, camera, SENSOR, objective="paper", instances=True)
+    with pytest.raises(ValueError, match="instances needs search='joint'"):
+        pw.detect_planes(depth, camera, SENSOR, search="sequential", instances=True)
     with pytest.raises(ValueError, match="needs a depth image"):
         pw.detect_planes_in_points(np.ones((9, 3)), SENSOR, objective="spatial")

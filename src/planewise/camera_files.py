@@ -108,6 +108,7 @@ def read_sensor(
     if noise is not None:
         auto = noise.strip().lower() == AUTO
         changes["noise"] = AUTO if auto else read_noise(noise)
+        base = replace(base, parts=None)  # they were those of another noise
     given = {key: value for key, value in changes.items() if value is not None}
     return replace(base, **given)
 

@@ -27,8 +27,9 @@ _FILLED = 0.5  # least share of a cell's pixels that are readings
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
-_GRID = 1e-4  # metres; distinct readings are told apart on this grid
+_GRID = 0.1  # of the sensor's resolution; distinct readings are told apart on this grid
 _WINDOW = 9  # gaps between readings over which the step is a median
+_LEAST_DRIFT = 0.1  # of the white variance
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's, where not known
 
@@ -59,6 +60,7 @@ class Frame:
     drift: Array
     step: Array
     known: bool
+    resolution: float
 
 
 @dataclass(frozen=True)
@@ -87,13 +89,15 @@ class Cells:
     error: FrameError
 
 
-def reading_steps(z: Array) -> Array:
+def reading_steps(z: Array, resolution: float = 0.001) -> Array:
     """Quantisation step at every reading: gaps between the distinct readings of the frame.
 
     Parameters
     ----------
     z : ndarray, shape (k,)
         Metres.
+    resolution : float
+        eps of the sensor in metres; no step is smaller than a tenth of it.
 
     Returns
     -------
@@ -105,11 +109,12 @@ def reading_steps(z: Array) -> Array:
     >>> reading_steps(np.repeat(1.0 + 0.003 * np.arange(20), 2))[[0, -1]]
     array([0.003, 0.003])
     """
-    place = np.rint(z / _GRID).astype(np.int64)
+    grid = _GRID * resolution
+    place = np.rint(z / grid).astype(np.int64)
     levels = np.flatnonzero(np.bincount(place))
     if levels.size < _WINDOW:
         return np.zeros(z.shape)
-    gaps = np.pad(np.diff(levels) * _GRID, _WINDOW // 2, mode="edge")
+    gaps = np.pad(np.diff(levels) * grid, _WINDOW // 2, mode="edge")
     steps = np.median(np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW), axis=1)
     table = np.zeros(int(levels[-1]) + 1)
     table[levels] = np.append(steps, steps[-1])
@@ -120,7 +125,7 @@ def frame_of(observation: RayObservation) -> Frame:
     """Spread readings over images, in inverse depth."""
     z, parts = observation.depth, observation.parts
     quarter = 1.0 / z**4
-    step = reading_steps(z) ** 2 / 12 * quarter
+    step = reading_steps(z, observation.resolution) ** 2 / 12 * quarter
     if parts is None:
         white = observation.sigma
         shared, drift = _UNKNOWN_SHARED * white, _UNKNOWN_DRIFT * white
@@ -142,6 +147,7 @@ def frame_of(observation: RayObservation) -> Frame:
         drift=image(drift**2 * quarter),
         step=image(step),
         known=parts is not None,
+        resolution=observation.resolution,
     )
 
 
@@ -206,7 +212,10 @@ def _without_shared_error(
     factor = drift_factor(grid, whole, planes, wandering)
     if frame.known:
         factor = min(factor, 1.0)
-    wandering = factor * wandering + step
+    # No plane is known better than readings are resolved, nor free of mixed pixels at its edges.
+    inverse = units[:, 6] / units[:, 0]
+    wandering = factor * wandering + step + inverse**4 * frame.resolution**2 / 12
+    wandering = np.maximum(wandering, _LEAST_DRIFT * units[:, kernels.COUNT] / units[:, 0])
     near, bent = shared_factors(grid, whole, planes, wandering, offset, tilt)
     kernels.marginalise(units, near * offset, bent * tilt, segments)
     factor *= _SATURATION

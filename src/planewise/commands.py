@@ -110,12 +110,12 @@ def detect(
         _Search, typer.Option(help="All planes together, or one after the other (the paper's).")
     ] = _Search.joint,
     objective: Annotated[
-        _Objective,
-        typer.Option(
-            help="What is minimised: the paper's information, or one with a spatial mask code, "
-            "correlated error and a smooth null, which suits real sensors."
+        _Objective | None,
+        optional(
+            "What is minimised: an information with a spatial mask code, correlated error and a "
+            "smooth null (the default, joint search only), or the paper's."
         ),
-    ] = _Objective.paper,
+    ] = None,
     instances: Annotated[
         bool,
         typer.Option(
@@ -157,7 +157,7 @@ def detect(
 
         options = Options(
             search=search.value,
-            objective=objective.value,
+            objective=None if objective is None else objective.value,
             instances=instances,
             max_planes=max_planes,
             confidence=confidence,
@@ -219,7 +219,7 @@ def demo(
             from planewise.draw import draw_labels
 
             room = scenes.room(seed)
-            options = Options(objective="spatial")
+            options = Options()
             model, seconds = find_planes(room.depth, room.camera, room.sensor, None, options)
             write_image(folder / "rgb.png", room.rgb)
             write_image(folder / "depth.png", room.depth)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -35,9 +35,10 @@ class Options:
     ----------
     search : {"joint", "sequential"}
         All planes together, or the paper's one after the other.
-    objective : {"paper", "spatial"} or Objective
-        What is minimised: the paper's objective, or a spatial mask code with correlated error and a
-        smooth null (depth images only).
+    objective : {"spatial", "paper"} or Objective, optional
+        What is minimised: a spatial mask code with correlated error and a smooth null (depth
+        images, joint search), or the paper's objective. ``None`` means the first where it can be
+        had, else the second.
     instances : bool
         Keep coplanar surfaces that do not touch apart (spatial objective).
     confidence : float
@@ -54,7 +55,7 @@ class Options:
     """
 
     search: Search = "joint"
-    objective: Objective | str = "paper"
+    objective: Objective | str | None = None
     instances: bool = False
     confidence: float = 0.99
     inlier_ratio: float = 0.1
@@ -65,23 +66,32 @@ class Options:
     def __post_init__(self) -> None:
         if self.search not in _MAX_PLANES:
             raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
-        if self.objective != SPATIAL:
+        if self.objective not in (None, SPATIAL):
             as_objective(self.objective)
             if self.instances:
                 raise ValueError("instances needs objective='spatial', got another objective")
-        elif self.search != "joint":
+        elif self.search != "joint" and self.objective == SPATIAL:
             raise ValueError("objective='spatial' needs search='joint', got another search")
+        elif self.search != "joint" and self.instances:
+            raise ValueError("instances needs search='joint', got another search")
         trial_count(self.confidence, self.inlier_ratio)
         if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
             raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
         if self.threads is not None and self.threads < 1:
             raise ValueError(f"threads must be at least 1, got {self.threads}")
 
+    def resolved(self, observation: Observation) -> Options:
+        """These options with the objective that `observation` is to be searched under."""
+        if self.objective is not None:
+            return self
+        image = isinstance(observation, RayObservation)
+        return replace(self, objective=SPATIAL if image and self.search == "joint" else "paper")
+
     def describe(self) -> dict[str, object]:
         """Say in plain types what was asked for, for result files."""
         out: dict[str, object] = {
             "search": self.search,
-            "objective": self.objective if isinstance(self.objective, str) else "custom",
+            "objective": "custom" if isinstance(self.objective, Objective) else self.objective,
             "max_planes": self.max_planes or _MAX_PLANES[self.search],
             "instances": self.instances,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
@@ -98,7 +108,7 @@ def detect_planes(
     *,
     depth_scale: float | None = None,
     search: Search = "joint",
-    objective: Objective | str = "paper",
+    objective: Objective | str | None = None,
     instances: bool = False,
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
@@ -160,7 +170,7 @@ def detect_planes_in_points(
     sensor: Sensor,
     *,
     search: Search = "joint",
-    objective: Objective | str = "paper",
+    objective: Objective | str | None = None,
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
@@ -250,11 +260,12 @@ def find(observation: Observation, options: Options) -> PlaneModel:
     PlaneModel
         Planes, best first.
     """
+    options = options.resolved(observation)
     most = options.max_planes or _MAX_PLANES[options.search]
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):
         raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
-    objective = PAPER if spatial else as_objective(options.objective)
+    objective = PAPER if spatial else as_objective(options.objective or "paper")
     structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
     empty = objective.empty(observation)
     if observation.count < observation.dimension:

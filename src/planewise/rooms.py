@@ -82,7 +82,11 @@ def room(
     z = hit.depth + noise_model(hit.depth) * rng.standard_normal(size)
     step = 1 / (_STEPS * _FOCAL * _BASELINE)
     z = 1 / (np.round(1 / np.maximum(z, 0.1) / step) * step)
-    sensor = replace(sensors.KINECT_V1, noise=noise_model)
+    sensor = replace(
+        sensors.KINECT_V1,
+        noise=noise_model,
+        parts=sensors.KINECT_V1.parts if sigma is None else None,
+    )
     depth = np.round(z / sensor.resolution).astype(np.uint16)
     depth[lost] = 0
     return Scene(depth=depth, camera=camera, sensor=sensor, labels=labels, planes=planes, rgb=rgb)

@@ -8,7 +8,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,8 @@ class Segmentation:
         Nats that each plane saves against a smooth surface, all its costs paid.
     affine : ndarray, shape (N, 3)
         The same planes as w = t0 + t1 x + t2 y (`cells.Frame`).
+    left_out : int
+        Planes that pay but are more than was asked for.
     """
 
     theta: Array
@@ -65,6 +67,7 @@ class Segmentation:
     labels: Labels
     significance: Array
     affine: Array
+    left_out: int = 0
 
 
 def segment(
@@ -99,14 +102,17 @@ def segment(
     rows, root = _agglomerate(cells, discords, cost)
     accepted, worth = _accept(cells, discords, rows, root, cost)
     planes, owner = _join_through_gaps(cells, rows, accepted, instances)
-    if max_planes is not None and len(planes) > max_planes:
+    left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
+    if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
     rows, labels = _label(frame, cells, root, accepted, planes, owner, observation)
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
-    return _compact(rows, labels, np.asarray(total), observation.pixel_size)
+    return replace(
+        _compact(rows, labels, np.asarray(total), observation.pixel_size), left_out=left_out
+    )
 
 
 def _agglomerate(cells: Cells, discords: Array, cost: float) -> tuple[Array, NDArray[np.int32]]:

@@ -79,6 +79,8 @@ def spatial_model(
     square = _squared_residuals(observation, theta, marks)
     planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
+    if found.left_out:
+        reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
         labels=labels,
         planes=tuple(
