@@ -147,3 +147,27 @@ def test_what_it_cannot_do_is_said(camera):
         pw.detect_planes(depth, camera, SENSOR, search="sequential", instances=True)
     with pytest.raises(ValueError, match="needs a depth image"):
         pw.detect_planes_in_points(np.ones((9, 3)), SENSOR, objective="spatial")
+
+
+def test_residuals_tell_a_bent_surface_from_a_plane():
+    camera = pw.PinholeCamera(fx=200, fy=200, cx=159.5, cy=119.5)
+    x = np.linspace(-1, 1, 320)
+    noise = np.random.default_rng(0).normal(0, 0.004, (240, 320))
+    told = []
+    for bulge in (0.0, 0.003):
+        model = detect(2.0 + bulge * x**2 + noise, camera, pw.Sensor(max_depth=10, noise=0.004))
+        assert len(model) == 1
+        told.append(model.planes[0].residual_correlation)
+    assert abs(told[0]) < 0.1
+    assert told[1] > 0.3
+
+
+def test_planes_can_be_cut_by_significance():
+    scene = scenes.room(1, size=(240, 320))
+    every = detect(scene.depth, scene.camera, scene.sensor)
+    worth = sorted(plane.significance for plane in every.planes)
+    few = detect(scene.depth, scene.camera, scene.sensor, significance=worth[1] + 1)
+    assert 0 < len(few) < len(every)
+    assert min(plane.significance for plane in few.planes) > worth[1] + 1
+    with pytest.raises(ValueError, match="significance must be"):
+        detect(scene.depth, scene.camera, scene.sensor, significance=-1)

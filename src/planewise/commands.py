@@ -123,6 +123,10 @@ def detect(
             help="Keep surfaces of one plane that do not touch apart (spatial objective).",
         ),
     ] = False,
+    significance: Annotated[
+        float,
+        typer.Option(help="Nats a plane has to save beyond its costs (spatial objective)."),
+    ] = 0.0,
     max_planes: Annotated[
         int | None, optional("Largest number of planes. Default: 64, sequential 8.")
     ] = None,
@@ -159,6 +163,7 @@ def detect(
             search=search.value,
             objective=None if objective is None else objective.value,
             instances=instances,
+            significance=significance,
             max_planes=max_planes,
             confidence=confidence,
             inlier_ratio=inlier_ratio,

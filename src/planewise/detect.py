@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -41,6 +42,9 @@ class Options:
         had, else the second.
     instances : bool
         Keep coplanar surfaces that do not touch apart (spatial objective).
+    significance : float
+        Nats that a plane has to save beyond its parameters and its border (spatial objective): the
+        larger, the fewer planes.
     confidence : float
         c of the paper: probability that a plane's sample is drawn from it alone (sequential).
     inlier_ratio : float
@@ -57,6 +61,7 @@ class Options:
     search: Search = "joint"
     objective: Objective | str | None = None
     instances: bool = False
+    significance: float = 0.0
     confidence: float = 0.99
     inlier_ratio: float = 0.1
     max_planes: int | None = None
@@ -74,6 +79,10 @@ class Options:
             raise ValueError("objective='spatial' needs search='joint', got another search")
         elif self.search != "joint" and self.instances:
             raise ValueError("instances needs search='joint', got another search")
+        if not 0 <= self.significance < math.inf:
+            raise ValueError(
+                f"significance must be a number of nats, not negative, got {self.significance}"
+            )
         trial_count(self.confidence, self.inlier_ratio)
         if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
             raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
@@ -94,6 +103,7 @@ class Options:
             "objective": "custom" if isinstance(self.objective, Objective) else self.objective,
             "max_planes": self.max_planes or _MAX_PLANES[self.search],
             "instances": self.instances,
+            "significance": self.significance,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
         }
         if self.search == "sequential":
@@ -110,6 +120,7 @@ def detect_planes(
     search: Search = "joint",
     objective: Objective | str | None = None,
     instances: bool = False,
+    significance: float = 0.0,
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
@@ -129,7 +140,7 @@ def detect_planes(
         Range, resolution and noise; `planewise.sensors` has presets.
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
-    search, objective, instances, confidence, inlier_ratio, max_planes, rng, threads
+    search, objective, instances, significance, confidence, inlier_ratio, max_planes, rng, threads
         See `Options`.
 
     Returns
@@ -156,6 +167,7 @@ def detect_planes(
         search=search,
         objective=objective,
         instances=instances,
+        significance=significance,
         confidence=confidence,
         inlier_ratio=inlier_ratio,
         max_planes=max_planes,
@@ -279,6 +291,7 @@ def find(observation: Observation, options: Options) -> PlaneModel:
         return spatial_model(
             observation,
             instances=options.instances,
+            significance=options.significance,
             max_planes=options.max_planes or MAX_PLANES,
             settings=_settings(observation, options),
         )

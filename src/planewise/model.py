@@ -35,6 +35,9 @@ class Plane:
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border (spatial objective; NaN under the paper's).
+    residual_correlation : float
+        Correlation of the residuals of neighbouring cells: 0 where they are white, towards 1 where
+        the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
         Area its readings cover, in square metres; NaN for free points.
     bounding_box : tuple of int
@@ -49,6 +52,7 @@ class Plane:
     centroid: Array
     covariance: Array
     significance: float = float("nan")
+    residual_correlation: float = float("nan")
     area: float = float("nan")
     bounding_box: tuple[int, ...] = ()
 

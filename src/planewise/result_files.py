@@ -236,6 +236,11 @@ def describe_model(
     }
 
 
+def _number_or_none(value: float) -> float | None:
+    """The number, or what JSON has for NaN."""
+    return float(value) if math.isfinite(value) else None
+
+
 def _describe_plane(plane: Plane, rank: int, readings: int) -> dict[str, Any]:
     covariance = np.asarray(plane.covariance)
     return {
@@ -247,7 +252,9 @@ def _describe_plane(plane: Plane, rank: int, readings: int) -> dict[str, Any]:
         "readings": int(plane.count),
         "share": plane.count / readings,
         "rms": float(plane.rms),
-        "area": float(plane.area) if math.isfinite(plane.area) else None,
+        "significance": _number_or_none(plane.significance),
+        "residual_correlation": _number_or_none(plane.residual_correlation),
+        "area": _number_or_none(plane.area),
         "centroid": plane.centroid.tolist(),
         "bounding_box": [int(edge) for edge in plane.bounding_box],
         "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,

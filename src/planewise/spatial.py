@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from planewise.cells import SIDE, Cells, Frame
 from planewise.information import plane_information
-from planewise.kernels import labels as label_loops
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
+from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
@@ -31,15 +31,6 @@ _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _GAP_OFFSET = 0.3  # of its depth: where an unrelated plane seen through a gap may lie
-_DIFFERING = 1.0  # nats per neighbouring pixel with another label
-_PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
-_SWEEPS = 6
-_CREASE_REACH = 5  # pixels beside a border where the two planes are compared
-_CREASE_BAND = 4  # pixels about a border that are looked at
-_CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
-_CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
-_CREASE_FAR = 8.0  # pixels from the line of intersection
-_FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 
 
 @dataclass(frozen=True)
@@ -58,6 +49,8 @@ class Segmentation:
         Nats that each plane saves against a smooth surface, all its costs paid.
     affine : ndarray, shape (N, 3)
         The same planes as w = t0 + t1 x + t2 y (`cells.Frame`).
+    residual_correlation : ndarray, shape (N,)
+        Of cells side by side on each plane (`spatial_labels`).
     left_out : int
         Planes that pay but are more than was asked for.
     """
@@ -67,6 +60,7 @@ class Segmentation:
     labels: Labels
     significance: Array
     affine: Array
+    residual_correlation: Array
     left_out: int = 0
 
 
@@ -77,6 +71,7 @@ def segment(
     *,
     instances: bool = False,
     max_planes: int | None = None,
+    significance: float = 0.0,
 ) -> Segmentation:
     """Find planes and labels under the spatial objective.
 
@@ -90,6 +85,8 @@ def segment(
         Do not join coplanar segments seen through gaps: each is a surface of its own.
     max_planes : int, optional
         Keep the most significant ones only.
+    significance : float
+        Nats that a segment has to save beyond its costs.
 
     Returns
     -------
@@ -100,18 +97,18 @@ def segment(
     cost = plane_information(3, observation.range, observation.resolution)
     discords = _border_discords(cells)
     rows, root = _agglomerate(cells, discords, cost)
-    accepted, worth = _accept(cells, discords, rows, root, cost)
+    accepted, worth = _accept(cells, discords, rows, root, cost, significance)
     planes, owner = _join_through_gaps(cells, rows, accepted, instances)
     left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
     if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    rows, labels = _label(frame, cells, root, accepted, planes, owner, observation)
+    rows, labels = label_planes(frame, cells, root, accepted, planes, owner, observation)
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
     return replace(
-        _compact(rows, labels, np.asarray(total), observation.pixel_size), left_out=left_out
+        _compact(cells, rows, labels, np.asarray(total), observation.pixel_size), left_out=left_out
     )
 
 
@@ -151,7 +148,12 @@ def _border_prices(discords: Array, bounds: tuple[float, float, float]) -> Array
 
 
 def _accept(
-    cells: Cells, discords: Array, rows: Array, root: NDArray[np.int32], cost: float
+    cells: Cells,
+    discords: Array,
+    rows: Array,
+    root: NDArray[np.int32],
+    cost: float,
+    least: float,
 ) -> tuple[NDArray[np.int64], Array]:
     """Roots of the segments that pay for being a plane, best first, and what each saves in nats.
 
@@ -177,11 +179,11 @@ def _accept(
     ids = np.unique(root)
     alone = np.full(len(rows), -np.inf)
     alone[ids] = rows[ids, FREE] - 0.5 * rows[ids, MISFIT] - _PLANE_COST * cost - border[ids]
-    accepted = alone > 0
+    accepted = alone > least
     while True:
         paid = np.bincount(a, price * accepted[b], len(rows))
         paid += np.bincount(b, price * accepted[a], len(rows))
-        more = (alone + paid > 0) & ~accepted
+        more = (alone + paid > least) & ~accepted
         if not more.any():
             break
         accepted |= more
@@ -240,132 +242,15 @@ def _most_significant(
     return planes[keep], place[owner]
 
 
-def _affine(rows: Array) -> Array:
-    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
-    matrix = rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
-    scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrix))
-    scaled = matrix * scale[:, :, None] * scale[:, None, :]
-    return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])
-
-
-def _label(
-    frame: Frame,
-    cells: Cells,
-    root: NDArray[np.int32],
-    accepted: NDArray[np.int64],
-    planes: Array,
-    owner: NDArray[np.int64],
-    observation: RayObservation,
-) -> tuple[Array, Labels]:
-    """Give every pixel near a border its label, refit the planes, put creases in their place.
-
-    Returns the rows of the refitted planes and the labels.
-    """
-    height, width = frame.w.shape
-    number = np.zeros(len(cells.rows) + 1, np.int32)
-    number[accepted] = owner + 1
-    coarse = np.where(cells.grid >= 0, number[root[cells.grid]], 0).astype(np.int32)
-    labels = np.repeat(np.repeat(coarse, SIDE, 0), SIDE, 1)[:height, :width].copy()
-    labels[frame.p == 0] = 0
-    affine = np.vstack((np.zeros((1, 3)), _affine(planes)))
-    error = cells.error
-    slow = error.near * (frame.shared + frame.step) + _PIXEL_DRIFT * error.drift * frame.drift
-    null = float(np.log(observation.range / observation.resolution))
-    arguments = (frame.p / error.white, frame.x, frame.y, slow)
-    label_loops.label_pixels(
-        labels,
-        _settled(coarse),
-        SIDE,
-        frame.w,
-        *arguments,
-        affine,
-        _lateral(cells, affine),
-        null,
-        _DIFFERING,
-        _SWEEPS,
-    )
-    planes = _refit(cells, labels, planes)
-    affine = np.vstack((np.zeros((1, 3)), _affine(planes)))
-    kinds = np.zeros((len(affine), len(affine)), np.int8)
-    label_loops.crease_kinds(labels, affine, frame.x, frame.y, _CREASE_REACH, kinds)
-    if kinds.any():
-        offset = np.empty((len(affine), len(affine)))
-        label_loops.crease_offsets(
-            labels,
-            affine,
-            kinds,
-            frame.w,
-            *arguments,
-            _lateral(cells, affine),
-            UNIT,
-            _CREASE_BAND,
-            _CREASE_SIGMA,
-            offset,
-        )
-        band = np.empty(labels.shape, np.bool_)
-        label_loops.crease_band(labels, kinds, _CREASE_BAND, band)
-        label_loops.snap_creases(
-            labels,
-            band,
-            affine,
-            kinds,
-            offset,
-            *arguments,
-            UNIT,
-            _CREASE_HIDDEN,
-            _CREASE_FAR,
-            2 * _CREASE_BAND,
-        )
-    return planes, labels
-
-
-def _settled(coarse: Labels) -> NDArray[np.bool_]:
-    """Cells on a plane whose neighbours are on it too: their pixels need no look."""
-    padded = np.pad(coarse, 1, mode="edge")
-    rows, columns = coarse.shape
-    same = coarse > 0
-    for i in range(3):
-        for j in range(3):
-            same &= padded[i : i + rows, j : j + columns] == coarse
-    return same
-
-
-def _lateral(cells: Cells, affine: Array) -> Array:
-    """Variance of w by an error of half a pixel across the image, for every plane."""
-    slope = affine[:, 1] ** 2 + affine[:, 2] ** 2
-    return np.asarray(cells.error.lateral / UNIT**2 * slope)
-
-
-def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
-    """Rows of the planes once more, from the units that lie wholly inside their label."""
-    height, width = labels.shape
-    rows, columns = height // SIDE, width // SIDE
-    blocks = labels[: rows * SIDE, : columns * SIDE].reshape(rows, SIDE, columns, SIDE)
-    low, high = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
-    pure = np.zeros(cells.grid.shape, np.int32)
-    pure[:rows, :columns] = np.where(low == high, low, 0)
-    there = cells.grid >= 0
-    unit, label = cells.grid[there], pure[there]
-    least = np.full(len(cells.rows), np.iinfo(np.int32).max, np.int32)
-    most = np.zeros(len(cells.rows), np.int32)
-    np.minimum.at(least, unit, label)
-    np.maximum.at(most, unit, label)
-    of_unit = np.where(least == most, most, 0)
-    sums = np.zeros((len(planes) + 1, cells.rows.shape[1]))
-    np.add.at(sums, of_unit, cells.rows)
-    enough = np.bincount(of_unit, minlength=len(planes) + 1)[1:] >= _FEWEST_PURE
-    return np.where(enough[:, None], sums[1:], planes)
-
-
 def _compact(
-    planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
+    cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
     """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
     count = np.bincount(labels.reshape(-1), minlength=len(planes) + 1)[1:]
     keep = np.flatnonzero(count)
     place = np.zeros(len(planes) + 1, np.int32)
     place[keep + 1] = np.arange(1, len(keep) + 1)
-    affine = _affine(planes[keep])
+    affine = affine_planes(planes[keep])
     du, dv = pixel_size
     turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
     matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -375,6 +260,7 @@ def _compact(
         labels=place[labels],
         significance=worth[keep],
         affine=affine,
+        residual_correlation=residual_correlation(cells, place[labels], affine),
     )
 
 
@@ -385,4 +271,5 @@ def _nothing(shape: tuple[int, ...]) -> Segmentation:
         labels=np.zeros(shape, np.int32),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
+        residual_correlation=np.empty(0),
     )

@@ -25,6 +25,7 @@ def spatial_model(
     *,
     instances: bool,
     max_planes: int,
+    significance: float,
     settings: Mapping[str, object],
 ) -> PlaneModel:
     """Find, rank and describe the planes of a depth image under the spatial objective.
@@ -37,6 +38,8 @@ def spatial_model(
         Keep coplanar surfaces that do not touch apart.
     max_planes : int
         Largest number of planes.
+    significance : float
+        Nats that a plane has to save beyond its costs.
     settings : Mapping
         Recorded in the model.
 
@@ -48,7 +51,14 @@ def spatial_model(
     size = observation.pixel_size
     frame = frame_of(observation)
     cells = cells_of(frame, size)
-    found = segment(observation, frame, cells, instances=instances, max_planes=max_planes)
+    found = segment(
+        observation,
+        frame,
+        cells,
+        instances=instances,
+        max_planes=max_planes,
+        significance=significance,
+    )
 
     book = ledger(
         frame,
@@ -88,6 +98,7 @@ def spatial_model(
                 plane,
                 information=float(book.worth[j]),
                 significance=float(found.significance[order[j]]),
+                residual_correlation=float(found.residual_correlation[order[j]]),
             )
             for j, plane in enumerate(planes)
         ),
