@@ -6,18 +6,16 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planewise.cells import cells_of, frame_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame_error import FrameError
+from planewise.kernels.readings import square_ray_residuals
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe
 from planewise.spatial import segment
 from planewise.spatial_information import ledger
-
-Array = NDArray[np.float64]
 
 
 def spatial_model(
@@ -86,7 +84,8 @@ def spatial_model(
         [covariance_of_plane(theta[j], found.covariance[k]) for j, k in enumerate(order)]
     ).reshape(-1, 4, 4)
     marks = labels.reshape(-1)[observation.index]
-    square = _squared_residuals(observation, theta, marks)
+    square = np.empty(observation.count)
+    square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
     planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if found.left_out:
@@ -111,15 +110,3 @@ def spatial_model(
         note="" if best else reason,
         settings=settings,
     )
-
-
-def _squared_residuals(
-    observation: RayObservation, theta: Array, marks: NDArray[np.uint16]
-) -> Array:
-    """(z - 1 / (theta . r))^2 of every reading on a plane, 0 elsewhere."""
-    on = np.flatnonzero(marks)
-    mine = theta[marks[on].astype(np.intp) - 1]
-    inverse = np.einsum("ik,ki->i", mine, observation.rays[:, on])
-    out = np.zeros(observation.count)
-    out[on] = (observation.depth[on] - 1.0 / inverse) ** 2
-    return out
