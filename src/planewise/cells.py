@@ -124,7 +124,7 @@ def reading_steps(z: Array, resolution: float = 0.001) -> Array:
 def frame_of(observation: RayObservation) -> Frame:
     """Spread readings over images, in inverse depth."""
     z, parts = observation.depth, observation.parts
-    quarter = 1.0 / z**4
+    quarter = 1.0 / (z * z) ** 2
     step = reading_steps(z, observation.resolution) ** 2 / 12 * quarter
     if parts is None:
         white = observation.sigma
@@ -133,22 +133,18 @@ def frame_of(observation: RayObservation) -> Frame:
         white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
     du, dv = observation.pixel_size
 
-    def image(values: Array) -> Array:
-        out = np.zeros(observation.shape)
-        out.reshape(-1)[observation.index] = values
-        return out
-
-    return Frame(
-        w=image(1.0 / z),
-        p=image(1.0 / (white**2 * quarter + step)),
-        x=image(observation.rays[0] / (du * kernels.UNIT)),
-        y=image(observation.rays[1] / (dv * kernels.UNIT)),
-        shared=image(shared**2 * quarter),
-        drift=image(drift**2 * quarter),
-        step=image(step),
-        known=parts is not None,
-        resolution=observation.resolution,
-    )
+    values = np.empty((7, observation.count))
+    np.divide(1.0, z, out=values[0])
+    np.divide(1.0, white**2 * quarter + step, out=values[1])
+    np.multiply(observation.rays[0], 1.0 / (du * kernels.UNIT), out=values[2])
+    np.multiply(observation.rays[1], 1.0 / (dv * kernels.UNIT), out=values[3])
+    np.multiply(shared**2, quarter, out=values[4])
+    np.multiply(drift**2, quarter, out=values[5])
+    values[6] = step
+    images = np.empty((len(values), *observation.shape))
+    kernels.spread(observation.index, values, images.reshape(len(values), -1))
+    w, p, x, y, shared, drift, step = images
+    return Frame(w, p, x, y, shared, drift, step, parts is not None, observation.resolution)
 
 
 def cells_of(frame: Frame, pixel_size: tuple[float, float]) -> Cells | None:

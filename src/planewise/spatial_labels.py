@@ -123,19 +123,9 @@ def _lateral(cells: Cells, affine: Array) -> Array:
 
 def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
     """Label of every unit that lies wholly inside one, 0 of the others."""
-    height, width = labels.shape
-    rows, columns = height // SIDE, width // SIDE
-    blocks = labels[: rows * SIDE, : columns * SIDE].reshape(rows, SIDE, columns, SIDE)
-    low, high = blocks.min(axis=(1, 3)), blocks.max(axis=(1, 3))
-    pure = np.zeros(cells.grid.shape, np.int32)
-    pure[:rows, :columns] = np.where(low == high, low, 0)
-    there = cells.grid >= 0
-    unit, label = cells.grid[there], pure[there]
-    least = np.full(len(cells.rows), np.iinfo(np.int32).max, np.int32)
-    most = np.zeros(len(cells.rows), np.int32)
-    np.minimum.at(least, unit, label)
-    np.maximum.at(most, unit, label)
-    return np.where(least == most, most, 0)
+    inside = np.empty(len(cells.rows), np.int32)
+    label_loops.units_inside(labels, cells.grid.reshape(-1), SIDE, cells.grid.shape[1], inside)
+    return inside
 
 
 def _refit(cells: Cells, of_unit: NDArray[np.int32], planes: Array) -> Array:

@@ -49,6 +49,15 @@ def _add_reading(m, weight, a, b, v):  # type: ignore[no-untyped-def]
 
 
 @_compiled
+def spread(index, values, images):  # type: ignore[no-untyped-def]
+    """Write values (E, k) of readings into images (E, H * W) that are zero elsewhere."""
+    images[:] = 0.0
+    for e in range(values.shape[0]):
+        for i in range(index.size):
+            images[e, index[i]] = values[e, i]
+
+
+@_compiled
 def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
     """Moments of every cell of side x side pixels; w, p, x, y (H, W), p = 0 without a reading."""
     height, width = w.shape

@@ -25,8 +25,10 @@ def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, 
 
     label (H, W) int32 is changed in place; settled (rows, columns) per cell; lateral (planes,):
     variance of w by errors across the image. Returns the number of changes of the last sweep.
+    After the first sweep only pixels beside a change can change.
     """
     height, width = label.shape
+    stirred = np.ones((height, width), np.bool_)
     candidates = np.empty(10, np.int32)
     weight = np.empty(10)
     changed = 0
@@ -36,6 +38,9 @@ def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, 
             i = step_i if sweep % 2 == 0 else height - 1 - step_i
             for step_j in range(width):
                 j = step_j if sweep % 2 == 0 else width - 1 - step_j
+                if not stirred[i, j]:
+                    continue
+                stirred[i, j] = False
                 if p[i, j] <= 0.0 or settled[i // side, j // side]:
                     continue
                 mine = label[i, j]
@@ -77,6 +82,7 @@ def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, 
                         best, lowest = plane, cost
                 if best != mine:
                     label[i, j] = best
+                    stirred[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = True
                     changed += 1
         if changed == 0:
             break
@@ -235,3 +241,20 @@ def snap_creases(label, band, planes, kinds, offset, p, x, y, slow, unit, reach,
                         break
         if changed == 0:
             break
+
+
+@_compiled
+def units_inside(label, unit, side, columns, inside):  # type: ignore[no-untyped-def]
+    """Label of every unit whose pixels all have it, 0 of the others; unit as in `kernels.cells`."""
+    height, width = label.shape
+    inside[:] = -1
+    for i in range(height):
+        for j in range(width):
+            k = unit[(i // side) * columns + j // side]
+            if k >= 0:
+                if inside[k] < 0:
+                    inside[k] = label[i, j]
+                elif inside[k] != label[i, j]:
+                    inside[k] = 0
+    for k in range(inside.size):
+        inside[k] = max(inside[k], 0)
