@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+import planewise as pw
+from benchmarks.simulated import random_walk
+from planewise import cells, scenes
 from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL
 
 POINTS = 12  # to a side of a square
@@ -48,3 +51,66 @@ def test_readings_of_a_random_walk_about_their_own_plane():
     residuals = np.eye(len(points)) - design @ np.linalg.pinv(design)
     mean = np.trace(walk_covariance(points, residuals)) / len(points)
     assert_allclose(mean, PLANE_RESIDUAL, rtol=0.05)
+
+
+def told(z, sensor):
+    """Error of a depth image in metres, against a sensor's description."""
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=z.shape[1] / 2, cy=z.shape[0] / 2)
+    seen = pw.observe(z, camera, sensor)
+    image = cells.frame_of(seen)
+    found = cells.cells_of(image, seen.pixel_size)
+    assert found is not None
+    return found.error, image
+
+
+SIGMA = 0.0015  # of inverse depth
+FINE = pw.Sensor(max_depth=10, resolution=1e-5, noise=pw.noise.quadratic(0, SIGMA))
+
+
+@pytest.mark.parametrize("drift", [0.0035, 0.007, 0.014])
+def test_drift_of_a_simulated_random_walk_is_told(drift):
+    """Within a factor of 1.5: a fifth too low, for a cell averages over its own part of the walk."""
+    ratios = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        w = 0.5 + random_walk((240, 320), drift, rng) + rng.normal(0, SIGMA, (240, 320))
+        error, image = told(1 / w, FINE)
+        described = np.median(image.drift[image.p > 0]) / cells._SATURATION
+        ratios.append(np.sqrt(error.drift * described) / drift)
+    assert 1 / 1.5 < np.median(ratios) < 1.5
+
+
+def test_independent_noise_has_no_drift_and_shares_nothing():
+    for seed in range(3):
+        w = 0.5 + np.random.default_rng(seed).normal(0, SIGMA, (240, 320))
+        error, image = told(1 / w, FINE)
+        drift = np.sqrt(error.drift * np.median(image.drift) / cells._SATURATION)
+        assert drift < 0.3 * SIGMA
+        assert error.white < 1.05
+        assert error.lateral < 0.1
+        assert error.near < 0.05
+        assert error.bent < 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_synthetic_room_has_hardly_any_drift(seed):
+    scene = scenes.room(seed)
+    seen = pw.observe(scene.depth, scene.camera, scene.sensor)
+    found = cells.cells_of(cells.frame_of(seen), seen.pixel_size)
+    assert found is not None
+    assert found.error.drift < 0.15 * cells._SATURATION  # of a real Kinect's
+    assert found.error.near < 0.1
+    assert found.error.bent < 0.1
+
+
+@pytest.mark.parametrize("lateral", [0.0, 0.2, 0.5, 1.0])
+def test_error_across_the_image_is_told_by_steep_surfaces(lateral):
+    """Bands of growing slope, read at places that err by sqrt(lateral) pixels along it."""
+    rng = np.random.default_rng(0)
+    shape = (240, 320)
+    slope = SIGMA * np.repeat(np.append(np.zeros(9), np.linspace(0.5, 2.2, 7)), 20)
+    across = np.cumsum(slope) - slope.sum() / 2
+    across_error = slope * np.sqrt(lateral) * rng.standard_normal(shape)
+    w = 0.6 + across + across_error + rng.normal(0, SIGMA, shape)
+    error, _ = told(1 / w, FINE)
+    assert_allclose(error.lateral, lateral, rtol=0.3, atol=0.05)
