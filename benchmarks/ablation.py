@@ -9,7 +9,7 @@ Prints two Markdown tables; every row is one configuration for all sets. Columns
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,12 +17,14 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.accuracy import COLUMNS, DECIMALS, Configuration, means
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise, spatial, spatial_information, spatial_model
+from planewise.cells import SIDE
 from planewise.information import mask_information
 from planewise.kernels.cells import COUNT, FREE
 
@@ -64,20 +66,20 @@ def uniform_mask() -> Iterator[None]:
 @contextmanager
 def uniform_null() -> Iterator[None]:
     """A reading on no plane takes ln(R / eps), however smooth the surface."""
-    segment, agglomerate = spatial_model.segment, spatial._agglomerate
-    saved = np.empty(0)
+    segment, agglomerate = spatial.segment, spatial._agglomerate
+    saved: NDArray[np.float64] = np.empty(0)
 
     def segment_of(observation: Any, frame: Any, cells: Any, **options: Any) -> Any:
         """Keep what the readings of every unit save on a plane that fits as noise lets it."""
         nonlocal saved
         if cells is not None:
             height, width = frame.w.shape
-            unit = np.repeat(np.repeat(cells.grid, spatial.SIDE, 0), spatial.SIDE, 1)
+            unit = np.repeat(np.repeat(cells.grid, SIDE, 0), SIDE, 1)
             unit = unit[:height, :width]
             on = (unit >= 0) & (frame.p > 0)
             sigma = np.sqrt(cells.error.white / frame.p[on]) / frame.w[on] ** 2
             tau = np.log(observation.range / (sigma * np.sqrt(2 * np.pi))) - 0.5
-            saved = np.bincount(unit[on], tau, len(cells.rows))
+            saved = np.asarray(np.bincount(unit[on], tau, len(cells.rows)), np.float64)
         return segment(observation, frame, cells, **options)
 
     def agglomerate_all(*arguments: Any) -> Any:
@@ -130,7 +132,7 @@ VARIANTS = (
 )
 
 
-def row(variant: Variant, shown: dict[str, tuple[str, ...]], data: Path, quick: bool) -> None:
+def row(variant: Variant, shown: Mapping[str, tuple[str, ...]], data: Path, quick: bool) -> None:
     """Print one row; sets that are not at hand stay empty."""
     cells = []
     for name, columns in shown.items():
@@ -145,7 +147,7 @@ def row(variant: Variant, shown: dict[str, tuple[str, ...]], data: Path, quick: 
     print(f"| {variant.name} | {' | '.join(cells)} |", flush=True)
 
 
-def head(first: str, shown: dict[str, tuple[str, ...]]) -> None:
+def head(first: str, shown: Mapping[str, tuple[str, ...]]) -> None:
     """Print the head of a table."""
     names = [f"{name} {column}" for name, columns in shown.items() for column in columns]
     print(f"| {first} | {' | '.join(names)} |\n|{'---|' * (len(names) + 1)}")

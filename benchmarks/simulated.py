@@ -52,16 +52,17 @@ def kinect_room(seed: int = 0, *, drift: float = DRIFT, rng: int = 0) -> tuple[F
     Faces are exact before that; clutter keeps the white noise and the steps that it has.
     """
     scene = scenes.room(seed)
-    shape = scene.depth.shape
-    there = np.asarray(scene.depth) > 0
+    shape = (scene.depth.shape[0], scene.depth.shape[1])
+    z = scene.sensor.resolution * np.asarray(scene.depth, np.float64)
+    there = z > 0
     w = np.zeros(shape)
-    w[there] = 1 / (scene.sensor.resolution * scene.depth[there])
-    rays = scene.camera.rays((shape[0], shape[1]))
+    w[there] = 1 / z[there]
+    rays = scene.camera.rays(shape)
     for label, plane in enumerate(scene.planes, start=1):
         on = there & (scene.labels == label)
         w[on] = -(rays[on] @ plane[:3]) / plane[3]
     random = np.random.default_rng(rng)
-    w += WHITE * random.standard_normal(shape) + random_walk((shape[0], shape[1]), drift, random)
+    w += WHITE * random.standard_normal(shape) + random_walk(shape, drift, random)
     z = 1 / (np.round(np.maximum(w, 0.1) / STEP) * STEP)
     depth = np.where(there, np.round(z / scene.sensor.resolution), 0).astype(np.uint16)
     frame = Frame(f"room/{seed} with drift", depth, scene.camera, pw.sensors.KINECT_V1)

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from benchmarks.simulated import random_walk
 from numpy.testing import assert_allclose
 
 import planewise as pw
-from benchmarks.simulated import random_walk
 from planewise import cells, scenes
 from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL
 
@@ -69,7 +69,7 @@ FINE = pw.Sensor(max_depth=10, resolution=1e-5, noise=pw.noise.quadratic(0, SIGM
 
 @pytest.mark.parametrize("drift", [0.0035, 0.007, 0.014])
 def test_drift_of_a_simulated_random_walk_is_told(drift):
-    """Within a factor of 1.5: a fifth too low, for a cell averages over its own part of the walk."""
+    """Within a factor of 1.5: a fifth too low, for a cell averages over its part of the walk."""
     ratios = []
     for seed in range(4):
         rng = np.random.default_rng(seed)
