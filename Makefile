@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types bench accuracy pictures clean
+.PHONY: help setup demo test lint types bench accuracy ablation pictures clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -36,6 +36,12 @@ bench: $(READY)  ## time the detector on this machine
 
 accuracy: $(READY)  ## score the detector on synthetic and, where they are at hand, labelled real frames
 	$(BIN)/python -m benchmarks.accuracy
+
+ablation: $(READY)  ## the same with parts of the objective taken out
+	$(BIN)/python -m benchmarks.ablation
+
+pictures: $(READY)  ## draw the pictures of docs/method.md
+	$(BIN)/python -m benchmarks.pictures
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) demo-output dist build .mypy_cache .ruff_cache .pytest_cache

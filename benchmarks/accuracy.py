@@ -117,7 +117,8 @@ class Configuration:
         """Detect, time and score."""
         frame = replace(labelled.frame, sensor=self.sensor(labelled.frame.sensor))
         options = dict(self.options)
-        if labelled.per_surface and "instances" in inspect.signature(pw.detect_planes).parameters:
+        spatial = options.get("objective") in (None, "spatial")
+        if labelled.per_surface and spatial and options.get("search", "joint") == "joint":
             options.setdefault("instances", True)
         start = time.perf_counter()
         model = frame.detect(threads=1, **options)

@@ -1,0 +1,116 @@
+"""What a frame tells of its own error, and the numbers that a random walk gives."""
+
+import numpy as np
+import pytest
+from benchmarks.simulated import random_walk
+from numpy.testing import assert_allclose
+
+import planewise as pw
+from planewise import cells, scenes
+from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL
+
+POINTS = 12  # to a side of a square
+NEARER = 0.45  # of the smaller side: from its centre to where two planes are compared
+
+
+def square(side, left):
+    """Points of a square whose left side lies at `left`."""
+    steps = (np.arange(POINTS) + 0.5) / POINTS * side
+    x, y = np.meshgrid(left + steps, steps - side / 2)
+    return np.column_stack((x.ravel(), y.ravel()))
+
+
+def plane_at(points, origin):
+    """Functionals of readings at points: offset at an origin and two slopes of their plane."""
+    return np.linalg.pinv(np.column_stack((np.ones(len(points)), points - origin)))
+
+
+def walk_covariance(points, contrasts):
+    """Covariance of contrasts, whose weights sum to zero, of a random walk of D = 1."""
+    assert_allclose(contrasts.sum(axis=1), 0, atol=1e-9)
+    distance = np.linalg.norm(points[:, None] - points[None], axis=2)
+    return contrasts @ (-distance / 2) @ contrasts.T
+
+
+@pytest.mark.parametrize("side", [1.0, 0.5, 0.25, 0.125])
+def test_planes_of_two_squares_of_a_random_walk(side):
+    small, large = square(side, -side), square(1.0, 0.0)
+    meeting = np.array([-side / 2 + NEARER * side, 0.0])
+    gap = np.hstack((plane_at(small, meeting), -plane_at(large, meeting)))
+    offset, across, along = np.diag(walk_covariance(np.vstack((small, large)), gap))
+    assert_allclose(offset, PLANE_OFFSET * 1.0, rtol=0.25)
+    bend = PLANE_BEND[0] / side + PLANE_BEND[1] / 1.0
+    assert_allclose((across + along) / 2, bend, rtol=0.25)
+    # One number for both directions: of equal squares each is off by a third.
+    assert_allclose([across, along], bend, rtol=0.4)
+
+
+def test_readings_of_a_random_walk_about_their_own_plane():
+    points = square(1.0, 0.0)
+    design = np.column_stack((np.ones(len(points)), points))
+    residuals = np.eye(len(points)) - design @ np.linalg.pinv(design)
+    mean = np.trace(walk_covariance(points, residuals)) / len(points)
+    assert_allclose(mean, PLANE_RESIDUAL, rtol=0.05)
+
+
+def told(z, sensor):
+    """Error of a depth image in metres, against a sensor's description."""
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=z.shape[1] / 2, cy=z.shape[0] / 2)
+    seen = pw.observe(z, camera, sensor)
+    image = cells.frame_of(seen)
+    found = cells.cells_of(image, seen.pixel_size)
+    assert found is not None
+    return found.error, image
+
+
+SIGMA = 0.0015  # of inverse depth
+FINE = pw.Sensor(max_depth=10, resolution=1e-5, noise=pw.noise.quadratic(0, SIGMA))
+
+
+@pytest.mark.parametrize("drift", [0.0035, 0.007, 0.014])
+def test_drift_of_a_simulated_random_walk_is_told(drift):
+    """Within a factor of 1.5: a fifth too low, for a cell averages over its part of the walk."""
+    ratios = []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        w = 0.5 + random_walk((240, 320), drift, rng) + rng.normal(0, SIGMA, (240, 320))
+        error, image = told(1 / w, FINE)
+        described = np.median(image.drift[image.p > 0]) / cells._SATURATION
+        ratios.append(np.sqrt(error.drift * described) / drift)
+    assert 1 / 1.5 < np.median(ratios) < 1.5
+
+
+def test_independent_noise_has_no_drift_and_shares_nothing():
+    for seed in range(3):
+        w = 0.5 + np.random.default_rng(seed).normal(0, SIGMA, (240, 320))
+        error, image = told(1 / w, FINE)
+        drift = np.sqrt(error.drift * np.median(image.drift) / cells._SATURATION)
+        assert drift < 0.3 * SIGMA
+        assert error.white < 1.05
+        assert error.lateral < 0.1
+        assert error.near < 0.05
+        assert error.bent < 0.05
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_synthetic_room_has_hardly_any_drift(seed):
+    scene = scenes.room(seed)
+    seen = pw.observe(scene.depth, scene.camera, scene.sensor)
+    found = cells.cells_of(cells.frame_of(seen), seen.pixel_size)
+    assert found is not None
+    assert found.error.drift < 0.15 * cells._SATURATION  # of a real Kinect's
+    assert found.error.near < 0.1
+    assert found.error.bent < 0.1
+
+
+@pytest.mark.parametrize("lateral", [0.0, 0.2, 0.5, 1.0])
+def test_error_across_the_image_is_told_by_steep_surfaces(lateral):
+    """Bands of growing slope, read at places that err by sqrt(lateral) pixels along it."""
+    rng = np.random.default_rng(0)
+    shape = (240, 320)
+    slope = SIGMA * np.repeat(np.append(np.zeros(9), np.linspace(0.5, 2.2, 7)), 20)
+    across = np.cumsum(slope) - slope.sum() / 2
+    across_error = slope * np.sqrt(lateral) * rng.standard_normal(shape)
+    w = 0.6 + across + across_error + rng.normal(0, SIGMA, shape)
+    error, _ = told(1 / w, FINE)
+    assert_allclose(error.lateral, lateral, rtol=0.3, atol=0.05)
