@@ -111,7 +111,7 @@ class Configuration:
             def noise(z: Any) -> Any:
                 return self.factor * known(z)
 
-        return sensor if noise is sensor.noise else replace(sensor, noise=noise)
+        return sensor if noise is sensor.noise else replace(sensor, noise=noise, parts=None)
 
     def run(self, labelled: LabelledFrame) -> Row:
         """Detect, time and score."""
