@@ -104,6 +104,15 @@ def test_a_few_scattered_readings_are_no_plane_and_no_error(camera, count):
     assert np.isfinite(model.information)
 
 
+def test_sparse_depth_is_told_where_to_go(camera):
+    depth = np.zeros((48, 64))
+    depth[::4] = 2.0
+    model = detect(depth, camera)
+    assert len(model) == 0
+    assert "objective='paper' takes sparse depth" in model.note
+    assert len(pw.detect_planes(depth, camera, SENSOR, objective="paper")) == 1
+
+
 def test_a_constant_depth_is_a_plane(camera):
     model = detect(np.full((48, 64), 2.0), camera)
     assert len(model) == 1

@@ -17,6 +17,8 @@ from planewise.rank import describe
 from planewise.spatial import segment
 from planewise.spatial_information import ledger
 
+_MANY = 100  # readings that could show a plane
+
 
 def spatial_model(
     observation: RayObservation,
@@ -88,6 +90,11 @@ def spatial_model(
     square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
     planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
+    if cells is None and observation.count >= _MANY:
+        reason = (
+            "no cell of 3 x 3 pixels is filled with readings near a plane; "
+            "objective='paper' takes sparse depth"
+        )
     if found.left_out:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
