@@ -81,7 +81,7 @@ def one_plane(whole, quarters, white, split, hopeless):
     apart = sum(misfit(*q) for q in quarters if q[0].size)
     apart = max(apart, 0.5 * white * (freedom - 9))
     F = ((together - apart) / 9) / (apart / (freedom - 9))
-    return together <= hopeless * white * freedom and F <= split
+    return together <= hopeless * white * freedom and split >= F
 
 
 def marginalise(w, p, x, y, offset, tilt):
