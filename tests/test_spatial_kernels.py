@@ -122,6 +122,18 @@ def test_merge_quarters(seed):
     assert set(size) == {1, 2}
 
 
+def test_cells_are_divided_where_f_says_so():
+    """Folds of every strength, so that many a block lies close to the bound."""
+    rng = np.random.default_rng(7)
+    w, p, x, y = readings(rng, PLANES, np.zeros((120, 120), int))
+    strength = rng.uniform(0, 8 * SIGMA, (20, 20)).repeat(6, 0).repeat(6, 1)
+    w = w + strength * abs(np.arange(120) % 6 - 2.5)
+    unit, _, size = merge((w, p, x, y))
+    exact = oracles.merge_quarters((w, p, x, y), 3, **MERGING)
+    assert_array_equal(unit, exact[0])
+    assert 100 < (size == 2).sum() < 300
+
+
 @pytest.mark.parametrize("noise", [0.5, 1.0, 4.0])
 def test_marginalise(noise):
     rng = np.random.default_rng(4)
@@ -396,6 +408,9 @@ def test_crease_offsets(seed):
     rng = np.random.default_rng(seed)
     (w, p, x, y), planes, label = roof(20.0, convex=seed % 2 == 0, slope=2e-3, tilt=5e-4)
     kinds = kinds_of(label, planes, x, y)
+    # The border lies up to as far from the line as is looked across it.
+    away = seed - 6
+    label[:, :away] = label[:, -away:].copy()
     # One plane is a little off, so that the readings tell another line than that of intersection.
     wrong = planes.copy()
     wrong[1, 0] += rng.uniform(-3, 3) * SIGMA
@@ -403,7 +418,7 @@ def test_crease_offsets(seed):
     p[rng.random(p.shape) < 0.05] = 0
     label[p == 0] = 0
     slow, lateral = np.full(w.shape, 0.1 * SIGMA**2), SIGMA**2 * np.array([0, 0.1, 0.2])
-    reach, sigma = 4, 0.5
+    reach, sigma = 4, (0.5, 5.0)[seed % 2]
     offset = np.empty((3, 3))
     labels.crease_offsets(
         label, wrong, kinds, w, p, x, y, slow, lateral, cells.UNIT, reach, sigma, offset
