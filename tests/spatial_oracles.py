@@ -1,0 +1,367 @@
+"""Plain NumPy versions of the kernels of the spatial search: dense matrices and brute force.
+
+A plane is w = t0 + t1 x + t2 y. Where a kernel takes moments these take the readings themselves.
+"""
+
+import itertools
+import math
+
+import numpy as np
+
+UNIT = 100.0  # pixels per unit of x and y
+BINS = 10  # places per pixel at which a crease may lie
+
+
+def design(x, y):
+    return np.column_stack((np.ones(x.size), x, y))
+
+
+def moments(w, p, x, y):
+    """Row of some readings: normal equations of their plane, their square, their number."""
+    J = design(x, y)
+    normal = J.T @ (p[:, None] * J)
+    square = (p * w**2).sum()
+    return np.array([*normal[np.triu_indices(3)], *(J.T @ (p * w)), square, w.size])
+
+
+def misfit(w, p, x, y):
+    """chi^2 of the best plane."""
+    root = np.sqrt(p)
+    J = root[:, None] * design(x, y)
+    t = np.linalg.lstsq(J, root * w, rcond=None)[0]
+    return float(((root * w - J @ t) ** 2).sum())
+
+
+def block(images, top, left, side):
+    """Readings of one square of an image: w, p, x, y."""
+    part = [image[top : top + side, left : left + side].ravel() for image in images]
+    return [values[part[1] > 0] for values in part]
+
+
+def cell_moments(w, p, x, y, side):
+    rows, columns = -(-w.shape[0] // side), -(-w.shape[1] // side)
+    cells = itertools.product(range(rows), range(columns))
+    return np.array([moments(*block((w, p, x, y), i * side, j * side, side)) for i, j in cells])
+
+
+def merge_quarters(images, side, white, split, hopeless, filled):
+    """Unit of every cell (-1: none), rows and sizes of the units."""
+    rows, columns = (-(-n // side) for n in images[0].shape)
+    unit, units, size = np.full((rows, columns), -1), [], []
+    for i, j in itertools.product(range(0, rows, 2), range(0, columns, 2)):
+        whole = block(images, i * side, j * side, 2 * side)
+        places = [(a, b) for a in (i, i + 1) for b in (j, j + 1) if a < rows and b < columns]
+        quarters = {(a, b): block(images, a * side, b * side, side) for a, b in places}
+        if whole[0].size >= 4 * filled * side**2 and one_plane(
+            whole, quarters.values(), white, split, hopeless
+        ):
+            for place, readings in quarters.items():
+                if readings[0].size:
+                    unit[place] = len(units)
+            units.append(moments(*whole))
+            size.append(2)
+            continue
+        for place, readings in quarters.items():
+            count = readings[0].size
+            if count < max(8, filled * side**2):
+                continue
+            if misfit(*readings) <= hopeless * white * (count - 3):
+                unit[place] = len(units)
+                units.append(moments(*readings))
+                size.append(1)
+    return unit, np.array(units).reshape(-1, 11), np.array(size)
+
+
+def one_plane(whole, quarters, white, split, hopeless):
+    """F test of four planes (nine further parameters) against one."""
+    freedom = whole[0].size - 3
+    together = misfit(*whole)
+    if together <= white * freedom:
+        return True
+    apart = sum(misfit(*q) for q in quarters if q[0].size)
+    apart = max(apart, 0.5 * white * (freedom - 9))
+    F = ((together - apart) / 9) / (apart / (freedom - 9))
+    return together <= hopeless * white * freedom and split >= F
+
+
+def marginalise(w, p, x, y, offset, tilt):
+    """J' V^-1 J, J' V^-1 w and t' J' V^-1 J t with V the dense covariance of the readings.
+
+    The random effect is an offset and two slopes about the centroid.
+    """
+    inflation = max(1.0, misfit(w, p, x, y) / (w.size - 3))
+    effect = design(x - np.average(x, weights=p), y - np.average(y, weights=p))
+    V = np.diag(inflation / p) + effect @ np.diag([offset, tilt, tilt]) @ effect.T
+    J = design(x, y)
+    P, Pt = J.T @ np.linalg.solve(V, J), J.T @ np.linalg.solve(V, w)
+    return P, Pt, Pt @ np.linalg.solve(P, Pt)
+
+
+def information(row):
+    P = np.empty((3, 3))
+    P[np.triu_indices(3)] = row[:6]
+    return np.triu(P) + np.triu(P, 1).T
+
+
+def plane_at(row, point):
+    """Mean and covariance of (w, dw/dx, dw/dy) of a segment at a point."""
+    covariance = np.linalg.inv(information(row))
+    T = np.array([[1.0, *point], [0, 1, 0], [0, 0, 1]])
+    return T @ covariance @ row[6:9], T @ covariance @ T.T
+
+
+def difference(a, b, drift):
+    """Difference of the planes of two segments where they meet, and its covariance C."""
+    small, large = sorted((a, b), key=lambda row: row[10])
+    extent, reach = np.sqrt(small[10]) / UNIT, np.sqrt(large[10]) / UNIT
+    here, there = small[1:3] / small[0], large[1:3] / large[0]
+    apart = np.linalg.norm(there - here)
+    forward = (there - here) / (apart + 1e-12)
+    point = here + forward * min(0.45 * extent, 0.5 * apart)
+    gap = max(0.0, apart - 0.75 * (extent + reach))
+    bend = 0.9 / extent + 0.3 / reach
+    sigma_d = drift * np.diag([0.13 * reach + gap, bend, bend])
+    (s, S), (t, T) = plane_at(small, point), plane_at(large, point)
+    return s - t, S + T + sigma_d
+
+
+def evidence_of(C, offset_prior, slope_prior):
+    wide = C + np.diag([offset_prior, slope_prior, slope_prior])
+    return 0.5 * math.log(np.linalg.det(wide) / np.linalg.det(C))
+
+
+def compare(a, b, drift, offset_prior, slope_prior):
+    delta, C = difference(a, b, drift)
+    return delta @ np.linalg.solve(C, delta), evidence_of(C, offset_prior, slope_prior)
+
+
+def free_price(row, drift, offset_prior, slope_prior):
+    """Evidence at the unit's centroid, beside a known plane 100 pixels wide."""
+    _, C = plane_at(row, row[1:3] / row[0])
+    bend = 0.9 * drift / (np.sqrt(row[10]) / UNIT)
+    return evidence_of(C + np.diag([0.13 * drift, bend, bend]), offset_prior, slope_prior)
+
+
+def sides(grid):
+    """(axis, i, j, u, v) of every side of a cell that two units share."""
+    for axis, i, j in itertools.product((0, 1), range(grid.shape[0]), range(grid.shape[1])):
+        row, column = (i, j + 1) if axis == 0 else (i + 1, j)
+        if row < grid.shape[0] and column < grid.shape[1]:
+            u, v = grid[i, j], grid[row, column]
+            if u >= 0 and v >= 0 and u != v:
+                yield axis, i, j, u, v
+
+
+def border_discords(grid, rows, drift):
+    out = np.full((2, *grid.shape), -1.0)
+    for axis, i, j, u, v in sides(grid):
+        out[axis, i, j] = compare(rows[u], rows[v], math.sqrt(drift[u] * drift[v]), 0, 0)[0]
+    return out
+
+
+def tempered(discord, count):
+    nu = 4 * max(1.0, count / 36)
+    return (nu + 3) * math.log(1 + discord / nu)
+
+
+def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy=False):
+    """Merge the pair of neighbours with the largest gain until none gains.
+
+    lazy: only the pair about to be merged is valued again after its segments have changed, and a
+    pair that gains nothing is forgotten until it gains a border. Returns the root of every unit and
+    the rows of the segments.
+    """
+    rows, drift = rows.copy(), drift.copy()
+    root = np.arange(len(rows))
+    boundary, gain, stale = {}, {}, set()
+    for axis, i, j, u, v in sides(grid):
+        pair = frozenset((u, v))
+        boundary[pair] = boundary.get(pair, 0) + border[axis, i, j]
+
+    def value(pair):
+        small, large = sorted(pair, key=lambda n: rows[n, 10])
+        slow = math.sqrt(drift[small] * drift[large])
+        discord, evidence = compare(
+            rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
+        )
+        cost = tempered(discord, rows[small, 10])
+        return min(evidence, most) - 0.5 * cost + boundary[pair], cost
+
+    for pair in boundary:
+        gain[pair] = value(pair)[0]
+    while gain:
+        best = max(gain, key=gain.get)
+        if gain[best] <= 0:
+            break
+        if best in stale:
+            stale.remove(best)
+            gain[best] = value(best)[0]
+            continue
+        gone, kept = sorted(best, key=lambda n: rows[n, 10])
+        cost = value(best)[1]
+        share = rows[gone, 10] / (rows[gone, 10] + rows[kept, 10])
+        rows[kept] += rows[gone]
+        rows[kept, 11] += cost
+        drift[kept] = (1 - share) * drift[kept] + share * drift[gone]
+        root[root == gone] = kept
+        del boundary[best], gain[best]
+        for pair in [pair for pair in boundary if gone in pair]:
+            moved = (pair - {gone}) | {kept}
+            joined = moved in boundary
+            boundary[moved] = boundary.get(moved, 0) + boundary.pop(pair)
+            gain[moved] = math.inf if joined else gain[pair]
+            del gain[pair]
+            stale.discard(pair)
+        for pair in [pair for pair in boundary if kept in pair]:
+            if lazy:
+                stale.add(pair)
+            else:
+                gain[pair] = value(pair)[0]
+    return root, rows
+
+
+def costs(w, p, x, y, slow, planes, lateral, null):
+    """Data cost (labels, H, W) of every label at every pixel."""
+    model = planes[:, :1, None] + planes[:, 1:2, None] * x + planes[:, 2:, None] * y
+    variance = 1 / np.where(p > 0, p, 1) + slow + lateral[:, None, None]
+    cost = 0.5 * (w - model) ** 2 / variance
+    cost[0] = null
+    return cost
+
+
+def neighbours(there, i, j):
+    """Readings about a pixel, and what a differing label costs there."""
+    for a, b in itertools.product((i - 1, i, i + 1), (j - 1, j, j + 1)):
+        if (a, b) != (i, j) and 0 <= a < there.shape[0] and 0 <= b < there.shape[1] and there[a, b]:
+            yield a, b, 1.0 if a == i or b == j else 0.7
+
+
+def sweep_labels(label, free, cost, there, differing):
+    """One sweep in raster order: every free pixel takes the best label about it, or none."""
+    out = label.copy()
+    for i, j in zip(*np.nonzero(there & free), strict=True):
+        around = [(out[a, b], share) for a, b, share in neighbours(there, i, j)]
+
+        def total(n, here=cost[:, i, j], around=around):
+            return here[n] + differing * sum(share for other, share in around if other != n)
+
+        out[i, j] = min([out[i, j], *(other for other, _ in around), 0], key=total)
+    return out
+
+
+def energy(label, cost, there, differing):
+    """What the sweeps lower: data of every reading and every pair of unlike neighbours."""
+    total = np.take_along_axis(cost, label[None].astype(int), 0)[0][there].sum()
+    for (a, b), share in (
+        ((np.s_[:, 1:], np.s_[:, :-1]), 1.0),
+        ((np.s_[1:], np.s_[:-1]), 1.0),
+        ((np.s_[1:, 1:], np.s_[:-1, :-1]), 0.7),
+        ((np.s_[1:, :-1], np.s_[:-1, 1:]), 0.7),
+    ):
+        unlike = (label[a] != label[b]) & there[a] & there[b]
+        total += differing * share * unlike.sum()
+    return total
+
+
+def borders(label):
+    """(i, j, k, here, there): pixel, and the other plane to its right (k = 0) or below (k = 1)."""
+    height, width = label.shape
+    for k, i, j in itertools.product((0, 1), range(height), range(width)):
+        row, column = i + k, j + 1 - k
+        if row < height and column < width and 0 < label[i, j] != label[row, column] > 0:
+            yield i, j, k, label[i, j], label[row, column]
+
+
+def plane_value(t, x, y):
+    return t[0] + t[1] * x + t[2] * y
+
+
+def crease_kinds(label, planes, x, y, reach):
+    """Majority of the border's pixels, most of at least eight: nearer on its own side, or farther.
+
+    Votes are those of `reach` pixels to either side, or of the image's edge.
+    """
+    last = np.array(label.shape) - 1
+    votes = {}
+    for i, j, k, here, there in borders(label):
+        step = np.array((k, 1 - k))
+        mine = tuple(np.maximum((i, j) - reach * step, 0))
+        other = tuple(np.minimum((i, j) + (1 + reach) * step, last))
+        nearer = [
+            plane_value(planes[own], x[at], y[at]) > plane_value(planes[alien], x[at], y[at])
+            for own, alien, at in ((here, there, mine), (there, here, other))
+        ]
+        vote = {2: 1, 1: 0, 0: -1}[sum(nearer)]
+        votes.setdefault((min(here, there), max(here, there)), []).append(vote)
+    kinds = np.zeros((len(planes), len(planes)), int)
+    for (a, b), cast in votes.items():
+        if len(cast) >= 8 and abs(np.mean(cast)) > 0.6:
+            kinds[a, b] = kinds[b, a] = np.sign(sum(cast))
+    return kinds
+
+
+def crease_band(label, kinds, radius):
+    """Within `radius` of the upper or left pixel of a border."""
+    i, j = np.indices(label.shape)
+    band = np.zeros(label.shape, bool)
+    for r, c, _, here, there in borders(label):
+        if kinds[here, there]:
+            band |= np.maximum(abs(i - r), abs(j - c)) <= radius
+    return band
+
+
+def crease_distance(planes, kinds, a, b, x, y):
+    """Pixels to the line of intersection, positive on the side of a < b; and w per pixel."""
+    delta = planes[a] - planes[b]
+    slope = np.hypot(delta[1], delta[2]) / UNIT
+    return kinds[a, b] * plane_value(delta, x, y) / slope, slope
+
+
+def crease_costs(label, planes, kinds, w, p, x, y, slow, lateral, reach, sigma, pair):
+    """Places t at which the border of a pair may lie, and what each costs.
+
+    From every pixel of the border the readings are those straight across it, `reach` + 2 to either
+    side, as far as they belong to the pair.
+    """
+    a, b = pair
+    distance, excess = [], []
+    for i, j, k, here, there in borders(label):
+        if {here, there} != {a, b}:
+            continue
+        for steps in (range(0, -reach - 2, -1), range(1, reach + 3)):
+            for m in steps:
+                at = i + k * m, j + (1 - k) * m
+                inside = 0 <= at[0] < label.shape[0] and 0 <= at[1] < label.shape[1]
+                if not inside or label[at] not in pair or p[at] == 0:
+                    break
+                variance = 1 / p[at] + slow[at] + lateral[list(pair)]
+                model = plane_value(planes[list(pair)].T, x[at], y[at])
+                cost = np.minimum((w[at] - model) ** 2 / (2 * variance), 8)
+                distance.append(crease_distance(planes, kinds, a, b, x[at], y[at])[0])
+                excess.append(cost[0] - cost[1])
+    distance, excess = np.array(distance), np.array(excess)
+    places = (np.arange(-reach * BINS, reach * BINS + 1) + 0.5) / BINS
+    beyond = distance > places[:, None]
+    return places, beyond @ excess + places**2 / (2 * sigma**2)
+
+
+def snap_sweep(label, band, planes, kinds, offset, p, x, y, slow, reach, far):
+    """One sweep in raster order: a pixel beside its crease goes to the side on which it lies."""
+    out = label.copy()
+    height, width = label.shape
+    for i, j in zip(*np.nonzero(band & (label > 0) & (p > 0)), strict=True):
+        for r, c in ((i, j + 1), (i, j - 1), (i + 1, j), (i - 1, j)):
+            if not (0 <= r < height and 0 <= c < width) or out[r, c] in (0, out[i, j]):
+                continue
+            a, b = sorted((out[i, j], out[r, c]))
+            if not kinds[a, b]:
+                continue
+            distance, slope = crease_distance(planes, kinds, a, b, x[i, j], y[i, j])
+            place = distance - offset[a, b]
+            blurred = abs(distance) * slope < reach * np.sqrt(1 / p[i, j] + slow[i, j])
+            steady = np.sqrt(slow[i, j]) / slope < 1
+            wanted = a if place > 0 else b
+            if wanted != out[i, j] and abs(place) < far and blurred and steady:
+                out[i, j] = wanted
+                break
+    return out
