@@ -117,7 +117,7 @@ def difference(a, b, drift):
     here, there = small[1:3] / small[0], large[1:3] / large[0]
     apart = np.linalg.norm(there - here)
     forward = (there - here) / (apart + 1e-12)
-    point = here + forward * min(0.45 * extent, 0.5 * apart)
+    point = here + forward * min(0.5 * extent, 0.5 * apart)
     gap = max(0.0, apart - 0.75 * (extent + reach))
     bend = 0.9 / extent + 0.3 / reach
     sigma_d = drift * np.diag([0.13 * reach + gap, bend, bend])
@@ -276,17 +276,24 @@ def plane_value(t, x, y):
     return t[0] + t[1] * x + t[2] * y
 
 
-def crease_kinds(label, planes, x, y, reach):
+def crease_kinds(label, planes, p, x, y, reach):
     """Majority of the border's pixels, most of at least eight: nearer on its own side, or farther.
 
-    Votes are those of `reach` pixels to either side, or of the image's edge.
+    Votes are those of `reach` pixels to either side, or as far as there are readings.
     """
-    last = np.array(label.shape) - 1
+    height, width = label.shape
+
+    def reading(start, step):
+        """The farthest reading within reach of a pixel in a direction."""
+        steps = np.array(start) + np.arange(reach, -1, -1)[:, None] * step
+        inside = (steps >= 0).all(1) & (steps < (height, width)).all(1)
+        return next(tuple(at) for at in steps[inside] if p[tuple(at)] > 0)
+
     votes = {}
     for i, j, k, here, there in borders(label):
         step = np.array((k, 1 - k))
-        mine = tuple(np.maximum((i, j) - reach * step, 0))
-        other = tuple(np.minimum((i, j) + (1 + reach) * step, last))
+        mine = reading((i, j), -step)
+        other = reading(np.add((i, j), step), step)
         nearer = [
             plane_value(planes[own], x[at], y[at]) > plane_value(planes[alien], x[at], y[at])
             for own, alien, at in ((here, there, mine), (there, here, other))
@@ -301,12 +308,13 @@ def crease_kinds(label, planes, x, y, reach):
 
 
 def crease_band(label, kinds, radius):
-    """Within `radius` of the upper or left pixel of a border."""
+    """Within `radius` of a pixel of a border, on either side."""
     i, j = np.indices(label.shape)
     band = np.zeros(label.shape, bool)
-    for r, c, _, here, there in borders(label):
+    for r, c, k, here, there in borders(label):
         if kinds[here, there]:
-            band |= np.maximum(abs(i - r), abs(j - c)) <= radius
+            r2, c2 = r + k, c + 1 - k
+            band |= (i >= r - radius) & (i <= r2 + radius) & (j >= c - radius) & (j <= c2 + radius)
     return band
 
 

@@ -354,9 +354,10 @@ def test_sweeps_of_labels_never_cost_more_and_settle(seed):
     assert_array_equal(again, out)
 
 
-def kinds_of(label, planes, x, y, reach=5):
+def kinds_of(label, planes, x, y, reach=5, p=None):
+    p = np.ones(label.shape) if p is None else p
     out = np.full((len(planes), len(planes)), 9, np.int8)
-    labels.crease_kinds(label, planes, x, y, reach, out)
+    labels.crease_kinds(label, planes, p, x, y, reach, out)
     return out
 
 
@@ -386,9 +387,22 @@ def test_crease_kinds(seed):
     label = (values.argmax(0) if seed % 2 else np.argsort(values, 0)[1]) + 1
     label[rng.random(label.shape) < 0.02] = 0
     label = label.astype(np.int32)
-    kinds = kinds_of(label, planes, x, y, 3)
-    assert_array_equal(kinds, oracles.crease_kinds(label, planes, x, y, 3))
+    p = ((label > 0) & (rng.random(label.shape) < 0.9)).astype(float)
+    label = np.where(p > 0, label, 0).astype(np.int32)
+    kinds = kinds_of(label, planes, x, y, 3, p)
+    assert_array_equal(kinds, oracles.crease_kinds(label, planes, p, x, y, 3))
     assert kinds.any()
+
+
+def test_a_crease_beside_missing_readings_is_one():
+    (_, _, x, y), planes, label = roof(20)
+    ridge = np.flatnonzero(np.diff(label[0]))[0]
+    hole = np.zeros(label.shape, bool)
+    hole[:, ridge - 6 : ridge - 3] = True
+    p = np.where(hole, 0.0, 1.0)
+    x, y, holed = (np.where(hole, 0, image) for image in (x, y, label))
+    kinds = kinds_of(holed.astype(np.int32), planes, x, y, 5, p)
+    assert kinds[1, 2] == 1
 
 
 @pytest.mark.parametrize("radius", [1, 4])

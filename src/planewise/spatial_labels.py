@@ -72,7 +72,7 @@ def label_planes(
     planes = _refit(cells, _units_inside(cells, labels), planes)
     affine = np.vstack((np.zeros((1, 3)), affine_planes(planes)))
     kinds = np.zeros((len(affine), len(affine)), np.int8)
-    label_loops.crease_kinds(labels, affine, frame.x, frame.y, _CREASE_REACH, kinds)
+    label_loops.crease_kinds(labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, kinds)
     if kinds.any():
         offset = np.empty((len(affine), len(affine)))
         label_loops.crease_offsets(

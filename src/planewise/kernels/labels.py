@@ -90,12 +90,12 @@ def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, 
 
 
 @_compiled
-def crease_kinds(label, planes, x, y, reach, kinds):  # type: ignore[no-untyped-def]
+def crease_kinds(label, planes, p, x, y, reach, kinds):  # type: ignore[no-untyped-def]
     """How two planes that touch in the image meet: 1 convex, -1 concave, 0 they do not.
 
-    `reach` pixels on either side of their border, on a convex edge each side's plane is the nearer
-    of the two, on a concave one the farther; where one surface passes in front of the other,
-    neither.
+    `reach` pixels on either side of their border, or less where there is no reading, on a convex
+    edge each side's plane is the nearer of the two, on a concave one the farther; where one surface
+    passes in front of the other, neither.
     Writes kinds (planes, planes) int8.
     """
     height, width = label.shape
@@ -112,8 +112,14 @@ def crease_kinds(label, planes, x, y, reach, kinds):  # type: ignore[no-untyped-
                 if there == 0 or there == here:
                     continue
                 # Differences of the two planes on this side and on the other.
-                ia, ja = max(i - k * reach, 0), max(j - (1 - k) * reach, 0)
-                ib, jb = min(row + k * reach, height - 1), min(column + (1 - k) * reach, width - 1)
+                back = min(reach, i if k == 1 else j)
+                while p[i - k * back, j - (1 - k) * back] <= 0.0:
+                    back -= 1
+                ia, ja = i - k * back, j - (1 - k) * back
+                on = min(reach, height - 1 - row if k == 1 else width - 1 - column)
+                while p[row + k * on, column + (1 - k) * on] <= 0.0:
+                    on -= 1
+                ib, jb = row + k * on, column + (1 - k) * on
                 s, t = planes[here], planes[there]
                 near = s[0] - t[0] + (s[1] - t[1]) * x[ia, ja] + (s[2] - t[2]) * y[ia, ja]
                 far = t[0] - s[0] + (t[1] - s[1]) * x[ib, jb] + (t[2] - s[2]) * y[ib, jb]
@@ -145,7 +151,7 @@ def crease_band(label, kinds, radius, band):  # type: ignore[no-untyped-def]
                 there = label[row, column]
                 if there > 0 and there != here and kinds[here, there] != 0:
                     top, left = max(0, i - radius), max(0, j - radius)
-                    band[top : i + radius + 1, left : j + radius + 1] = True
+                    band[top : row + radius + 1, left : column + radius + 1] = True
 
 
 @_compiled

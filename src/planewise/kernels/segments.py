@@ -11,7 +11,7 @@ from numba import njit
 from planewise.kernels.cells import COUNT, MISFIT, PLANE_BEND, PLANE_OFFSET, UNIT
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
-_NEARER = 0.45  # of the smaller extent: from its centroid towards the other, to where they meet
+_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
 _TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
@@ -57,7 +57,7 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
     # They meet s from the centroid of the small one, d from that of the other.
     dx, dy = x0 - x1, y0 - y1
     apart = np.sqrt(dx * dx + dy * dy)
-    share = min(_NEARER * extent, 0.5 * apart) / (apart + 1e-12)
+    share = _HALF * min(extent, apart) / (apart + 1e-12)
     sx, sy = -share * dx, -share * dy
     dx, dy = dx + sx, dy + sy
     d0 = w0 + sx * tx + sy * ty - (w1 + dx * ux + dy * uy)
@@ -80,7 +80,8 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
 def free_prices(segments, drift, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
     """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
 
-    C is what the unit would be compared with if it lay beside a plane of 100 pixels.
+    C is what the unit would be compared with beside a plane of 100 x 100 pixels, whose own error is
+    small beside the unit's.
     """
     for k in range(segments.shape[0]):
         _, _, _, _, _, vxx, vxy, vyy = _at_centroid(segments[k])
@@ -163,14 +164,15 @@ def _merge_gain(segments, u, v, boundary, drift, offset_prior, slope_prior, most
 
 @_compiled
 def agglomerate(unit, rows, columns, border, segments, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
-    """Merge neighbouring segments, the merge that saves most first, while one saves anything.
+    """Merge neighbouring segments, what saves most first, while a merge saves anything.
 
     border (2, rows, columns): nats of each side shared with the unit to the right and below.
     segments and drift are changed in place: the row of a root holds its whole segment. Returns the
     root of every unit.
 
-    Gains are valued lazily: a popped edge whose segments have changed since is valued again. The
-    edges of a segment are a linked list of half-edges, 2 e and 2 e + 1.
+    Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
+    whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
+    half-edges, 2 e and 2 e + 1.
     """
     count = segments.shape[0]
     ends = np.empty((2 * rows * columns, 2), np.int32)
