@@ -29,7 +29,8 @@ class Sensor:
         Smallest depth it reports, in metres; readings below are "no reading".
     parts : ErrorParts, optional
         How much of the error neighbouring readings share, for ``objective="spatial"``; ``None``
-        means unknown: each frame tells.
+        means unknown: each frame tells. They are used in place of `noise`, so a sensor given
+        another noise wants ``parts=None``, too.
     depth_range : float, optional
         R of the paper, in metres: a reading that no plane explains is one of R / eps values.
         ``None`` means `max_depth`.
