@@ -20,11 +20,13 @@ from planewise.command_line import (
     RESOLUTION_HELP,
     check_numbers,
     optional,
+    preset_of,
     reported,
 )
 from planewise.depth_files import list_depth_files, read_depth
 from planewise.errors import PlanewiseError
 from planewise.sensor import Sensor
+from planewise.whole_files import written_whole
 
 if TYPE_CHECKING:
     from planewise.camera import PinholeCamera
@@ -73,7 +75,7 @@ def calibrate(
         if picture is not None:
             _check_output(picture, ".png", paths)
         known = None if camera is None else read_camera(camera)
-        name = sensor or _preset_of(camera)
+        name = sensor or preset_of(camera)
         base = read_sensor(name, max_depth=max_depth, resolution=resolution)
 
         from planewise.calibration import describe_calibration, pooled
@@ -100,12 +102,8 @@ def calibrate(
             known_noise = base.noise if name is not None and callable(base.noise) else None
             drawn = draw_noise(found, known_noise, name or "")
             picture.parent.mkdir(parents=True, exist_ok=True)
-            partial = picture.with_name(f".{picture.stem}.{os.getpid()}.partial.png")
-            try:
+            with written_whole(picture) as partial:
                 write_image(partial, drawn)
-                partial.replace(picture)
-            finally:
-                partial.unlink(missing_ok=True)
         terminal.show_noise(found, base if name is not None else None)
         terminal.say(f"{len(cells)} of {len(paths)} frames used, sensor in {output}")
         if failed:
@@ -129,7 +127,7 @@ class _Reading:
                 yield f"{path.name}: {error}"
 
     def _cells(self, path: Path) -> NoiseCells:
-        from planewise.calibration import cells_of_frame
+        from planewise.noise_estimate import cells_of_frame
 
         frame = read_depth(path)
         camera = self.camera or frame.camera
@@ -159,13 +157,6 @@ def _thinned(paths: list[Path]) -> list[Path]:
         return paths
     terminal.notice(f"{_MOST_FRAMES} of {count} frames are taken, evenly spaced")
     return [paths[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
-
-
-def _preset_of(camera: str | None) -> str | None:
-    """Name of the sensor preset that a camera's preset shares."""
-    from planewise import sensors
-
-    return camera if camera is not None and camera.lower() in sensors.PRESETS else None
 
 
 def _check_output(path: Path, ending: str, inputs: list[Path]) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,14 @@ from numpy.typing import ArrayLike
 
 from planewise.camera import PinholeCamera
 from planewise.errors import PlanewiseError
-from planewise.noise_cells import NoiseCells, noise_cells
-from planewise.noise_estimate import RESAMPLES, NoiseEstimate, Seed, pooled_noise
-from planewise.observation import observe
+from planewise.noise_cells import NoiseCells
+from planewise.noise_estimate import (
+    RESAMPLES,
+    NoiseEstimate,
+    Seed,
+    cells_of_frame,
+    pooled_noise,
+)
 from planewise.sensor import Sensor
 
 
@@ -60,13 +64,6 @@ def calibrate(
     """
     frames = [cells_of_frame(depth, camera, sensor, depth_scale) for depth in depths]
     return pooled(frames, sensor, rng)
-
-
-def cells_of_frame(
-    depth: ArrayLike, camera: PinholeCamera, sensor: Sensor, depth_scale: float | None
-) -> NoiseCells:
-    """What one frame says about the noise of its sensor."""
-    return noise_cells(observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale))
 
 
 def pooled(frames: list[NoiseCells], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:

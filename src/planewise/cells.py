@@ -50,6 +50,8 @@ class Frame:
     known : bool
         Whether shared and drift are what the sensor shows at most; else only their course over
         depth is taken from them, and their size from the frame.
+    resolution : float
+        Step between two readings in metres.
     """
 
     w: Array

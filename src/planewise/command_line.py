@@ -61,6 +61,11 @@ def optional(help_text: str, *names: str) -> typer.models.OptionInfo:
     return typer.Option(*names, show_default=False, help=help_text)  # type: ignore[no-any-return]
 
 
+def preset_of(camera: str | None) -> str | None:
+    """Name of the sensor preset that a camera's preset shares."""
+    return camera if camera is not None and camera.lower() in sensors.PRESETS else None
+
+
 def sensor_of(
     name: str | None,
     camera: str | None,
@@ -69,8 +74,8 @@ def sensor_of(
     resolution: float | None,
 ) -> Sensor:
     """Sensor as asked for; where it is not named, that of the camera, or one with given noise."""
-    if name is None and camera is not None and camera.lower() in sensors.PRESETS:
-        name = camera
+    if name is None:
+        name = preset_of(camera)
     if name is None and noise is None:
         raise PlanewiseError(
             f"sensor: give --sensor as one of {', '.join(sensors.PRESETS)}, or at least --noise"

@@ -175,8 +175,15 @@ def estimate_noise(
     >>> found.noise([1.2]).round(4), found.shared([1.2])
     (array([0.004]), array([0.]))
     """
-    observation = observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale)
-    return pooled_noise([noise_cells(observation)], sensor, resamples=RESAMPLES, rng=rng)
+    cells = cells_of_frame(depth, camera, sensor, depth_scale)
+    return pooled_noise([cells], sensor, resamples=RESAMPLES, rng=rng)
+
+
+def cells_of_frame(
+    depth: ArrayLike, camera: PinholeCamera, sensor: Sensor, depth_scale: float | None
+) -> NoiseCells:
+    """What one frame says about the noise of its sensor."""
+    return noise_cells(observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale))
 
 
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:

@@ -13,6 +13,7 @@ from planewise.errors import PlanewiseError
 from planewise.jobs import Failed
 from planewise.label_files import Pairs, read_labels
 from planewise.metrics import MINIMUM_PIXELS, FrameScores, evaluate
+from planewise.whole_files import written_whole
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,15 +102,13 @@ def write_table(path: Path, frames: Sequence[Scored]) -> None:
     The file is complete or, after an error, as it was before.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     rows = [frame.scores.row() for frame in frames]
-    try:
-        with partial.open("w", newline="", encoding="utf-8") as stream:
-            writer = csv.writer(stream)
-            writer.writerow(("frame", *(rows[0] if rows else ())))
-            for frame, row in zip(frames, rows, strict=True):
-                cells = ("" if math.isnan(value) else value for value in row.values())
-                writer.writerow((frame.name, *cells))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with (
+        written_whole(path) as partial,
+        partial.open("w", newline="", encoding="utf-8") as stream,
+    ):
+        writer = csv.writer(stream)
+        writer.writerow(("frame", *(rows[0] if rows else ())))
+        for frame, row in zip(frames, rows, strict=True):
+            cells = ("" if math.isnan(value) else value for value in row.values())
+            writer.writerow((frame.name, *cells))

@@ -6,7 +6,6 @@ A curve is a list of terms, sigma(z) the root of the sum of their squares; no te
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from planewise._version import __version__
 from planewise.errors import PlanewiseError
 from planewise.noise import NOTHING, ErrorParts, Noise, Nothing, Polynomial, RootSum
 from planewise.sensor import Sensor
+from planewise.whole_files import written_whole
 
 SCHEMA = "planewise/sensor"
 SCHEMA_VERSION = 1
@@ -67,12 +67,8 @@ def save(sensor: Sensor, path: str | Path, *, calibration: Mapping[str, Any] | N
     if calibration is not None:
         record["calibration"] = dict(calibration)
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
+    with written_whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def load(path: str | Path) -> Sensor:

@@ -202,13 +202,12 @@ def _join_through_gaps(
     if instances or len(planes) < 2:
         return planes, owner
     drift = cells.drift[accepted]
-    slope = cells.slope_prior[accepted] / cells.offset_prior[accepted]
     naming = np.log(len(planes))  # nats to say which other segment it is
 
     def saved(i: int, j: int) -> float:
         small = i if planes[i, COUNT] < planes[j, COUNT] else j
         offset = (_GAP_OFFSET * planes[small, 6] / planes[small, 0]) ** 2
-        local = cells.offset_prior[accepted[small]] * slope[small]
+        local = cells.slope_prior[accepted[small]]
         slow = float(np.sqrt(drift[i] * drift[j]))
         discord, evidence = loops.compare(planes[i], planes[j], slow, offset, local)
         return float(evidence - 0.5 * discord - naming)
@@ -250,17 +249,17 @@ def _compact(
     keep = np.flatnonzero(count)
     place = np.zeros(len(planes) + 1, np.int32)
     place[keep + 1] = np.arange(1, len(keep) + 1)
-    affine = affine_planes(planes[keep])
+    labels, affine = place[labels], affine_planes(planes[keep])
     du, dv = pixel_size
     turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
     matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return Segmentation(
         theta=affine @ turn.T,
         covariance=turn @ np.linalg.inv(matrix) @ turn.T,
-        labels=place[labels],
+        labels=labels,
         significance=worth[keep],
         affine=affine,
-        residual_correlation=residual_correlation(cells, place[labels], affine),
+        residual_correlation=residual_correlation(cells, labels, affine),
     )
 
 
