@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from planewise.errors import MissingExtraError
 
 WIDTH, HEIGHT = 800, 500
 LEFT, RIGHT, TOP, BOTTOM = 96, 24, 40, 64
@@ -33,3 +34,50 @@ def round_step(span: float, most: int) -> float:
     rough = max(span, 1e-12) / most
     power = 10.0 ** math.floor(math.log10(rough))
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * (1 - 1e-9))
+
+
+class Axes:
+    """An empty picture, then the lines and words about a curve; `pen` draws the rest.
+
+    Parameters
+    ----------
+    what : str
+        What is to be drawn, for the error where Pillow is missing.
+    """
+
+    def __init__(self, what: str) -> None:
+        try:
+            from PIL import Image, ImageDraw, ImageFont
+        except ImportError:
+            raise MissingExtraError("pillow", what) from None
+        self._canvas = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), "white")
+        self.pen = ImageDraw.Draw(self._canvas)
+        self.font = ImageFont.load_default(17 * FINE)
+        self.title = ImageFont.load_default(18 * FINE)
+
+    def levels(self, ticks: Iterable[tuple[float, str]]) -> None:
+        """Horizontal lines at pixels, with what they stand for."""
+        for y, text in ticks:
+            self.pen.line((LEFT * FINE, y, (WIDTH - RIGHT) * FINE, y), fill=GRID, width=FINE)
+            at = ((LEFT - 10) * FINE, y)
+            self.pen.text(at, text, fill=FAINT, font=self.font, anchor="rm")
+
+    def floor(self, ticks: Iterable[tuple[float, str]], name: str) -> None:
+        """The horizontal axis, its ticks at pixels, and its name."""
+        y = (HEIGHT - BOTTOM) * FINE
+        self.pen.line((LEFT * FINE, y, (WIDTH - RIGHT) * FINE, y), fill=INK, width=FINE)
+        for x, text in ticks:
+            self.pen.line((x, y, x, y + 6 * FINE), fill=INK, width=FINE)
+            self.pen.text((x, y + 12 * FINE), text, fill=FAINT, font=self.font, anchor="mt")
+        middle = ((LEFT + WIDTH - RIGHT) / 2 * FINE, (HEIGHT - 12) * FINE)
+        self.pen.text(middle, name, fill=INK, font=self.title, anchor="mb")
+
+    def heading(self, text: str) -> None:
+        """What the vertical axis shows."""
+        self.pen.text((16 * FINE, 12 * FINE), text, fill=INK, font=self.title, anchor="lt")
+
+    def image(self) -> NDArray[np.uint8]:
+        """The picture, reduced to its size."""
+        from PIL import Image
+
+        return np.asarray(self._canvas.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS))

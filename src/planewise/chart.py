@@ -14,20 +14,17 @@ from numpy.typing import NDArray
 from planewise.axes import (
     BOTTOM,
     CHOSEN,
-    FAINT,
     FINE,
-    GRID,
     HEIGHT,
-    INK,
     LEFT,
     LINE,
     RIGHT,
     TOP,
     WIDTH,
+    Axes,
     Scale,
     round_step,
-)
-from planewise.errors import MissingExtraError
+)  # fmt: skip
 from planewise.model import Curve
 
 if TYPE_CHECKING:
@@ -49,43 +46,26 @@ def draw_curve(curve: Curve) -> NDArray[np.uint8]:
     -------
     ndarray of uint8, shape (500, 800, 3)
     """
-    try:
-        from PIL import Image, ImageDraw, ImageFont
-    except ImportError:
-        raise MissingExtraError("pillow", "drawing the curve") from None
-    canvas = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), "white")
-    pen = ImageDraw.Draw(canvas)
-    font, title = ImageFont.load_default(17 * FINE), ImageFont.load_default(18 * FINE)
+    axes = Axes("drawing the curve")
+    pen = axes.pen
     values = np.array(list(curve))
     ticks, unit = _ticks(values.min(), values.max())
     x_at, y_at = _scales(values, ticks)
 
-    for tick in ticks:
-        y = y_at(tick)
-        pen.line((LEFT * FINE, y, (WIDTH - RIGHT) * FINE, y), fill=GRID, width=FINE)
-        pen.text((( LEFT - 10) * FINE, y), f"{tick / unit:,.10g}", fill=FAINT, font=font,
-                 anchor="rm")  # fmt: skip
-    floor = (HEIGHT - BOTTOM) * FINE
-    pen.line((LEFT * FINE, floor, (WIDTH - RIGHT) * FINE, floor), fill=INK, width=FINE)
-    for number in range(0, len(values), max(1, round(round_step(len(values) - 1, 14)))):
-        x = x_at(number)
-        pen.line((x, floor, x, floor + 6 * FINE), fill=INK, width=FINE)
-        pen.text((x, floor + 12 * FINE), str(number), fill=FAINT, font=font, anchor="mt")
-    pen.text(((LEFT + WIDTH - RIGHT) / 2 * FINE, (HEIGHT - 12) * FINE), "planes in the model",
-             fill=INK, font=title, anchor="mb")  # fmt: skip
+    axes.levels((y_at(tick), f"{tick / unit:,.10g}") for tick in ticks)
+    numbers = range(0, len(values), max(1, round(round_step(len(values) - 1, 14))))
+    axes.floor(((x_at(number), str(number)) for number in numbers), "planes in the model")
     name = {1: "nats", 1_000: "thousand nats", 1_000_000: "million nats"}[unit]
-    pen.text((16 * FINE, 12 * FINE), f"information of the model, {name}", fill=INK, font=title,
-             anchor="lt")  # fmt: skip
+    axes.heading(f"information of the model, {name}")
 
     points = [(x_at(number), y_at(value)) for number, value in enumerate(values)]
-    _mark_chosen(pen, points, curve, title)
+    _mark_chosen(pen, points, curve, axes.title)
     if len(points) > 1:
         pen.line(points, fill=LINE, width=2 * FINE, joint="curve")
     for number, point in enumerate(points):
         chosen = number == curve.chosen
         pen.circle(point, (7 if chosen else 4) * FINE, fill=CHOSEN if chosen else LINE)
-    small = canvas.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS)
-    return np.asarray(small)
+    return axes.image()
 
 
 def _mark_chosen(

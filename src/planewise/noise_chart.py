@@ -16,18 +16,16 @@ from planewise.axes import (
     CHOSEN,
     FAINT,
     FINE,
-    GRID,
     HEIGHT,
-    INK,
     LEFT,
     LINE,
     RIGHT,
     TOP,
     WIDTH,
+    Axes,
     Scale,
     round_step,
-)
-from planewise.errors import MissingExtraError
+)  # fmt: skip
 from planewise.noise import Noise
 from planewise.noise_estimate import NoiseEstimate
 
@@ -60,10 +58,8 @@ def draw_noise(
     -------
     ndarray of uint8, shape (500, 800, 3)
     """
-    try:
-        from PIL import Image, ImageDraw, ImageFont
-    except ImportError:
-        raise MissingExtraError("pillow", "drawing the noise") from None
+    axes = Axes("drawing the noise")
+    pen = axes.pen
     bins = estimate.bins
     margin = 0.04 * (np.ptp(bins.depth) or bins.depth[0])
     depth = np.linspace(max(bins.depth[0] - margin, 0.0), bins.depth[-1] + margin, _POINTS)
@@ -72,32 +68,20 @@ def draw_noise(
     heights = [curve, 1e3 * bins.sigma, 1e3 * np.nan_to_num(bins.high)]
     top = 1.08 * max(part.max() for part in (*heights, *([] if other is None else [other])))
 
-    canvas = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), "white")
-    pen = ImageDraw.Draw(canvas)
-    font, title = ImageFont.load_default(17 * FINE), ImageFont.load_default(18 * FINE)
     x_at = Scale(depth[0], depth[-1], LEFT * FINE, (WIDTH - RIGHT) * FINE)
     y_at = Scale(0.0, top, (HEIGHT - BOTTOM) * FINE, TOP * FINE)
 
     def line(x: Array, y: Array) -> list[tuple[float, float]]:
         return [(x_at(a), y_at(b)) for a, b in zip(x, y, strict=True)]
 
-    for tick in _ticks(0.0, top, 6):
-        y = y_at(tick)
-        pen.line((LEFT * FINE, y, (WIDTH - RIGHT) * FINE, y), fill=GRID, width=FINE)
-        pen.text(((LEFT - 10) * FINE, y), f"{tick:.10g}", fill=FAINT, font=font, anchor="rm")
+    axes.levels((y_at(tick), f"{tick:.10g}") for tick in _ticks(0.0, top, 6))
     if np.isfinite(bins.low).all():
         outline = line(bins.depth, 1e3 * bins.high) + line(bins.depth, 1e3 * bins.low)[::-1]
         if len(bins.depth) > 1:
             pen.polygon(outline, fill=_BAND)
-    floor = (HEIGHT - BOTTOM) * FINE
-    pen.line((LEFT * FINE, floor, (WIDTH - RIGHT) * FINE, floor), fill=INK, width=FINE)
-    for tick in _ticks(float(depth[0]), float(depth[-1]), 8):
-        x = x_at(tick)
-        pen.line((x, floor, x, floor + 6 * FINE), fill=INK, width=FINE)
-        pen.text((x, floor + 12 * FINE), f"{tick:.10g}", fill=FAINT, font=font, anchor="mt")
-    pen.text(((LEFT + WIDTH - RIGHT) / 2 * FINE, (HEIGHT - 12) * FINE), "depth, m", fill=INK,
-             font=title, anchor="mb")  # fmt: skip
-    pen.text((16 * FINE, 12 * FINE), "sigma of a reading, mm", fill=INK, font=title, anchor="lt")
+    ticks = _ticks(float(depth[0]), float(depth[-1]), 8)
+    axes.floor(((x_at(tick), f"{tick:.10g}") for tick in ticks), "depth, m")
+    axes.heading("sigma of a reading, mm")
 
     if other is not None:
         _dashed(pen, line(depth, other), FAINT)
@@ -109,8 +93,8 @@ def draw_noise(
         words.append((name or "known", FAINT))
     for row, (text, colour) in enumerate(words):
         at = ((LEFT + 16) * FINE, (TOP + 8 + 24 * row) * FINE)
-        pen.text(at, text, fill=colour, font=font, anchor="lt")
-    return np.asarray(canvas.resize((WIDTH, HEIGHT), Image.Resampling.LANCZOS))
+        pen.text(at, text, fill=colour, font=axes.font, anchor="lt")
+    return axes.image()
 
 
 def _ticks(low: float, high: float, most: int) -> Array:
