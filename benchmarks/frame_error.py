@@ -23,6 +23,7 @@ import planewise as pw
 from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise import cells, frame_error
+from planewise.frame import frame_of
 
 LAGS = (1, 2, 4, 8)  # cells of 6 pixels
 
@@ -41,7 +42,7 @@ def told(frame: Frame) -> list[float] | None:
     """White, lateral, drift, drift by lag, near and bent; None without cells."""
     sensor = replace(frame.sensor, parts=None)
     seen = pw.observe(frame.depth, frame.camera, sensor, depth_scale=frame.depth_scale)
-    image = cells.frame_of(seen)
+    image = frame_of(seen)
     found = cells.cells_of(image, seen.pixel_size)
     if found is None:
         return None

@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import SIDE, Cells, Frame
+from planewise.cells import SIDE, Cells
+from planewise.frame import Frame
 from planewise.information import plane_information
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
