@@ -43,6 +43,8 @@ class Cells:
         Of the readings of every cell (`kernels.cells`), with the precision that the sensor says.
     rows : ndarray, shape (units, 13)
         Segment row of every unit (`kernels.cells`).
+    whole : ndarray of bool, shape (units,)
+        Which are of 2 x 2 cells.
     drift : ndarray, shape (units,)
         Variance of w by which the error drifts over 100 pixels.
     offset_prior, slope_prior : ndarray, shape (units,)
@@ -54,6 +56,7 @@ class Cells:
     grid: NDArray[np.int32]
     moments: Array
     rows: Array
+    whole: NDArray[np.bool_]
     drift: Array
     offset_prior: Array
     slope_prior: Array
@@ -93,6 +96,7 @@ def cells_of(
         grid=grid,
         moments=moments,
         rows=segments,
+        whole=size == 2,
         drift=drift,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
