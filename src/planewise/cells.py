@@ -16,11 +16,11 @@ from planewise.frame_error import (
     white_factor,
 )
 from planewise.kernels import cells as kernels
+from planewise.kernels.cells import SIDE
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
@@ -71,17 +71,34 @@ def cells_of(
     height, width = frame.w.shape
     shape = -(-height // SIDE), -(-width // SIDE)
     moments = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
-    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, SIDE, moments)
+    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, moments)
     misfits = workspace.empty("misfits of cells", shape)
     kernels.own_misfits(moments, misfits)
-    white = white_factor(misfits[moments[kernels.COUNT] == SIDE * SIDE], SIDE * SIDE - 3)
+    halved = -(-shape[0] // 2), -(-shape[1] // 2)
+    blocks = workspace.empty("moments of blocks", (kernels.MOMENTS, *halved))
+    kernels.block_moments(moments, blocks)
+    together = workspace.empty("misfits of blocks", halved)
+    kernels.own_misfits(blocks, together)
+    # A quarter of the cells stands for the frame.
+    full = moments[kernels.COUNT, ::2, ::2] == SIDE * SIDE
+    white = white_factor(misfits[::2, ::2][full], SIDE * SIDE - 3)
 
     most = shape[0] * shape[1]
     grid = workspace.empty("units of cells", shape, np.int32)
     units = workspace.empty("units", (most, kernels.MOMENTS))
     size = workspace.empty("sizes of units", most)
     found = kernels.merge_quarters(
-        moments, misfits, white, _SPLIT, _HOPELESS, _FILLED, grid, units, size
+        moments,
+        misfits,
+        blocks,
+        together,
+        white,
+        _SPLIT,
+        _HOPELESS,
+        _FILLED,
+        grid,
+        units,
+        size,
     )
     if not found:
         return None

@@ -1,4 +1,4 @@
-"""Images of a depth frame in inverse depth, and its error by depth: what the spatial search sees."""
+"""A depth frame for the spatial search: images of inverse depth, and its error by depth."""
 
 from __future__ import annotations
 

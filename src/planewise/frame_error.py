@@ -24,6 +24,7 @@ _QUARTILE_CHI2_1 = 0.1015
 _FEWEST = 100  # cells, pairs or triples that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
+_SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _STEEPEST = 3.0  # beyond it, a cell lies across an edge
 _LATERAL_LIMIT = 1.5  # pixels^2
 _LAGS = (2, 4)  # cells between the middle of three in a row and the others
@@ -68,9 +69,7 @@ def white_factor(misfits: Array, freedom: int) -> float:
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
-def lateral_variance(
-    units: Array, planes: Array, whole: NDArray[np.bool_]
-) -> tuple[float, Array]:
+def lateral_variance(units: Array, planes: Array, whole: NDArray[np.bool_]) -> tuple[float, Array]:
     """Error across the image in pixels^2, and what it multiplies every unit's error by.
 
     Cells on steep surfaces lie farther from their planes: chi^2 = a + b q with q = (slope per pixel
@@ -86,7 +85,8 @@ def lateral_variance(
     for low, high in pairwise(_STEEPNESS):
         here = np.flatnonzero(whole & (steep >= low**2) & (steep < high**2))
         if here.size >= _FEWEST:
-            points.append((np.median(steep[here]), np.median(chi2[here]), np.sqrt(here.size)))
+            count, here = here.size, here[:: -(-here.size // _SAMPLE)]
+            points.append((np.median(steep[here]), np.median(chi2[here]), np.sqrt(count)))
     lateral = 0.0
     if len(points) > 1:
         q, level, weight = np.array(points).T

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise import compilation
 from planewise.camera import PinholeCamera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
@@ -145,7 +146,7 @@ class RayObservation(Observation):
         """Standard deviation of each reading in metres, shape (k,)."""
         if self.image.values.dtype.kind == "f":
             return self.sensor.sigma(self.depth)
-        by_level = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
+        by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
         by_level[self.image.levels] = self.level_sigma
         return by_level[self.image.values.reshape(-1)[self.index]]
 
@@ -302,6 +303,7 @@ def observe(
         If the image is not a 2-D array of numbers with at least two rows and columns, holds
         negative depths, or cannot belong to the camera.
     """
+    compilation.announce()
     image = DepthImage.of(depth, sensor, depth_scale, workspace)
     camera.check(image.shape)
     seen = RayObservation(

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import SIDE, Cells
+from planewise.cells import Cells
 from planewise.frame import Frame
 from planewise.information import plane_information
 from planewise.kernels import segments as loops
-from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
+from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
 
@@ -139,9 +139,17 @@ class Segments:
 
     def kept(self, root: NDArray[np.int32]) -> Segments:
         """Only the roots of segments that were merged."""
-        arrays = (self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior)
-        found = loops.keep_roots(root, *arrays)
-        return Segments(*(array[:found] for array in arrays), root[self.of_unit])
+        found = loops.keep_roots(
+            root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
+        )
+        return Segments(
+            rows=self.rows[:found],
+            forms=self.forms[:found],
+            drift=self.drift[:found],
+            offset_prior=self.offset_prior[:found],
+            slope_prior=self.slope_prior[:found],
+            of_unit=root[self.of_unit],
+        )
 
     def of_cell(self, grid: NDArray[np.int32]) -> NDArray[np.int32]:
         """Segment of every cell of a grid of units, -1 where there is none."""
@@ -168,9 +176,7 @@ def _agglomerate(cells: Cells, cost: float) -> tuple[Segments, Array]:
         of_unit=np.arange(count, dtype=np.int32),
     )
     root = np.empty(count, np.int32)
-    loops.join_blocks(
-        cells.grid, cells.whole, rows, segments.forms, drift, _SAME, _LEVELS, root
-    )
+    loops.join_blocks(cells.grid, cells.whole, rows, segments.forms, drift, _SAME, _LEVELS, root)
     segments = segments.kept(root)
     discords = np.empty((2, *cells.grid.shape))
     loops.border_discords(cells.grid, segments.of_unit, forms, discords)
@@ -195,9 +201,7 @@ def _accept(
     rows, of_cell = segments.rows, segments.of_cell(cells.grid)
     border = np.empty(len(rows))
     ends, price = np.empty((2 * of_cell.size, 2), np.int32), np.empty(2 * of_cell.size)
-    found = loops.segment_borders(
-        of_cell, discords, *_PLANE_BORDER, SIDE, border, ends, price
-    )
+    found = loops.segment_borders(of_cell, discords, *_PLANE_BORDER, SIDE, border, ends, price)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     accepted = np.empty(len(rows), np.bool_)
     loops.accept(worth, ends[:found], price[:found], least, accepted)

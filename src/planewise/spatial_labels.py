@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import SIDE, Cells
+from planewise.cells import Cells
 from planewise.frame import Frame
 from planewise.kernels import labels as label_loops
-from planewise.kernels.cells import UNIT
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]

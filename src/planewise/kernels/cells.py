@@ -5,10 +5,10 @@ undistorted pixel coordinates divided by `UNIT`. A row of moments holds, for rea
 
     [sum p, pX, pY, pXX, pXY, pYY, pw, pXw, pYw, pww, count, product of p w^4]
 
-and says all about any plane on its readings. A row of a segment has the layout of the first eleven: its first nine
-entries are the information P on the plane's parameters once the error that neighbouring readings
-share is integrated out, and P t; adding rows joins segments. Two entries follow: the misfit of the
-joins so far, and what the cells would cost as a free smooth surface.
+and says all about any plane on its readings. A row of a segment has the layout of the first eleven:
+its first nine entries are the information P on the plane's parameters once the error that
+neighbouring readings share is integrated out, and P t; adding rows joins segments. Two entries
+follow: the misfit of the joins so far, and what the cells would cost as a free smooth surface.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 
 UNIT = 100.0  # pixels per unit of X and Y
+SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
 MOMENTS = 11
 COUNT, PRODUCT = 10, 11  # entries of a row of moments
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
@@ -34,19 +35,19 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
 @_compiled
-def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
-    """Moments of every cell of side x side pixels; w, p, x, y (H, W), p = 0 without a reading.
+def cell_moments(w, p, x, y, moments):  # type: ignore[no-untyped-def]
+    """Moments of every cell of 3 x 3 pixels; w, p, x, y (H, W), p = 0 without a reading.
 
     Writes moments (12, rows, columns). The pixels of a row of cells are added up column by column
     first, a few sums at a time, so that every loop is one vector expression.
     """
     height, width = w.shape
     columns = moments.shape[2]
-    sums = np.zeros((MOMENTS + 1, side * columns))
+    sums = np.zeros((MOMENTS + 1, SIDE * columns))
     for row in range(moments.shape[1]):
         sums[:] = 0.0
         sums[PRODUCT] = 1.0
-        for i in range(row * side, min((row + 1) * side, height)):
+        for i in range(row * SIDE, min((row + 1) * SIDE, height)):
             weight, a, b, value = p[i], x[i], y[i], w[i]
             s, t, u = sums[0], sums[1], sums[2]
             for j in range(width):
@@ -73,13 +74,32 @@ def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
                 s[j] += q
                 t[j] += 1.0 if weight[j] > 0.0 else 0.0
                 u[j] *= q * v * v if weight[j] > 0.0 else 1.0
-        for e in range(MOMENTS + 1):
+        for e in range(MOMENTS):
             s, out = sums[e], moments[e, row]
             for k in range(columns):
-                total = s[side * k]
-                for j in range(side * k + 1, side * (k + 1)):
-                    total = total * s[j] if e == PRODUCT else total + s[j]
-                out[k] = total
+                out[k] = s[SIDE * k] + s[SIDE * k + 1] + s[SIDE * k + 2]
+        s, out = sums[PRODUCT], moments[PRODUCT, row]
+        for k in range(columns):
+            out[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
+
+
+@_compiled
+def block_moments(moments, blocks):  # type: ignore[no-untyped-def]
+    """Moments (12, rows, columns) of cells to those of blocks of 2 x 2 of them, without product."""
+    _, rows, columns = moments.shape
+    for e in range(MOMENTS):
+        for i in range(blocks.shape[1]):
+            upper, out = moments[e, 2 * i], blocks[e, i]
+            for k in range(columns // 2):
+                out[k] = upper[2 * k] + upper[2 * k + 1]
+            if columns % 2:
+                out[columns // 2] = upper[columns - 1]
+            if 2 * i + 1 < rows:
+                lower = moments[e, 2 * i + 1]
+                for k in range(columns // 2):
+                    out[k] += lower[2 * k] + lower[2 * k + 1]
+                if columns % 2:
+                    out[columns // 2] += lower[columns - 1]
 
 
 @_compiled
@@ -121,61 +141,57 @@ def own_misfits(moments, out):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def merge_quarters(moments, misfits, white, split, hopeless, filled, unit, units, size):  # type: ignore[no-untyped-def]
+def merge_quarters(  # type: ignore[no-untyped-def]
+    moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
+):
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
-    moments (12, rows, columns), misfits (rows, columns): of cells; white: chi^2 per degree of
-    freedom of white noise in this frame; split: F above which four planes are needed; hopeless:
-    chi^2 per degree of freedom, in units of white, above which there is none; filled: least share
-    of a cell's pixels. Writes unit (rows, columns): index of the unit of every cell or -1; units
-    (., 11): their moments in units of the frame's noise; size (.): 2 or 1. Returns the number of
-    units.
+    moments (12, rows, columns), misfits (rows, columns): of cells; blocks, together: of 2 x 2 of
+    them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
+    planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
+    is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
+    of every cell or -1; units (., 11): their moments in units of the frame's noise; size (.): 2 or
+    1. Returns the number of units.
     """
     _, rows, columns = moments.shape
-    full = moments[COUNT].max()
+    full = float(SIDE * SIDE)
     found = 0
-    m = np.empty(MOMENTS)
-    unit[:] = -1
-    for top in range(0, rows, 2):
-        for left in range(0, columns, 2):
+    for row in range(blocks.shape[1]):
+        for column in range(blocks.shape[2]):
+            top, left = 2 * row, 2 * column
             bottom, right = min(top + 2, rows), min(left + 2, columns)
-            count = apart = 0.0
-            for i in range(top, bottom):
-                for j in range(left, right):
-                    count += moments[COUNT, i, j]
-                    apart += misfits[i, j]
-            freedom = count - 3.0
-            whole = count >= 4 * filled * full
+            freedom = blocks[COUNT, row, column] - 3.0
+            chi2 = together[row, column]
+            whole = freedom + 3.0 >= 4 * filled * full and chi2 <= hopeless * white * freedom
+            if whole and chi2 > white * freedom:
+                # F of the nine further parameters of four planes: free of the noise's scale.
+                apart = 0.0
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        apart += misfits[i, j]
+                apart = max(apart, 0.5 * white * (freedom - 9.0))
+                whole = (chi2 - apart) * (freedom - 9.0) <= split * 9.0 * apart
             if whole:
-                for e in range(MOMENTS):
-                    m[e] = 0.0
-                    for i in range(top, bottom):
-                        for j in range(left, right):
-                            m[e] += moments[e, i, j]
-                together = _own_plane(m)[8]
-                whole = together <= hopeless * white * freedom
-                if whole and together > white * freedom:
-                    # F of the nine further parameters of four planes: free of the noise's scale.
-                    apart = max(apart, 0.5 * white * (freedom - 9.0))
-                    whole = (together - apart) * (freedom - 9.0) <= split * 9.0 * apart
-            if whole:
-                for e in range(MOMENTS):
-                    units[found, e] = m[e] if e == COUNT else m[e] / white
+                out = units[found]
+                for e in range(COUNT):
+                    out[e] = blocks[e, row, column] / white
+                out[COUNT] = blocks[COUNT, row, column]
                 size[found] = 2.0
             for i in range(top, bottom):
                 for j in range(left, right):
                     count = moments[COUNT, i, j]
+                    unit[i, j] = -1
                     if whole:
                         if count > 0.0:
                             unit[i, j] = found
-                    elif (
-                        count >= max(filled * full, 8.0)
-                        and misfits[i, j] <= hopeless * white * (count - 3.0)
+                    elif count >= max(filled * full, 8.0) and misfits[i, j] <= hopeless * white * (
+                        count - 3.0
                     ):
                         unit[i, j] = found
-                        for e in range(MOMENTS):
-                            value = moments[e, i, j]
-                            units[found, e] = value if e == COUNT else value / white
+                        out = units[found]
+                        for e in range(COUNT):
+                            out[e] = moments[e, i, j] / white
+                        out[COUNT] = count
                         size[found] = 1.0
                         found += 1
             found += whole

@@ -276,9 +276,7 @@ def join_blocks(unit, whole, segments, forms, drift, limit, levels, root):  # ty
 
 @_compiled
 def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """Move the rows of roots to the front; root (n,) then holds their new places. Returns how many.
-
-    """
+    """Move the rows of roots to the front, and say in root (n,) where. Returns how many."""
     found = 0
     place = np.empty(root.size, np.int32)
     for k in range(root.size):
