@@ -11,6 +11,7 @@ from . import spatial_oracles as oracles
 MERGING = {"white": 1.0, "split": 40.0, "hopeless": 25.0, "filled": 0.5}
 SIGMA = 1e-3
 DRIFT = SIGMA**2
+PRICE = (0.1, 0.8, 4.0)
 
 
 def coordinates(shape):
@@ -302,11 +303,23 @@ def test_there_is_no_discord_within_a_segment():
         assert out[axis, i, j] == (-1 if segment[u] == segment[v] else every[axis, i, j])
 
 
-def agglomerated(frame, border, most):
+def discords_of(rng, grid):
+    """Discords and the nats that they are worth as borders."""
+    discords = np.where(
+        rng.random((2, *grid.shape)) < 0.1, -1, rng.exponential(5, (2, *grid.shape))
+    )
+    low, high, knee = PRICE
+    over = np.where(discords < 0, 0, (high - low) / (1 + (discords / knee) ** 2))
+    return discords, 3 * (low + over)
+
+
+def agglomerated(frame, discords, price, most):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
-    forms = forms_of(rows, drift)
-    root = segments.agglomerate(grid, border, rows, forms, drift, *priors, most)
+    forms, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
+    ints, floats = segments.room(sum(1 for _ in oracles.sides(grid)), len(rows))
+    work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
+    segments.agglomerate(grid, discords, price, rows, forms, drift, *priors, most, root, *work)
     assert_allclose(forms[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
 
@@ -352,8 +365,8 @@ def test_borders_of_segments_are_paid_for_once():
     of_cell = quilt(rng, (20, 30), 6, pieces=9).astype(np.int32) - 1
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
     border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
-    low, high, knee = 0.01, 1.5, 20.0
-    found = segments.segment_borders(of_cell, discords, low, high, knee, 3, border, ends, price)
+    low, high, knee = bounds = 0.01, 1.5, 20.0
+    found = segments.segment_borders(of_cell, discords, bounds, border, ends, price)
     exact, pairs = np.zeros(5), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
@@ -421,8 +434,8 @@ def test_join_through_gaps(seed):
 def test_agglomerate(seed):
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
-    border = np.random.default_rng(seed).uniform(0, 3, (2, *grid.shape))
-    root, rows = agglomerated(frame, border, 25.0)
+    discords, border = discords_of(np.random.default_rng(seed), grid)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0)
     exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0, lazy=True)
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
@@ -435,8 +448,8 @@ def test_lazy_values_end_at_the_segments_of_current_ones(seed):
     """Merging always the best pair, every gain up to date, differs by the misfit of the order."""
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
-    border = np.random.default_rng(seed).uniform(0, 3, (2, *grid.shape))
-    root, rows = agglomerated(frame, border, 25.0)
+    discords, border = discords_of(np.random.default_rng(seed), grid)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0)
     exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0)
     pairs = np.unique(np.column_stack((root, exact_root)), axis=0)
     assert len(pairs) == len(np.unique(root)) == len(np.unique(exact_root))
@@ -447,8 +460,8 @@ def test_lazy_values_end_at_the_segments_of_current_ones(seed):
 
 def test_segments_that_nothing_joins_stay_apart():
     frame = random_segments(20)
-    border = np.full((2, *frame[0].shape), -100.0)
-    root, rows = agglomerated(frame, border, 25.0)
+    discords = np.zeros((2, *frame[0].shape))
+    root, rows = agglomerated(frame, discords, (-100.0, -100.0, 1.0), 25.0)
     assert_array_equal(root, np.arange(len(root)))
     assert_array_equal(rows, frame[1])
 

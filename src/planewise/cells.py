@@ -27,6 +27,7 @@ _FILLED = 0.5  # least share of a cell's pixels that are readings
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
+_FEWER = 3  # times as many cells as units, as a rule
 _LEAST_DRIFT = 0.1  # of the white variance
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 
@@ -85,21 +86,25 @@ def cells_of(
 
     most = shape[0] * shape[1]
     grid = workspace.empty("units of cells", shape, np.int32)
-    units = workspace.empty("units", (most, kernels.MOMENTS))
-    size = workspace.empty("sizes of units", most)
-    found = kernels.merge_quarters(
-        moments,
-        misfits,
-        blocks,
-        together,
-        white,
-        _SPLIT,
-        _HOPELESS,
-        _FILLED,
-        grid,
-        units,
-        size,
-    )
+    found, room = -1, most // _FEWER + 4
+    while found < 0:
+        # Most cells are one of four: seldom is there need for more room.
+        units = workspace.empty("units", (room, kernels.MOMENTS))
+        size = workspace.empty("sizes of units", room)
+        found = kernels.merge_quarters(
+            moments,
+            misfits,
+            blocks,
+            together,
+            white,
+            _SPLIT,
+            _HOPELESS,
+            _FILLED,
+            grid,
+            units,
+            size,
+        )
+        room += most
     if not found:
         return None
     units, size = units[:found], size[:found]

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
-from planewise.kernels.cells import COUNT, UNIT
 
 Array = NDArray[np.float64]
 Grid = NDArray[np.int32]
@@ -65,7 +64,7 @@ def white_factor(misfits: Array, freedom: int) -> float:
     if not misfits.size:
         return 1.0
     median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    factor = max(1.0, float(np.median(misfits)) / median)
+    factor = max(1.0, _median(misfits) / median)
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
@@ -76,23 +75,26 @@ def lateral_variance(units: Array, planes: Array, whole: NDArray[np.bool_]) -> t
     / sigma)^2 is a line through medians, and lateral = b / a. units (n, 11) and planes (10, n) as
     `kernels.cells` has them.
     """
-    _, _, _, slope_x, slope_y, misfit, _, variance_x, _, variance_y = planes
-    per_pixel = units[:, 0] / (units[:, COUNT] * UNIT**2)
-    steep = (slope_x**2 + slope_y**2) * per_pixel
-    steep -= np.minimum((variance_x + variance_y) * per_pixel, steep)  # by noise
-    chi2 = misfit / (units[:, COUNT] - 3)
+    steep, chi2 = np.empty((2, len(units)))
+    kernels.steepness(units, planes, steep, chi2)
+    order = np.flatnonzero(whole & (steep >= _STEEPNESS[0] ** 2))
     points = []
     for low, high in pairwise(_STEEPNESS):
-        here = np.flatnonzero(whole & (steep >= low**2) & (steep < high**2))
+        here = order[(steep[order] >= low**2) & (steep[order] < high**2)]
         if here.size >= _FEWEST:
             count, here = here.size, here[:: -(-here.size // _SAMPLE)]
-            points.append((np.median(steep[here]), np.median(chi2[here]), np.sqrt(count)))
+            points.append((_median(steep[here]), _median(chi2[here]), np.sqrt(count)))
     lateral = 0.0
     if len(points) > 1:
         q, level, weight = np.array(points).T
         slope, base = np.polyfit(q, level, 1, w=np.sqrt(weight))
         lateral = float(np.clip(slope / max(base, 0.1), 0.0, _LATERAL_LIMIT))
     return lateral, 1.0 + lateral * np.minimum(steep, _STEEPEST**2)
+
+
+def _median(values: Array) -> float:
+    middle = values.size // 2
+    return float(np.partition(values, middle)[middle])
 
 
 def drift_factor(grid: Grid, planes: Array, inflation: Array, drift: Array) -> float:

@@ -148,7 +148,7 @@ class RayObservation(Observation):
             return self.sensor.sigma(self.depth)
         by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
         by_level[self.image.levels] = self.level_sigma
-        return by_level[self.image.values.reshape(-1)[self.index]]
+        return np.asarray(by_level[self.image.values.reshape(-1)[self.index]])
 
     @cached_property
     def level_sigma(self) -> Array:

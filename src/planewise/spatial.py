@@ -17,9 +17,10 @@ from planewise.cells import Cells
 from planewise.frame import Frame
 from planewise.information import plane_information
 from planewise.kernels import segments as loops
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE, UNIT
+from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
@@ -75,6 +76,7 @@ def segment(
     instances: bool = False,
     max_planes: int | None = None,
     significance: float = 0.0,
+    workspace: Workspace | None = None,
 ) -> Segmentation:
     """Find planes and labels under the spatial objective.
 
@@ -90,16 +92,19 @@ def segment(
         Keep the most significant ones only.
     significance : float
         Nats that a segment has to save beyond its costs.
+    workspace : Workspace, optional
+        Memory to work in.
 
     Returns
     -------
     Segmentation
     """
+    workspace = workspace or Workspace()
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    segments, discords = _agglomerate(cells, cost)
-    accepted, worth = _accept(cells, discords, segments, cost, significance)
+    segments, discords = _agglomerate(cells, cost, workspace)
+    accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
     planes, owner = _join_through_gaps(segments, accepted, instances)
     left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
     if max_planes is not None and left_out:
@@ -151,60 +156,84 @@ class Segments:
             of_unit=root[self.of_unit],
         )
 
-    def of_cell(self, grid: NDArray[np.int32]) -> NDArray[np.int32]:
+    def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
         """Segment of every cell of a grid of units, -1 where there is none."""
-        return np.where(grid >= 0, self.of_unit[grid], np.int32(-1))
+        out: NDArray[np.int32] = workspace.empty("segments of cells", grid.shape, np.int32)
+        np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
+        return out
 
 
-def _agglomerate(cells: Cells, cost: float) -> tuple[Segments, Array]:
+def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segments, Array]:
     """Merge neighbouring cells into segments.
 
     Returns the discord across every side that two units share, too: to the right, and below.
     """
     count = len(cells.rows)
-    forms = np.empty((count, loops.FORM))
+    forms = workspace.empty("forms of units", (count, loops.FORM))
     loops.write_forms(cells.rows, cells.drift, forms)
-    rows, drift, free = cells.rows.copy(), cells.drift.copy(), np.empty(count)
+    free = workspace.empty("prices of units", count)
     loops.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
-    rows[:, FREE] = (free + _FITTED_AWAY) * (rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
+    free += _FITTED_AWAY
+    free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
     segments = Segments(
-        rows=rows,
-        forms=forms.copy(),
-        drift=drift,
+        rows=workspace.copy("segments", cells.rows),
+        forms=workspace.copy("forms of segments", forms),
+        drift=cells.drift.copy(),
         offset_prior=cells.offset_prior.copy(),
         slope_prior=cells.slope_prior.copy(),
         of_unit=np.arange(count, dtype=np.int32),
     )
+    segments.rows[:, FREE] = free
     root = np.empty(count, np.int32)
-    loops.join_blocks(cells.grid, cells.whole, rows, segments.forms, drift, _SAME, _LEVELS, root)
+    loops.join_blocks(
+        cells.grid,
+        cells.whole,
+        segments.rows,
+        segments.forms,
+        segments.drift,
+        _SAME,
+        _LEVELS,
+        root,
+    )
     segments = segments.kept(root)
-    discords = np.empty((2, *cells.grid.shape))
-    loops.border_discords(cells.grid, segments.of_unit, forms, discords)
-    low, high, knee = _MERGE_BORDER
-    root = loops.agglomerate(
-        segments.of_cell(cells.grid),
-        SIDE * (low + (high - low) * (discords >= 0) / (1 + (discords / knee) ** 2)),
+    discords = workspace.empty("discords", (2, *cells.grid.shape))
+    sides = loops.border_discords(cells.grid, segments.of_unit, forms, discords)
+    ints, floats = loops.room(sides, len(segments.rows))
+    root = root[: len(segments.rows)]
+    loops.agglomerate(
+        segments.of_cell(cells.grid, workspace),
+        discords,
+        _MERGE_BORDER,
         segments.rows,
         segments.forms,
         segments.drift,
         segments.offset_prior,
         segments.slope_prior,
         cost,
+        root,
+        workspace.empty("edges", ints, np.int32),
+        workspace.empty("gains of edges", floats),
     )
     return segments.kept(root), discords
 
 
 def _accept(
-    cells: Cells, discords: Array, segments: Segments, cost: float, least: float
+    cells: Cells,
+    discords: Array,
+    segments: Segments,
+    cost: float,
+    least: float,
+    workspace: Workspace,
 ) -> tuple[NDArray[np.int64], Array]:
     """Segments that pay for being a plane, best first, and what each saves in nats."""
-    rows, of_cell = segments.rows, segments.of_cell(cells.grid)
+    rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
     border = np.empty(len(rows))
-    ends, price = np.empty((2 * of_cell.size, 2), np.int32), np.empty(2 * of_cell.size)
-    found = loops.segment_borders(of_cell, discords, *_PLANE_BORDER, SIDE, border, ends, price)
+    ends = workspace.empty("sides of segments", (2 * of_cell.size, 2), np.int32)
+    nats = workspace.empty("nats of sides", 2 * of_cell.size)
+    found = loops.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     accepted = np.empty(len(rows), np.bool_)
-    loops.accept(worth, ends[:found], price[:found], least, accepted)
+    loops.accept(worth, ends[:found], nats[:found], least, accepted)
     taken = np.flatnonzero(accepted)
     order = np.argsort(-worth[taken], kind="stable")
     return taken[order], worth[taken[order]]

@@ -63,6 +63,7 @@ def spatial_model(
         instances=instances,
         max_planes=max_planes,
         significance=significance,
+        workspace=workspace,
     )
 
     book = ledger(

@@ -36,6 +36,12 @@ class Workspace:
             held = self._held[name] = np.empty(size, dtype)
         return held[:size].reshape(shape)
 
+    def copy(self, name: str, array: NDArray[Any]) -> NDArray[Any]:
+        """Return a copy of an array in memory of a name."""
+        out = self.empty(name, array.shape, array.dtype)
+        out[...] = array
+        return out
+
     @property
     def nbytes(self) -> int:
         """Memory held."""

@@ -150,8 +150,8 @@ def merge_quarters(  # type: ignore[no-untyped-def]
     them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
     planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
     is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
-    of every cell or -1; units (., 11): their moments in units of the frame's noise; size (.): 2 or
-    1. Returns the number of units.
+    of every cell or -1; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or
+    1. Returns the number of units, or -1 if they are more than n.
     """
     _, rows, columns = moments.shape
     full = float(SIDE * SIDE)
@@ -171,6 +171,8 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                         apart += misfits[i, j]
                 apart = max(apart, 0.5 * white * (freedom - 9.0))
                 whole = (chi2 - apart) * (freedom - 9.0) <= split * 9.0 * apart
+            if found + 4 > size.size:
+                return -1
             if whole:
                 out = units[found]
                 for e in range(COUNT):

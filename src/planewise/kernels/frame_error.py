@@ -10,10 +10,23 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET
+from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
 
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_compiled
+def steepness(units, planes, steep, chi2):  # type: ignore[no-untyped-def]
+    """Squared slope per pixel in standard deviations, noise taken off, and chi^2 per freedom.
+
+    units (n, 11); writes steep, chi2 (n,).
+    """
+    for k in range(chi2.size):
+        per_pixel = units[k, 0] / (units[k, COUNT] * UNIT * UNIT)
+        slope = planes[3, k] * planes[3, k] + planes[4, k] * planes[4, k]
+        steep[k] = max(slope - planes[7, k] - planes[9, k], 0.0) * per_pixel
+        chi2[k] = planes[5, k] / (units[k, COUNT] - 3.0)
 
 
 @_compiled

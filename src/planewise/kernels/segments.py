@@ -8,7 +8,15 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planewise.kernels.cells import COUNT, MISFIT, PLANE_BEND, PLANE_OFFSET, SEGMENT, UNIT
+from planewise.kernels.cells import (
+    COUNT,
+    MISFIT,
+    PLANE_BEND,
+    PLANE_OFFSET,
+    SEGMENT,
+    SIDE,
+    UNIT,
+)
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
@@ -133,13 +141,26 @@ def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyp
 
 
 @_compiled
+def border_price(discord, price):  # type: ignore[no-untyped-def]
+    """Nats of a side of a cell: SIDE pixels of low + (high - low) / (1 + (discord / knee)^2).
+
+    price: (low, high, knee). Of low alone where there is no discord (-1).
+    """
+    low, high, knee = price
+    if discord < 0.0:
+        return SIDE * low
+    return SIDE * (low + (high - low) / (1.0 + (discord / knee) ** 2))
+
+
+@_compiled
 def border_discords(unit, segment, forms, out):  # type: ignore[no-untyped-def]
     """Discord across every side shared by two units: out[0] to the right, out[1] below; else -1.
 
     unit (rows, columns): of every cell, or -1; sides within a segment (units,) are left out. forms
-    of the units; out (2, rows, columns).
+    of the units; out (2, rows, columns). Returns how many sides are not -1.
     """
     rows, columns = unit.shape
+    found = 0
     for i in range(rows):
         for j in range(columns):
             u = unit[i, j]
@@ -151,6 +172,7 @@ def border_discords(unit, segment, forms, out):  # type: ignore[no-untyped-def]
                 v = unit[row, column]
                 if v < 0 or segment[v] == segment[u]:
                     continue
+                found += 1
                 # Units of 2 x 2 cells share two sides.
                 if k == 0 and i > 0 and unit[i - 1, j] == u and unit[i - 1, column] == v:
                     out[k, i, j] = out[k, i - 1, j]
@@ -158,6 +180,7 @@ def border_discords(unit, segment, forms, out):  # type: ignore[no-untyped-def]
                     out[k, i, j] = out[k, i, j - 1]
                 else:
                     out[k, i, j] = _discord(forms[u], forms[v])[0]
+    return found
 
 
 @_compiled
@@ -293,13 +316,33 @@ def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type
     return found
 
 
+def room(sides: int, segments: int) -> tuple[int, int]:
+    """Sizes of the integers and floating-point numbers that `agglomerate` works in."""
+    return 10 * sides + 16 + 5 * segments, 7 * sides + 16
+
+
 @_compiled
-def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
+def agglomerate(  # type: ignore[no-untyped-def]
+    unit,
+    discords,
+    price,
+    segments,
+    forms,
+    drift,
+    offset_prior,
+    slope_prior,
+    most,
+    root,
+    ints,
+    floats,
+):
     """Merge neighbouring segments, what saves most first, while a merge saves anything.
 
-    unit (rows, columns): segment of every cell, or -1; border (2, rows, columns): nats of each side
-    shared with the cell to the right and below. segments, their forms and drift are changed in
-    place: the row of a root holds its whole segment. Returns the root of every segment.
+    unit (rows, columns): segment of every cell, or -1; discords (2, rows, columns): across each
+    side shared with the cell to the right and below, which `price` (`border_price`) turns into the
+    nats that a merge saves there. segments, their forms and drift are changed in place: the row of
+    a root holds its whole segment. Writes the root of every segment. ints, floats: room to work in,
+    `room` of so many sides and segments.
 
     Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
     whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
@@ -307,9 +350,16 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
     """
     count = segments.shape[0]
     rows, columns = unit.shape
-    ends = np.empty((2 * rows * columns, 2), np.int32)
-    boundary = np.empty(2 * rows * columns)
-    head, tail = np.full(count, -1, np.int32), np.full(count, -1, np.int32)
+    most_edges = (ints.size - 5 * count - 16) // 10
+    ends = ints[: 2 * most_edges].reshape((most_edges, 2))
+    following = ints[2 * most_edges : 4 * most_edges]
+    alive, valued = ints[4 * most_edges : 5 * most_edges], ints[5 * most_edges : 6 * most_edges]
+    items = ints[6 * most_edges : 10 * most_edges + 16]
+    head, tail, degree, seen, version = ints[10 * most_edges + 16 :].reshape((5, count))
+    boundary, current = floats[:most_edges], floats[most_edges : 2 * most_edges]
+    misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
+    head[:] = tail[:] = seen[:] = -1
+    degree[:] = version[:] = 0
     edges = 0
     for i in range(rows):
         for j in range(columns):
@@ -320,9 +370,11 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
                     v = unit[row, column]
                     if v >= 0 and v != u:
                         ends[edges, 0], ends[edges, 1] = u, v
-                        boundary[edges] = border[k, i, j]
+                        boundary[edges] = border_price(discords[k, i, j], price)
+                        # Never valued: the versions of the ends are not negative.
+                        alive[edges], valued[edges], current[edges] = 1, -1, 0.0
                         edges += 1
-    following = np.full(2 * edges, -1, np.int32)
+    following[: 2 * edges] = -1
     for half in range(2 * edges):
         u = ends[half >> 1, half & 1]
         if head[u] < 0:
@@ -330,10 +382,8 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
         else:
             following[tail[u]] = half
         tail[u] = half
-    alive, degree = np.ones(edges, np.bool_), np.zeros(count, np.int32)
-    seen = np.full(count, -1, np.int32)  # edge to each neighbour, while one segment is looked at
     for u in range(count):
-        # Two units may share two sides: one edge is enough.
+        # Two units may share two sides: one edge is enough. seen: the edge to each neighbour.
         half = head[u]
         while half >= 0:
             edge = half >> 1
@@ -341,7 +391,7 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
             if alive[edge]:
                 if seen[other] >= 0:
                     boundary[seen[other]] += boundary[edge]
-                    alive[edge] = False
+                    alive[edge] = 0
                 else:
                     seen[other] = edge
             half = following[half]
@@ -350,18 +400,17 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
             seen[ends[half >> 1, 1 - (half & 1)]] = -1
             half = following[half]
 
-    root = np.arange(count).astype(np.int32)
-    version = np.zeros(count, np.int64)
-    valued = np.zeros(edges, np.int64)  # versions of both ends when an edge was last valued
-    current = np.zeros(edges)  # its only valid key in the heap
-    misfit = np.zeros(edges)  # of the two segments when last valued
-    keys, items = np.empty(4 * edges + 16), np.empty(4 * edges + 16, np.int32)
+    # valued: versions of both ends when an edge was last valued; current: its only valid key in the
+    # heap; misfit: of the two segments then.
+    for u in range(count):
+        root[u] = u
     size = 0
     for edge in range(edges):
         if alive[edge]:
             u, v = ends[edge, 0], ends[edge, 1]
             degree[u] += 1
             degree[v] += 1
+            valued[edge] = 0
             current[edge], misfit[edge] = _merge_gain(
                 segments, forms, u, v, boundary[edge], offset_prior, slope_prior, most
             )
@@ -386,7 +435,7 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
         _join(segments, forms, drift, u, v, misfit[edge])
         version[u] += version[v] + 1
         root[v] = u
-        alive[edge] = False
+        alive[edge] = 0
         degree[u] -= 1
         # The edges of v become u's; where both had one to the same neighbour they become one.
         half = head[v]
@@ -413,7 +462,7 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
                     link = following[link]
                 if kept >= 0:
                     boundary[kept] += boundary[moved]
-                    alive[moved] = False
+                    alive[moved] = 0
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept], current[kept] = -1, np.inf
@@ -438,17 +487,15 @@ def agglomerate(unit, border, segments, forms, drift, offset_prior, slope_prior,
         while root[top] != top:
             top = root[top]
         root[u] = top
-    return root
 
 
 @_compiled
-def segment_borders(of_cell, discords, low, high, knee, side, border, ends, price):  # type: ignore[no-untyped-def]
+def segment_borders(of_cell, discords, price, border, ends, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
-    A side of a cell costs `side` pixels of low + (high - low) / (1 + (discord / knee)^2), or of
-    low where there is no discord (-1). of_cell (rows, columns): segment of every cell, or -1.
-    Writes border (n,): all sides of each; and for each side between two segments ends (., 2) and
-    price (.); returns how many of these there are.
+    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it. Writes
+    border (n,): all sides of each; and for each side between two segments ends (., 2) and nats (.);
+    returns how many of these there are.
     """
     rows, columns = of_cell.shape
     border[:] = 0.0
@@ -460,16 +507,13 @@ def segment_borders(of_cell, discords, low, high, knee, side, border, ends, pric
                 row, column = i + k, j + 1 - k
                 if row >= rows or column >= columns or of_cell[row, column] == u:
                     continue
-                v, discord = of_cell[row, column], discords[k, i, j]
-                nats = side * low
-                if discord >= 0.0:
-                    nats += side * (high - low) / (1.0 + (discord / knee) ** 2)
+                v, cost = of_cell[row, column], border_price(discords[k, i, j], price)
                 if u >= 0:
-                    border[u] += nats
+                    border[u] += cost
                 if v >= 0:
-                    border[v] += nats
+                    border[v] += cost
                 if u >= 0 and v >= 0:
-                    ends[found, 0], ends[found, 1], price[found] = u, v, nats
+                    ends[found, 0], ends[found, 1], nats[found] = u, v, cost
                     found += 1
     return found
 
