@@ -32,8 +32,13 @@ def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
 @_compiled
 def _pop(keys, items, size):  # type: ignore[no-untyped-def]
     """Take the top off a heap; returns the new size."""
-    size -= 1
-    key, item = keys[size], items[size]
+    _replace(keys, items, size - 1, keys[size - 1], items[size - 1])
+    return size - 1
+
+
+@_compiled
+def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
+    """Put another item in place of the top of a heap."""
     i = 0
     while 2 * i + 1 < size:
         child = 2 * i + 1
@@ -44,7 +49,6 @@ def _pop(keys, items, size):  # type: ignore[no-untyped-def]
         keys[i], items[i] = keys[child], items[child]
         i = child
     keys[i], items[i] = key, item
-    return size
 
 
 @_compiled
@@ -257,8 +261,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 size = _push(keys, items, size, current[edge], edge)
     while size > 0:
         key, edge = keys[0], items[0]
-        size = _pop(keys, items, size)
         if not alive[edge] or key != current[edge]:
+            size = _pop(keys, items, size)
             continue
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
@@ -267,8 +271,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 segments, forms, u, v, boundary[edge], offset_prior, slope_prior, most
             )
             if current[edge] > 0.0:
-                size = _push(keys, items, size, current[edge], edge)
+                _replace(keys, items, size, current[edge], edge)
+            else:
+                size = _pop(keys, items, size)
             continue
+        size = _pop(keys, items, size)
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         _join(segments, forms, drift, u, v, misfit[edge])
@@ -304,8 +311,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     alive[moved] = 0
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
-                    valued[kept], current[kept] = -1, np.inf
-                    size = _push(keys, items, size, np.inf, kept)
+                    valued[kept] = version[u] + version[other]
+                    current[kept], misfit[kept] = _merge_gain(
+                        segments, forms, u, other, boundary[kept], offset_prior, slope_prior, most
+                    )
+                    if current[kept] > 0.0:
+                        size = _push(keys, items, size, current[kept], kept)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
