@@ -113,7 +113,7 @@ def cells_of(
     units, size = units[:found], size[:found]
     planes = workspace.empty("planes of units", (kernels.PLANE, found))
     kernels.unit_planes(units, planes)
-    segments = workspace.empty("segments", (found, kernels.SEGMENT))
+    segments = workspace.empty("rows of units", (found, kernels.SEGMENT))
     drift, squares, error = _without_shared_error(
         frame, grid, units, size, planes, white, segments, workspace
     )
