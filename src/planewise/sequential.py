@@ -42,15 +42,14 @@ def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) ->
 
 
 def _best_of_samples(rest: Evaluator, trials: int, rng: np.random.Generator) -> Array:
-    """Of `trials` planes through random readings, the one that saves most."""
+    """Of `trials` planes through random readings, the one that saves most on all readings."""
     best, lowest = np.full(rest.width, np.nan), np.inf
     for start in range(0, trials, _CHUNK):
         size = min(_CHUNK, trials - start)
         planes = rest.through(distinct_tuples(rng, size, rest.count, rest.dimension))
-        scores = rest.scores(planes)
-        pick = int(np.argmin(scores))
-        if scores[pick] < lowest:
-            best, lowest = planes[pick], scores[pick]
+        pick, score = rest.lowest(planes)
+        if score < lowest:
+            best, lowest = planes[pick], score
     return best
 
 
@@ -82,16 +81,13 @@ def sequential_search(
     moves: list[Move] = []
     total = 0.0
     reason = f"reached max_planes = {problem.max_planes}"
+    free, rest = np.arange(everything.count), everything
     while len(found) < problem.max_planes:
-        free = np.flatnonzero(labels == 0)
         if free.size < n:
             reason = f"{free.size} readings are left without a plane, fewer than {n}"
             break
-        rest = everything.subset(free)
         best = _best_of_samples(rest, trials, rng)
-        one = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2))
-        none = np.zeros(free.size)
-        plane, gain = one.refine_one(best, none)
+        plane, gain = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2)).refine_one(best)
         if not gain < 0:
             reason = "no candidate plane fits any of the remaining readings"
             break
@@ -99,6 +95,8 @@ def sequential_search(
         total += gain
         taken = rest.assign(plane[None])
         labels[free], gains[free] = taken.labels * np.uint16(len(found)), taken.best
+        left = np.flatnonzero(taken.labels == 0)
+        free, rest = free[left], rest.subset(left)
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
     chosen = int(np.argmin(phi))
