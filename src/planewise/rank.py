@@ -32,30 +32,29 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         With Phi no higher; the same object if nothing was merged.
     """
     labels, gains = solution.assignment.labels.copy(), solution.assignment.best.copy()
-    alone = [problem.evaluator.assign(plane[None]).best for plane in solution.parameters]
-    alive = list(np.argsort(np.bincount(labels, gains, len(alone) + 1)[1:], kind="stable"))
+    planes = solution.parameters
+    alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
     merged = False
-    for worse in alive[::-1]:
-        mine = labels == worse + 1
+    for worse in alive[:0:-1]:
+        mine = np.flatnonzero(labels == worse + 1)
+        readings = problem.evaluator.subset(mine)
         better = alive[: alive.index(worse)]
-        if not better:
-            break
-        offers = [float(alone[i][mine].sum()) for i in better]
-        pick = int(np.argmin(offers))
+        offers = [readings.assign(planes[i : i + 1]) for i in better]
+        pick = int(np.argmin([offer.gain for offer in offers]))
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        if problem.weight * (offers[pick] - gains[mine].sum()) < saved:
-            gains[mine] = alone[better[pick]][mine]
+        if problem.weight * (offers[pick].gain - gains[mine].sum()) < saved:
+            gains[mine] = offers[pick].best
             labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
             alive.remove(worse)
             merged = True
     if not merged:
         return solution
     keep = np.sort(alive)
-    lookup = np.zeros(len(alone) + 1, np.uint16)
+    lookup = np.zeros(len(planes) + 1, np.uint16)
     lookup[keep + 1] = np.arange(1, len(keep) + 1)
     assignment = Assignment.of(lookup[labels], gains, len(keep))
     phi = problem.phi(len(keep), assignment.gain)
-    return Solution(solution.parameters[keep], assignment, phi)
+    return Solution(planes[keep], assignment, phi)
 
 
 def rank(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +35,8 @@ def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) ->
     """Draw `trials` rows of `n` different indices below `size`."""
     rows = rng.integers(size, size=(trials, n))
     while True:
-        ordered = np.sort(rows, axis=1)
-        again = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+        equal = [rows[:, i] == rows[:, j] for i, j in combinations(range(n), 2)]
+        again = np.flatnonzero(np.any(equal, axis=0))
         if not again.size:
             return rows
         rows[again] = rng.integers(size, size=(again.size, n))

@@ -32,29 +32,32 @@ def order_rays(a, s, order):  # type: ignore[no-untyped-def]
     a (3, k) of rays (u, v, 1), s (k,): float64; writes order (k,) int32. From one cell to the next
     the order in depth is turned around, so that a run across both stays small.
     """
-    k = s.size
-    u, v, z = np.empty(k), np.empty(k), np.empty(k)
-    for i in range(k):
-        u[i], v[i], z[i] = a[0, i] / a[2, i], a[1, i] / a[2, i], s[i] * a[2, i]
-    u0, v0, z0 = u.min(), v.min(), z.min()
-    width, height = max(u.max() - u0, 1e-9), max(v.max() - v0, 1e-9)
-    cells = max(1, k // _CELL)
+    u0 = v0 = z0 = np.inf
+    u1 = v1 = z1 = -np.inf
+    # Every 16th reading tells the extent well enough: the others are put in the outer cells.
+    for i in range(0, s.size, 16):
+        u, v, z = a[0, i] / a[2, i], a[1, i] / a[2, i], s[i] * a[2, i]
+        u0, v0, z0 = min(u0, u), min(v0, v), min(z0, z)
+        u1, v1, z1 = max(u1, u), max(v1, v), max(z1, z)
+    width, height = max(u1 - u0, 1e-9), max(v1 - v0, 1e-9)
+    cells = max(1, s.size // _CELL)
     columns = min(max(1, int(np.sqrt(cells * width / height))), cells)
     rows = max(1, cells // columns)
     across, down = columns / width, rows / height
-    deep = _DEPTHS / max(z.max() - z0, 1e-9)
-    key = np.empty(k, np.int32)
+    deep = _DEPTHS / max(z1 - z0, 1e-9)
+    key = np.empty(s.size, np.int32)
     first = np.zeros(rows * columns * _DEPTHS + 1, np.int32)
-    for i in range(k):
-        cell = min(int((v[i] - v0) * down), rows - 1) * columns
-        cell += min(int((u[i] - u0) * across), columns - 1)
-        part = min(int((z[i] - z0) * deep), _DEPTHS - 1)
-        part = _DEPTHS - 1 - part if cell % 2 else part
-        key[i] = cell * _DEPTHS + part
+    for i in range(s.size):
+        inverse = 1.0 / a[2, i]
+        column = int(max(0.0, min((a[0, i] * inverse - u0) * across, columns - 1.0)))
+        row = int(max(0.0, min((a[1, i] * inverse - v0) * down, rows - 1.0)))
+        part = int(max(0.0, min((s[i] * a[2, i] - z0) * deep, _DEPTHS - 1.0)))
+        cell = row * columns + column
+        key[i] = cell * _DEPTHS + (_DEPTHS - 1 - part if cell % 2 else part)
         first[key[i] + 1] += 1
     for j in range(1, first.size):
         first[j] += first[j - 1]
-    for i in range(k):
+    for i in range(s.size):
         order[first[key[i]]] = i
         first[key[i]] += 1
 
