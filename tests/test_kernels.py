@@ -178,15 +178,18 @@ def test_cell_moments_solve_the_linear_least_squares_of_each_cell():
         assert_allclose(moments[cell, 9], target @ target)
 
 
-def test_summarise():
+@pytest.mark.parametrize("k", [400, kernels.PART + 400])
+def test_summarise(k):
     rng = np.random.default_rng(1)
-    k, width = 400, 25
-    index = np.sort(rng.choice(1000, k, replace=False))
+    width = 25
+    index = np.sort(rng.choice(2 * k, k, replace=False))
     labels = rng.integers(0, 4, k).astype(np.uint16)
     gain, square, depth, solid = rng.uniform(1, 2, size=(4, k))
     direction = rng.normal(size=(3, k))
-    sums, box = np.empty((3, 7)), np.empty((3, 4), np.int64)
-    kernels.summarise(labels, gain, square, direction, depth, solid, index, width, sums, box)
+    sums, box = np.empty((parts(k), 3, 7)), np.empty((parts(k), 3, 4), np.int64)
+    where = index, width, 0, parts(k)
+    kernels.summarise(labels, gain, square, direction, depth, solid, *where, sums, box)
+    sums, box = sums.sum(axis=0), np.hstack((box[..., :2].min(axis=0), box[..., 2:].max(axis=0)))
     area, position = depth**3 * solid, direction * depth
     for j in range(3):
         mine = labels == j + 1

@@ -23,6 +23,8 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 MAX_PLANES = np.iinfo(np.uint16).max
+FEWEST_PARTS = 3  # that are worth a thread
+FEWEST_SCORES = 2_000_000  # readings times planes that are worth a thread
 
 
 @dataclass(frozen=True)
@@ -189,7 +191,10 @@ def assigned(
     best, second, labels = np.empty(count), np.empty(count), np.empty(count, np.uint16)
     sums = np.empty((part_count(count), planes + 1))
     threads.over_chunks(
-        lambda first, last: work(first, last, best, second, labels, sums), len(sums), workers
+        lambda first, last: work(first, last, best, second, labels, sums),
+        len(sums),
+        workers,
+        FEWEST_PARTS,
     )
     return Assignment(labels, best, second, sums.sum(axis=0))
 

@@ -6,7 +6,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
-from planewise.evaluate import Array, Assignment, Evaluator, Labels, assigned, inverse
+from planewise.evaluate import (
+    FEWEST_SCORES,
+    Array,
+    Assignment,
+    Evaluator,
+    Labels,
+    assigned,
+    inverse,
+)
 from planewise.kernels import readings as kernels
 from planewise.observation import PointObservation
 
@@ -55,6 +63,7 @@ class PointEvaluator(Evaluator):
             lambda first, last: kernels.score_points(planes, x, ceiling, first, last, total),
             len(planes),
             self.threads,
+            1 + FEWEST_SCORES // (1 + self.count),
         )
         return total
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.evaluate import Assignment, Evaluator
+from planewise import threads
+from planewise.evaluate import FEWEST_PARTS, Assignment, Evaluator, part_count
 from planewise.kernels import readings as kernels
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation
@@ -80,10 +81,11 @@ def rank(
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
-    square = 2.0 * (gains + evaluator.tau) * observation.sigma**2
+    square = gains + evaluator.tau
+    square *= 2.0 * observation.sigma**2
     rows = evaluator.coefficients(solution.parameters)
     covariances = evaluator.covariances(solution.parameters, labels)
-    planes = describe(observation, rows, covariances, labels, gains, square)
+    planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)
     order = np.argsort([plane.information for plane in planes], kind="stable")
     place = np.zeros(len(solution) + 1, np.uint16)
     place[order + 1] = np.arange(1, len(solution) + 1)
@@ -97,6 +99,7 @@ def describe(
     labels: NDArray[np.integer],
     gains: Array,
     square: Array,
+    workers: int = 1,
 ) -> list[Plane]:
     """Planes with the statistics of their readings, in the order of their labels.
 
@@ -112,21 +115,31 @@ def describe(
         0 for none, j for row j - 1.
     gains, square : ndarray, shape (k,)
         What each reading saves, in nats, and its squared residual, in square metres.
+    workers : int
+        Threads.
     """
-    sums = np.empty((len(rows), 4 + observation.dimension))
-    boxes = np.empty((len(rows), 4), np.int64)
+    parts = part_count(observation.count)
+    sums = np.empty((parts, len(rows), 4 + observation.dimension))
+    boxes = np.empty((parts, len(rows), 4), np.int64)
     if isinstance(observation, RayObservation):
         direction, depth, solid = observation.rays, observation.depth, observation.solid
     else:
         direction = observation.positions().T.copy()
         depth, solid = np.ones(observation.count), np.zeros(observation.count)
-    width = observation.shape[-1]
-    kernels.summarise(
-        labels, gains, square, direction, depth, solid, observation.index, width, sums, boxes
+    where = observation.index, observation.shape[-1]
+    threads.over_chunks(
+        lambda first, last: kernels.summarise(
+            labels, gains, square, direction, depth, solid, *where, first, last, sums, boxes
+        ),
+        parts,
+        workers,
+        FEWEST_PARTS,
     )
+    total = sums.sum(axis=0)
+    box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
     image = isinstance(observation, RayObservation) and len(observation.shape) == 2
     return [
-        _plane(row, covariances[j], sums[j], boxes[j] if image else None)
+        _plane(row, covariances[j], total[j], box[j] if image else None)
         for j, row in enumerate(rows)
     ]
 

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.evaluate import (
+    FEWEST_PARTS,
+    FEWEST_SCORES,
     Array,
     Assignment,
     Evaluator,
@@ -40,9 +42,16 @@ class RayEvaluator(Evaluator):
 
     def subset(self, chosen: NDArray[np.int64]) -> RayEvaluator:
         """Evaluate only these readings."""
-        return RayEvaluator(
-            self.a.take(chosen, axis=1), self.s[chosen], self.tau[chosen], self.threads
-        )
+        old = (*self.a, self.s, self.tau)
+        new = np.empty((len(old), chosen.size))
+
+        def gather(first: int, last: int) -> None:
+            for values, out in zip(old, new, strict=True):
+                # With "clip" nothing is checked and copied first; `chosen` is in range.
+                values.take(chosen[first:last], out=out[first:last], mode="clip")
+
+        threads.over_chunks(gather, chosen.size, self.threads, FEWEST_PARTS * kernels.PART)
+        return RayEvaluator(new[:3], new[3], new[4], self.threads)
 
     def through(self, chosen: NDArray[np.int64]) -> Array:
         """Solve theta . x = 1 for three points x: theta = sum of cross products / determinant."""
@@ -76,6 +85,7 @@ class RayEvaluator(Evaluator):
             lambda first, last: kernels.score_rays(theta, a, s, ceiling, first, last, total),
             len(theta),
             self.threads,
+            1 + FEWEST_SCORES // (1 + self.count),
         )
         return total
 
@@ -105,6 +115,7 @@ class RayEvaluator(Evaluator):
             ),
             parts,
             self.threads,
+            FEWEST_PARTS,
         )
         moved = np.empty((1, 3))
         kernels.gauss_newton(theta, sums, np.empty((1, 3, 3)), moved)
@@ -134,6 +145,7 @@ class RayEvaluator(Evaluator):
             ),
             len(sums),
             self.threads,
+            FEWEST_PARTS,
         )
         matrix, moved = np.empty((len(parameters), 3, 3)), np.empty((len(parameters), 3))
         kernels.gauss_newton(parameters, sums, matrix, moved)

@@ -23,6 +23,8 @@ Single = NDArray[np.float32]
 
 _SAMPLE = 1024  # readings on which planes compete to be scored first
 _FIRST = 8  # planes scored first
+_FEWEST_RUNS = 256  # that are worth a thread to put them together ...
+_FEWEST_BOUNDS = 200_000  # ... and times planes, to bound them
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,11 @@ class Runs:
     def of(cls, a: Array, s: Array, tau: Array, workers: int) -> Runs:
         """Put readings in runs: a (3, k), s (k,), tau (k,)."""
         order = np.empty(s.size, np.int32)
-        kernels.order_rays(a, s, order)
+        threads.over_chunks(
+            lambda first, last: kernels.order_rays(a, s, first, last, order),
+            -(-s.size // kernels.STRIP),
+            workers,
+        )
         count = -(-s.size // kernels.RUN)
         data = np.empty((count, 5, kernels.RUN), np.float32)
         box, worth = np.empty((8, count), np.float32), np.empty(count, np.int32)
@@ -61,6 +67,7 @@ class Runs:
             lambda first, last: kernels.pack_rays(a, s, tau, order, first, last, data, box, worth),
             count,
             workers,
+            _FEWEST_RUNS,
         )
         sample = order[:: max(1, s.size // _SAMPLE)].astype(np.int64)
         return cls(sample, data, box, worth, workers)
@@ -81,6 +88,7 @@ class Runs:
             lambda first, last: kernels.bound_rays(theta, self.box, self.worth, first, last, rest),
             len(theta),
             self.workers,
+            max(1, _FEWEST_BOUNDS // len(self.worth)),
         )
 
         def score(chosen: NDArray[np.int64], best: float) -> None:
@@ -90,6 +98,7 @@ class Runs:
                 ),
                 chosen.size,
                 self.workers,
+                _FIRST,
             )
 
         score(np.argsort(guess, kind="stable")[:_FIRST], np.inf)

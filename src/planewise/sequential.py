@@ -94,9 +94,9 @@ def sequential_search(
             break
         found.append(plane)
         total += gain
-        taken = rest.assign(plane[None])
-        labels[free], gains[free] = taken.labels * np.uint16(len(found)), taken.best
-        left = np.flatnonzero(taken.labels == 0)
+        assigned = rest.assign(plane[None])
+        taken, left = np.flatnonzero(assigned.labels), np.flatnonzero(assigned.labels == 0)
+        labels[free[taken]], gains[free[taken]] = len(found), assigned.best[taken]
         free, rest = free[left], rest.subset(left)
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))

@@ -325,22 +325,20 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
 
 
 @_compiled
-def summarise(label, gain, square, direction, depth, solid, index, width, sums, box):  # type: ignore[no-untyped-def]
-    """Sums over the readings of every plane in one pass.
+def summarise(label, gain, square, direction, depth, solid, index, width, first, last, sums, box):  # type: ignore[no-untyped-def]
+    """Sums over the readings of every plane in parts first <= p < last.
 
     A reading is at direction * depth (n, k) and covers depth^3 solid / distance of its plane;
-    square is its squared residual. Writes sums (N, 4 + n): count, gain, delta^2, depth^3 solid,
-    position; and box (N, 4): first row and column, last row and column + 1.
+    square is its squared residual. Writes sums (parts, N, 4 + n): count, gain, delta^2, depth^3
+    solid, position; and box (parts, N, 4): first row and column, last row and column + 1.
     """
-    sums[:] = 0.0
-    for j in range(box.shape[0]):
-        box[j, 0] = box[j, 1] = np.iinfo(np.int64).max
-        box[j, 2] = box[j, 3] = 0
-    for i in range(label.size):
+    sums[first:last] = 0.0
+    box[first:last, :, :2] = np.iinfo(np.int64).max
+    box[first:last, :, 2:] = 0
+    for i in range(first * PART, min(last * PART, label.size)):
         if label[i] == 0:
             continue
-        j = label[i] - 1
-        total, z = sums[j], depth[i]
+        total, extent, z = sums[i // PART, label[i] - 1], box[i // PART, label[i] - 1], depth[i]
         total[0] += 1.0
         total[1] += gain[i]
         total[2] += square[i]
@@ -349,10 +347,10 @@ def summarise(label, gain, square, direction, depth, solid, index, width, sums, 
             total[4 + axis] += direction[axis, i] * z
         row = index[i] // width
         column = index[i] - row * width
-        box[j, 0] = min(box[j, 0], row)
-        box[j, 1] = min(box[j, 1], column)
-        box[j, 2] = max(box[j, 2], row + 1)
-        box[j, 3] = max(box[j, 3], column + 1)
+        extent[0] = min(extent[0], row)
+        extent[1] = min(extent[1], column)
+        extent[2] = max(extent[2], row + 1)
+        extent[3] = max(extent[3], column + 1)
 
 
 @_compiled

@@ -17,6 +17,7 @@ from numba import njit
 
 RUN = 64
 _BLOCK = 32  # runs that fit the first-level cache
+STRIP = 65_536  # readings that are ordered together
 _CELL = 512  # readings of a cell on average
 _DEPTHS = 64  # parts of a cell in depth
 _SLACK = 1e-6  # relative; 16 roundings in single precision
@@ -26,40 +27,49 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
 @_compiled
-def order_rays(a, s, order):  # type: ignore[no-untyped-def]
-    """Order readings by cells of the image and by depth within a cell: a counting sort.
+def order_rays(a, s, first, last, order):  # type: ignore[no-untyped-def]
+    """Order the readings of strips first <= p < last, each for itself, by a counting sort.
 
-    a (3, k) of rays (u, v, 1), s (k,): float64; writes order (k,) int32. From one cell to the next
-    the order in depth is turned around, so that a run across both stays small.
+    It goes by cells of the image, and by depth within a cell; from one cell to the next the order
+    in depth is turned around, so that a run across both stays small. a (3, k) of rays (u, v, 1),
+    s (k,): float64; writes order (k,) int32.
     """
+    for strip in range(first, last):
+        _order_strip(a, s, strip * STRIP, min((strip + 1) * STRIP, s.size), order)
+
+
+@_compiled
+def _order_strip(a, s, start, stop, order):  # type: ignore[no-untyped-def]
     u0 = v0 = z0 = np.inf
     u1 = v1 = z1 = -np.inf
     # Every 16th reading tells the extent well enough: the others are put in the outer cells.
-    for i in range(0, s.size, 16):
+    for i in range(start, stop, 16):
         u, v, z = a[0, i] / a[2, i], a[1, i] / a[2, i], s[i] * a[2, i]
         u0, v0, z0 = min(u0, u), min(v0, v), min(z0, z)
         u1, v1, z1 = max(u1, u), max(v1, v), max(z1, z)
     width, height = max(u1 - u0, 1e-9), max(v1 - v0, 1e-9)
-    cells = max(1, s.size // _CELL)
+    cells = max(1, (stop - start) // _CELL)
     columns = min(max(1, int(np.sqrt(cells * width / height))), cells)
     rows = max(1, cells // columns)
     across, down = columns / width, rows / height
     deep = _DEPTHS / max(z1 - z0, 1e-9)
-    key = np.empty(s.size, np.int32)
-    first = np.zeros(rows * columns * _DEPTHS + 1, np.int32)
-    for i in range(s.size):
+    key = np.empty(stop - start, np.int32)
+    place = np.zeros(rows * columns * _DEPTHS + 1, np.int32)
+    place[0] = start
+    for i in range(start, stop):
         inverse = 1.0 / a[2, i]
         column = int(max(0.0, min((a[0, i] * inverse - u0) * across, columns - 1.0)))
         row = int(max(0.0, min((a[1, i] * inverse - v0) * down, rows - 1.0)))
         part = int(max(0.0, min((s[i] * a[2, i] - z0) * deep, _DEPTHS - 1.0)))
         cell = row * columns + column
-        key[i] = cell * _DEPTHS + (_DEPTHS - 1 - part if cell % 2 else part)
-        first[key[i] + 1] += 1
-    for j in range(1, first.size):
-        first[j] += first[j - 1]
-    for i in range(s.size):
-        order[first[key[i]]] = i
-        first[key[i]] += 1
+        part = _DEPTHS - 1 - part if cell % 2 else part
+        key[i - start] = cell * _DEPTHS + part
+        place[cell * _DEPTHS + part + 1] += 1
+    for j in range(1, place.size):
+        place[j] += place[j - 1]
+    for i in range(start, stop):
+        order[place[key[i - start]]] = i
+        place[key[i - start]] += 1
 
 
 @_compiled
