@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 MAX_PLANES = np.iinfo(np.uint16).max
-FEWEST_PARTS = 3  # that are worth a thread
-FEWEST_SCORES = 2_000_000  # readings times planes that are worth a thread
+FEWEST_PARTS = 2  # that are worth a thread
+FEWEST_SCORES = 1_000_000  # readings times planes that are worth a thread
 
 
 @dataclass(frozen=True)

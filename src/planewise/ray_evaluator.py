@@ -42,16 +42,16 @@ class RayEvaluator(Evaluator):
 
     def subset(self, chosen: NDArray[np.int64]) -> RayEvaluator:
         """Evaluate only these readings."""
-        old = (*self.a, self.s, self.tau)
-        new = np.empty((len(old), chosen.size))
-
-        def gather(first: int, last: int) -> None:
-            for values, out in zip(old, new, strict=True):
-                # With "clip" nothing is checked and copied first; `chosen` is in range.
-                values.take(chosen[first:last], out=out[first:last], mode="clip")
-
-        threads.over_chunks(gather, chosen.size, self.threads, FEWEST_PARTS * kernels.PART)
-        return RayEvaluator(new[:3], new[3], new[4], self.threads)
+        out = np.empty((5, chosen.size))
+        threads.over_chunks(
+            lambda first, last: kernels.gather_rays(
+                self.a, self.s, self.tau, chosen, first, last, out
+            ),
+            chosen.size,
+            self.threads,
+            FEWEST_PARTS * kernels.PART,
+        )
+        return RayEvaluator(out[:3], out[3], out[4], self.threads)
 
     def through(self, chosen: NDArray[np.int64]) -> Array:
         """Solve theta . x = 1 for three points x: theta = sum of cross products / determinant."""

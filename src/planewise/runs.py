@@ -23,7 +23,7 @@ Single = NDArray[np.float32]
 
 _SAMPLE = 1024  # readings on which planes compete to be scored first
 _FIRST = 8  # planes scored first
-_FEWEST_RUNS = 256  # that are worth a thread to put them together ...
+_FEWEST_RUNS = 128  # that are worth a thread to put them together ...
 _FEWEST_BOUNDS = 200_000  # ... and times planes, to bound them
 
 
@@ -101,7 +101,7 @@ class Runs:
                 _FIRST,
             )
 
-        score(np.argsort(guess, kind="stable")[:_FIRST], np.inf)
+        score(np.argpartition(guess, min(_FIRST, len(guess) - 1))[:_FIRST], np.inf)
         best = float(total.min())
         score(np.flatnonzero((rest > 0) & (total - rest <= best)), best)
         # A plane that is out has a total above best, as its rest is not negative.

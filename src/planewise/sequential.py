@@ -76,8 +76,8 @@ def sequential_search(
         Phi after 0 ... max_planes planes.
     """
     everything, n = problem.evaluator, problem.evaluator.dimension
-    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
     found: list[Array] = []
+    claims: list[tuple[NDArray[np.int64], Array]] = []
     phi = [problem.phi(0, 0.0)]
     moves: list[Move] = []
     total = 0.0
@@ -96,13 +96,14 @@ def sequential_search(
         total += gain
         assigned = rest.assign(plane[None])
         taken, left = np.flatnonzero(assigned.labels), np.flatnonzero(assigned.labels == 0)
-        labels[free[taken]], gains[free[taken]] = len(found), assigned.best[taken]
-        free, rest = free[left], rest.subset(left)
+        claims.append((free.take(taken), assigned.best.take(taken)))
+        free, rest = free.take(left), rest.subset(left)
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
     chosen = int(np.argmin(phi))
-    dropped = labels > chosen
-    labels[dropped], gains[dropped] = 0, 0.0
+    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
+    for j, (mine, saved) in enumerate(claims[:chosen], start=1):
+        labels[mine], gains[mine] = j, saved
     curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
     return Solution(
         np.array(found[:chosen]).reshape(chosen, everything.width),

@@ -20,9 +20,19 @@ import numpy as np
 from numba import njit
 
 _BLOCK = 512
-PART = 16_384  # readings that are summed together, whatever the number of threads
+PART = 8_192  # readings that are summed together, whatever the number of threads
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def gather_rays(a, s, tau, chosen, first, last, out):  # type: ignore[no-untyped-def]
+    """out (5, n) = a, s, tau (3 + 1 + 1, k) of the readings chosen[first:last]."""
+    for axis in range(3):
+        for i in range(first, last):
+            out[axis, i] = a[axis, chosen[i]]
+    for i in range(first, last):
+        out[3, i], out[4, i] = s[chosen[i]], tau[chosen[i]]
 
 
 @_compiled
