@@ -24,9 +24,8 @@ from benchmarks.accuracy import COLUMNS, DECIMALS, Configuration, means
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise, spatial, spatial_information, spatial_model
-from planewise.cells import SIDE
 from planewise.information import mask_information
-from planewise.kernels.cells import COUNT, FREE
+from planewise.kernels.cells import COUNT, FREE, SIDE
 
 SHOWN = {
     "nyu_dpd": ("VOI", "SC", "F1@.5", "F1@.8"),
@@ -83,9 +82,10 @@ def uniform_null() -> Iterator[None]:
         return segment(observation, frame, cells, **options)
 
     def agglomerate_all(*arguments: Any) -> Any:
-        rows, root = agglomerate(*arguments)
-        rows[:, FREE] = np.bincount(root, saved, len(rows))
-        return rows, root
+        segments, discords = agglomerate(*arguments)
+        rows = segments.rows
+        rows[:, FREE] = np.bincount(segments.of_unit, saved, len(rows))
+        return segments, discords
 
     def anything(m: Any, slope_prior: float, coordinate: float) -> Any:
         return m[:, COUNT] * coordinate

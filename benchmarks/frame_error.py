@@ -23,6 +23,8 @@ import planewise as pw
 from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise import cells, frame_error
+from planewise.frame import frame_of
+from planewise.kernels.cells import SIDE
 
 LAGS = (1, 2, 4, 8)  # cells of 6 pixels
 
@@ -41,11 +43,13 @@ def told(frame: Frame) -> list[float] | None:
     """White, lateral, drift, drift by lag, near and bent; None without cells."""
     sensor = replace(frame.sensor, parts=None)
     seen = pw.observe(frame.depth, frame.camera, sensor, depth_scale=frame.depth_scale)
-    image = cells.frame_of(seen)
+    image = frame_of(seen)
     found = cells.cells_of(image, seen.pixel_size)
     if found is None:
         return None
-    described = np.median(image.drift[image.p > 0]) / cells._SATURATION
+    described = (
+        np.median(image.table.drift[image.table.rows(image.w[image.p > 0])]) / cells._SATURATION
+    )
     by_lag = []
     for lag in LAGS:
         with patch.object(frame_error, "_LAGS", (lag,)):
@@ -64,7 +68,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--every", action="store_true", help="a row a frame")
     given = parser.parse_args()
-    lags = " | ".join(f"{cells.SIDE * 2 * lag} px" for lag in LAGS)
+    lags = " | ".join(f"{SIDE * 2 * lag} px" for lag in LAGS)
     print(f"| frames | n | white | lateral | drift | {lags} | near | bent |")
     print(f"|{'---|' * (7 + len(LAGS))}")
     sets: dict[str, list[list[float]]] = {}

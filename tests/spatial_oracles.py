@@ -142,13 +142,13 @@ def free_price(row, drift, offset_prior, slope_prior):
     return evidence_of(C + np.diag([0.13 * drift, bend, bend]), offset_prior, slope_prior)
 
 
-def sides(grid):
-    """(axis, i, j, u, v) of every side of a cell that two units share."""
+def sides(grid, outside=False):
+    """(axis, i, j, u, v) of every side of a cell that two units share, or one has alone."""
     for axis, i, j in itertools.product((0, 1), range(grid.shape[0]), range(grid.shape[1])):
         row, column = (i, j + 1) if axis == 0 else (i + 1, j)
         if row < grid.shape[0] and column < grid.shape[1]:
             u, v = grid[i, j], grid[row, column]
-            if u >= 0 and v >= 0 and u != v:
+            if u != v and (outside or min(u, v) >= 0):
                 yield axis, i, j, u, v
 
 
@@ -157,6 +157,58 @@ def border_discords(grid, rows, drift):
     for axis, i, j, u, v in sides(grid):
         out[axis, i, j] = compare(rows[u], rows[v], math.sqrt(drift[u] * drift[v]), 0, 0)[0]
     return out
+
+
+def join_blocks(grid, whole, rows, drift, limit, levels):
+    """Root of every unit, and the rows of the segments."""
+    rows, drift, root = rows.copy(), drift.copy(), np.arange(len(rows))
+    level = np.where(whole, 1, 0)
+
+    def between(a, b, slow):
+        return compare(a, b, slow, 0, 0)[0]
+
+    for step in range(1, levels + 1):
+        side = 2**step
+        for i, j in itertools.product(*(range(0, n - side, 2 * side) for n in grid.shape)):
+            square = grid[i : i + side + 1 : side, j : j + side + 1 : side]
+            if (square < 0).any() or (level[square] != step).any():
+                continue
+            (a, b), (c, d) = square
+            upper = between(rows[a], rows[b], math.sqrt(drift[a] * drift[b]))
+            lower = between(rows[c], rows[d], math.sqrt(drift[c] * drift[d]))
+            slow = math.sqrt((drift[a] + drift[b]) * (drift[c] + drift[d])) / 2
+            both = between(rows[a] + rows[b], rows[c] + rows[d], slow)
+            if max(upper, lower, both) > limit:
+                continue
+            misfit = tempered(upper, rows[b, 10]) + tempered(lower, rows[d, 10])
+            misfit += tempered(both, rows[c, 10] + rows[d, 10])
+            members = [a, b, c, d]
+            drift[a] = np.average(drift[members], weights=rows[members, 10])
+            rows[a] = rows[members].sum(axis=0)
+            rows[a, 11] += misfit
+            root[np.isin(root, members)] = a
+            level[a] = step + 1
+    return root, rows
+
+
+def join_through_gaps(rows, drift, slope_prior, gap_offset):
+    """Owner of every segment, and the rows of the planes."""
+    rows, owner = rows.copy(), np.arange(len(rows))
+    naming = math.log(len(rows))
+    while True:
+        best = (0.0, None)
+        for i, j in itertools.combinations(np.unique(owner), 2):
+            small = min(i, j, key=lambda n: rows[n, 10])
+            offset = (gap_offset * rows[small, 6] / rows[small, 0]) ** 2
+            slow = math.sqrt(drift[i] * drift[j])
+            discord, evidence = compare(rows[i], rows[j], slow, offset, slope_prior[small])
+            best = max(best, (evidence - 0.5 * discord - naming, (i, j, discord)))
+        if best[1] is None:
+            return owner, rows
+        i, j, discord = best[1]
+        rows[i] += rows[j]
+        rows[i, 11] += discord
+        owner[owner == j] = i
 
 
 def tempered(discord, count):

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.cells import TILT, cells_of, frame_of
+from planewise.cells import TILT, cells_of
+from planewise.frame import frame_of
 from planewise.mask_code import spatial_mask_information
 from planewise.spatial_information import GROUP_SIDE, ledger
 

@@ -11,6 +11,7 @@ from . import spatial_oracles as oracles
 MERGING = {"white": 1.0, "split": 40.0, "hopeless": 25.0, "filled": 0.5}
 SIGMA = 1e-3
 DRIFT = SIGMA**2
+PRICE = (0.1, 0.8, 4.0)
 
 
 def coordinates(shape):
@@ -29,19 +30,39 @@ def readings(rng, planes, label, holes=0.0):
     return np.where(p > 0, w, 0), p, x, y
 
 
-def merge(images, side=3):
-    rows, columns = (-(-n // side) for n in images[0].shape)
-    moments = np.empty((rows * columns, 11))
-    cells.cell_moments(*images, side, moments)
-    unit, units = np.empty(rows * columns, np.int32), np.empty((rows * columns, 11))
-    size = np.empty(rows * columns)
-    found = cells.merge_quarters(moments, rows, columns, side, *MERGING.values(), unit, units, size)
-    return unit.reshape(rows, columns), units[:found], size[:found]
+def cells_of(images):
+    """Moments and misfits of cells, (12, rows, columns) and (rows, columns)."""
+    shape = tuple(-(-n // cells.SIDE) for n in images[0].shape)
+    moments, misfits = np.full((12, *shape), 9.0), np.full(shape, 9.0)
+    cells.cell_moments(*images, moments)
+    cells.own_misfits(moments, misfits)
+    return moments, misfits
+
+
+def merge(images):
+    moments, misfits = cells_of(images)
+    shape = misfits.shape
+    blocks = np.full((11, *(-(-n // 2) for n in shape)), 9.0)
+    cells.block_moments(moments, blocks)
+    together = np.empty(blocks.shape[1:])
+    cells.own_misfits(blocks, together)
+    unit, units = np.empty(shape, np.int32), np.empty((unit_count := misfits.size, 11))
+    size = np.empty(unit_count)
+    arguments = (moments, misfits, blocks, together, *MERGING.values(), unit, units, size)
+    found = cells.merge_quarters(*arguments)
+    return unit, units[:found], size[:found]
+
+
+def planes_of(units):
+    out = np.empty((cells.PLANE, len(units)))
+    cells.unit_planes(units, out)
+    return out
 
 
 def segment_rows(units, offset, tilt):
-    out = np.empty((len(units), 13))
-    cells.marginalise(units, offset, tilt, out)
+    planes, out = planes_of(units), np.empty((len(units), 13))
+    inflation = np.maximum(1, planes[5] / (units[:, 10] - 3))
+    cells.marginalise(planes, units[:, 10], inflation, offset, tilt, out)
     return out
 
 
@@ -60,25 +81,50 @@ def quilt(rng, shape, planes, pieces=5):
 
 
 @pytest.mark.parametrize("shape", [(12, 18), (13, 20), (2, 4)])
-def test_cell_moments_and_their_misfits(shape):
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_cell_moments_and_their_misfits(shape, dtype):
     rng = np.random.default_rng(0)
-    images = readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)
-    exact = oracles.cell_moments(*images, 3)
-    moments, misfits = np.full(exact.shape, 9.0), np.empty(len(exact))
-    cells.cell_moments(*images, 3, moments)
-    assert_allclose(moments, exact, rtol=1e-12)
-    cells.own_misfits(moments, misfits)
-    columns = -(-shape[1] // 3)
+    images = [i.astype(dtype) for i in readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)]
+    moments, misfits = cells_of(images)
+    exact = oracles.cell_moments(*(image.astype(float) for image in images), 3)
+    assert_allclose(moments[:11].reshape(11, -1).T, exact, rtol=1e-12)
     for c, row in enumerate(exact):
+        w, p, x, y = oracles.block(images, c // misfits.shape[1] * 3, c % misfits.shape[1] * 3, 3)
+        assert moments[11].flat[c] == pytest.approx(np.prod(p.astype(float) * w.astype(float) ** 4))
         if row[10] > 5:
-            part = oracles.block(images, c // columns * 3, c % columns * 3, 3)
-            assert misfits[c] == pytest.approx(oracles.misfit(*part), rel=1e-5)
+            part = (v.astype(float) for v in (w, p, x, y))
+            assert misfits.flat[c] == pytest.approx(oracles.misfit(*part), rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(12, 18), (13, 20), (5, 7)])
+def test_block_moments(shape):
+    rng = np.random.default_rng(1)
+    images = readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)
+    moments, _ = cells_of(images)
+    blocks = np.full((11, *(-(-n // 6) for n in shape)), 9.0)
+    cells.block_moments(moments, blocks)
+    exact = oracles.cell_moments(*images, 6)
+    assert_allclose(blocks.reshape(11, -1).T, exact, rtol=1e-12)
 
 
 def test_a_cell_without_readings_has_no_misfit():
-    misfits = np.full(2, 9.0)
-    cells.own_misfits(np.zeros((2, 11)), misfits)
+    misfits = np.full((1, 2), 9.0)
+    cells.own_misfits(np.zeros((12, 1, 2)), misfits)
     assert_array_equal(misfits, 0)
+
+
+def test_the_plane_of_a_unit():
+    rng = np.random.default_rng(8)
+    images = readings(rng, PLANES, np.zeros((6, 6), int), holes=0.1)
+    w, p, x, y = oracles.block(images, 0, 0, 6)
+    row = planes_of(np.array([oracles.moments(w, p, x, y)]))[:, 0]
+    cx, cy = np.average(x, weights=p), np.average(y, weights=p)
+    J = oracles.design(x - cx, y - cy)
+    normal = J.T @ (p[:, None] * J)
+    t, covariance = np.linalg.solve(normal, J.T @ (p * w)), np.linalg.inv(normal)
+    assert_allclose(row[:5], [cx, cy, *t], rtol=1e-6)
+    assert row[5] == pytest.approx(oracles.misfit(w, p, x, y), rel=1e-6)
+    assert_allclose(row[6:], [p.sum(), *covariance[[1, 1, 2], [1, 2, 2]]], rtol=1e-6)
 
 
 def test_four_quarters_of_a_plane_are_one_unit():
@@ -199,6 +245,12 @@ def random_segments(seed, shape=(36, 42), planes=3):
     return grid, rows, drift, offset_prior, offset_prior * rng.uniform(100, 300, n)
 
 
+def forms_of(rows, drift):
+    forms = np.empty((len(rows), segments.FORM))
+    segments.write_forms(rows, drift, forms)
+    return forms
+
+
 def test_compare():
     _, rows, drift, offset_prior, slope_prior = random_segments(0)
     rng = np.random.default_rng(0)
@@ -227,7 +279,7 @@ def test_compare_finds_no_discord_in_one_plane():
 def test_free_prices():
     _, rows, drift, offset_prior, slope_prior = random_segments(2)
     out = np.empty(len(rows))
-    segments.free_prices(rows, drift, offset_prior, slope_prior, out)
+    segments.free_prices(forms_of(rows, drift), offset_prior, slope_prior, out)
     every = zip(rows, drift, offset_prior, slope_prior, strict=True)
     assert_allclose(out, [oracles.free_price(*unit) for unit in every], rtol=1e-6)
 
@@ -235,25 +287,155 @@ def test_free_prices():
 def test_border_discords():
     grid, rows, drift, *_ = random_segments(3)
     out = np.full((2, *grid.shape), 9.0)
-    segments.border_discords(grid.ravel(), *grid.shape, rows, drift, out)
+    segments.border_discords(grid, np.arange(len(rows)), forms_of(rows, drift), out)
     exact = oracles.border_discords(grid, rows, drift)
     assert_allclose(out, exact, rtol=1e-5, atol=1e-7)
     assert 0 < (out >= 0).sum() < out.size
 
 
-def agglomerated(frame, border, most):
+def test_there_is_no_discord_within_a_segment():
+    grid, rows, drift, *_ = random_segments(3)
+    out, every = np.empty((2, 2, *grid.shape))
+    segment = np.arange(len(rows)) // 3
+    segments.border_discords(grid, segment, forms_of(rows, drift), out)
+    segments.border_discords(grid, np.arange(len(rows)), forms_of(rows, drift), every)
+    for axis, i, j, u, v in oracles.sides(grid):
+        assert out[axis, i, j] == (-1 if segment[u] == segment[v] else every[axis, i, j])
+
+
+def discords_of(rng, grid):
+    """Discords and the nats that they are worth as borders."""
+    discords = np.where(
+        rng.random((2, *grid.shape)) < 0.1, -1, rng.exponential(5, (2, *grid.shape))
+    )
+    low, high, knee = PRICE
+    over = np.where(discords < 0, 0, (high - low) / (1 + (discords / knee) ** 2))
+    return discords, 3 * (low + over)
+
+
+def agglomerated(frame, discords, price, most):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
-    root = segments.agglomerate(grid.ravel(), *grid.shape, border, rows, drift, *priors, most)
+    forms, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
+    ints, floats = segments.room(sum(1 for _ in oracles.sides(grid)), len(rows))
+    work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
+    segments.agglomerate(grid, discords, price, rows, forms, drift, *priors, most, root, *work)
+    assert_allclose(forms[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
+
+
+@pytest.mark.parametrize("limit", [3.0, 11.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_join_blocks(seed, limit):
+    """Squares of whole units, of squares, and so on; what is joined is what the oracle joins."""
+    rng = np.random.default_rng(40 + seed)
+    images = readings(rng, PLANES, quilt(rng, (61, 73), 2, pieces=3), holes=0.03)
+    grid, units, size = merge(images)
+    rows = segment_rows(units, np.full(len(units), 0.1 * DRIFT), np.full(len(units), 4 * DRIFT))
+    drift = DRIFT * rng.uniform(0.5, 2, len(units))
+    exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3)
+    root, forms = np.empty(len(rows), np.int32), forms_of(rows, drift)
+    segments.join_blocks(grid, size == 2, rows, forms, drift, limit, 3, root)
+    assert_array_equal(root, exact_root)
+    ids = np.unique(root)
+    assert_allclose(rows[ids], exact_rows[ids], rtol=1e-6, atol=1e-9)
+    assert_allclose(forms[ids], forms_of(rows, drift)[ids], rtol=1e-12)
+    assert len(ids) < 0.9 * len(root)
+    assert max(np.bincount(root)) > (4 if limit > 10 else 3)
+
+
+def test_roots_move_to_the_front():
+    _, rows, drift, offset_prior, slope_prior = random_segments(4)
+    forms, n = forms_of(rows, drift), len(rows)
+    rng = np.random.default_rng(4)
+    root = np.where(rng.random(n) < 0.4, np.arange(n), -1)
+    ids = np.flatnonzero(root >= 0)
+    root[root < 0] = rng.choice(ids, (root < 0).sum())
+    root, arrays = root.astype(np.int32), (rows, forms, drift, offset_prior, slope_prior)
+    before, wanted = [array.copy() for array in arrays], root.copy()
+    found = segments.keep_roots(root, *arrays)
+    assert found == len(ids)
+    assert_array_equal(ids[root], wanted)
+    for array, old in zip(arrays, before, strict=True):
+        assert_array_equal(array[:found], old[ids])
+
+
+def test_borders_of_segments_are_paid_for_once():
+    rng = np.random.default_rng(5)
+    of_cell = quilt(rng, (20, 30), 6, pieces=9).astype(np.int32) - 1
+    discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
+    border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
+    low, high, knee = bounds = 0.01, 1.5, 20.0
+    found = segments.segment_borders(of_cell, discords, bounds, border, ends, price)
+    exact, pairs = np.zeros(5), []
+    for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
+        discord = discords[axis, i, j]
+        nats = 3 * (low if discord < 0 else low + (high - low) / (1 + (discord / knee) ** 2))
+        for n in {u, v} - {-1}:
+            exact[n] += nats
+        if min(u, v) >= 0:
+            pairs.append((u, v, nats))
+    assert_allclose(border, exact, rtol=1e-12)
+    told = np.column_stack((ends[:found], price[:found]))
+    assert_allclose(sorted(map(tuple, told)), sorted(pairs), rtol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_accepted_segments_pay(seed):
+    """The most that pay together, whatever the order: others would not pay even beside them."""
+    rng = np.random.default_rng(seed)
+    n = 30
+    ends, price = rng.integers(0, n, (80, 2)), rng.exponential(3, 80)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    price, alone = price[: len(ends)], rng.normal(-5, 8, n)
+    worth, accepted = alone.copy(), np.empty(n, bool)
+    segments.accept(worth, ends, price, 2.0, accepted)
+    expected = set(np.flatnonzero(alone > 2))
+    while True:
+        paid = alone.copy()
+        for (u, v), nats in zip(ends, price, strict=True):
+            paid[u] += nats * (v in expected)
+            paid[v] += nats * (u in expected)
+        more = set(np.flatnonzero(paid > 2)) | expected
+        if more == expected:
+            break
+        expected = more
+    assert_array_equal(np.flatnonzero(accepted), sorted(expected))
+    assert_allclose(worth, paid)
+    assert set(np.flatnonzero(alone > 2)) < expected
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_join_through_gaps(seed):
+    """Pieces of few planes, anywhere in the image, become few planes again."""
+    rng = np.random.default_rng(seed)
+    rows, of = [], rng.integers(0, 3, 12)
+    for n in of:
+        label = np.full((12, 12), n)
+        w, p, x, y = readings(rng, PLANES, label)
+        shift = rng.uniform(-2, 2, 2)
+        slopes = PLANES[n, 1:]
+        w, x, y = w + slopes @ shift, x + shift[0], y + shift[1]
+        rows.append(oracles.moments(*(v.ravel() for v in (w, p, x, y))))
+    units = np.array(rows)
+    rows, drift = segment_rows(units, np.zeros(12), np.zeros(12)), np.full(12, 0.1 * DRIFT)
+    rows[:, 10] += np.arange(12) * 1e-3
+    slope_prior, owner = np.full(12, 0.25), np.empty(12, int)
+    exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
+    forms = forms_of(rows, drift)
+    segments.join_through_gaps(rows, forms, drift, slope_prior, 0.3, owner)
+    assert_array_equal(owner, exact_owner)
+    ids = np.unique(owner)
+    assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
+    assert len(ids) == len(np.unique(np.column_stack((owner, of)), axis=0)) <= 5
 
 
 @pytest.mark.parametrize("seed", range(8))
 def test_agglomerate(seed):
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
-    border = np.random.default_rng(seed).uniform(0, 3, (2, *grid.shape))
-    root, rows = agglomerated(frame, border, 25.0)
+    discords, border = discords_of(np.random.default_rng(seed), grid)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0)
     exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0, lazy=True)
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
@@ -266,8 +448,8 @@ def test_lazy_values_end_at_the_segments_of_current_ones(seed):
     """Merging always the best pair, every gain up to date, differs by the misfit of the order."""
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
-    border = np.random.default_rng(seed).uniform(0, 3, (2, *grid.shape))
-    root, rows = agglomerated(frame, border, 25.0)
+    discords, border = discords_of(np.random.default_rng(seed), grid)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0)
     exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0)
     pairs = np.unique(np.column_stack((root, exact_root)), axis=0)
     assert len(pairs) == len(np.unique(root)) == len(np.unique(exact_root))
@@ -278,8 +460,8 @@ def test_lazy_values_end_at_the_segments_of_current_ones(seed):
 
 def test_segments_that_nothing_joins_stay_apart():
     frame = random_segments(20)
-    border = np.full((2, *frame[0].shape), -100.0)
-    root, rows = agglomerated(frame, border, 25.0)
+    discords = np.zeros((2, *frame[0].shape))
+    root, rows = agglomerated(frame, discords, (-100.0, -100.0, 1.0), 25.0)
     assert_array_equal(root, np.arange(len(root)))
     assert_array_equal(rows, frame[1])
 

@@ -21,6 +21,7 @@ from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
+from planewise.workspace import Workspace
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator
@@ -225,6 +226,8 @@ def detect_planes_in_points(
 class Detector:
     """`detect_planes` for a stream: camera, sensor and options are checked and prepared once.
 
+    Memory is kept from frame to frame, so a detector serves one thread at a time.
+
     Parameters
     ----------
     camera, sensor
@@ -250,14 +253,23 @@ class Detector:
     ) -> None:
         self.camera, self.sensor, self.depth_scale = camera, sensor, depth_scale
         self.options = Options(**options)  # type: ignore[arg-type]
+        self._workspace = Workspace()
 
     def __call__(self, depth: ArrayLike) -> PlaneModel:
         """Detect the planes of one frame."""
-        frame = observe(depth, self.camera, self.sensor, depth_scale=self.depth_scale)
-        return find(frame, self.options)
+        frame = observe(
+            depth,
+            self.camera,
+            self.sensor,
+            depth_scale=self.depth_scale,
+            workspace=self._workspace,
+        )
+        return find(frame, self.options, self._workspace)
 
 
-def find(observation: Observation, options: Options) -> PlaneModel:
+def find(
+    observation: Observation, options: Options, workspace: Workspace | None = None
+) -> PlaneModel:
     """Find the planes of an observation: propose, select, label, refine, rank.
 
     Parameters
@@ -266,6 +278,8 @@ def find(observation: Observation, options: Options) -> PlaneModel:
         From `observe` or `observe_points`.
     options : Options
         How to search.
+    workspace : Workspace, optional
+        Memory to work in.
 
     Returns
     -------
@@ -278,10 +292,8 @@ def find(observation: Observation, options: Options) -> PlaneModel:
     if spatial and not isinstance(observation, RayObservation):
         raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
     objective = PAPER if spatial else as_objective(options.objective or "paper")
-    structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
-    empty = objective.empty(observation)
     if observation.count < observation.dimension:
-        return _no_planes(observation, options, empty)
+        return _no_planes(observation, options, objective.empty(observation))
 
     compilation.announce()
     if spatial and isinstance(observation, RayObservation):
@@ -294,7 +306,10 @@ def find(observation: Observation, options: Options) -> PlaneModel:
             significance=options.significance,
             max_planes=options.max_planes or MAX_PLANES,
             settings=_settings(observation, options),
+            workspace=workspace,
         )
+    empty = objective.empty(observation)
+    structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
         observation, objective.thresholds(observation), options.threads or threads.available()

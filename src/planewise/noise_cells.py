@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import reading_steps
+from planewise.depth_image import reading_steps
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
@@ -143,12 +143,11 @@ def _steps_at(depth: Array, readings: Array) -> Array:
     """Quantisation step in metres at some depths, from the distinct readings of the frame."""
     if not readings.size:
         return np.zeros(depth.shape)
-    levels: Array = np.flatnonzero(
-        np.bincount(np.rint(readings / _GRID).astype(np.int64))
-    ) * np.float64(_GRID)
+    levels = np.flatnonzero(np.bincount(np.rint(readings / _GRID).astype(np.int64)))
     if readings.size < _READINGS_A_LEVEL * levels.size:
         return np.zeros(depth.shape)
-    return np.where(depth > 0, np.interp(depth, levels, reading_steps(levels)), 0.0)
+    steps = np.interp(depth, levels * _GRID, reading_steps(levels) * _GRID)
+    return np.where(depth > 0, steps, 0.0)
 
 
 def _harmonics(crossed: Array, quantised: NDArray[np.bool_]) -> tuple[Array, Array]:

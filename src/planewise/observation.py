@@ -11,21 +11,23 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise import compilation
 from planewise.camera import PinholeCamera
+from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor
+from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
     from planewise.noise_estimate import NoiseEstimate
 
 Array = NDArray[np.float64]
-
-_TABLE_ROWS = 65_536  # raw depths up to 16 bit are looked up, not computed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,24 +36,30 @@ class Observation(ABC):
 
     Attributes
     ----------
-    sigma : ndarray, shape (k,)
-        Standard deviation of each reading in metres.
-    index : ndarray of int, shape (k,)
-        Where each reading stood in the flattened input.
     shape : tuple of int
         Shape of the input, and of its label image.
     range, resolution : float
         R and eps of the paper in metres.
-    note : str
-        Why there are few readings or none, where that is so.
     """
 
-    sigma: Array
-    index: NDArray[np.int64]
     shape: tuple[int, ...]
     range: float
     resolution: float
-    note: str = ""
+
+    @property
+    @abstractmethod
+    def sigma(self) -> Array:
+        """Standard deviation of each reading in metres, shape (k,)."""
+
+    @property
+    @abstractmethod
+    def index(self) -> NDArray[np.int64]:
+        """Where each reading stood in the flattened input, shape (k,)."""
+
+    @property
+    @abstractmethod
+    def note(self) -> str:
+        """Why there are few readings or none, where that is so; else empty."""
 
     @property
     def count(self) -> int:
@@ -96,30 +104,89 @@ class Observation(ABC):
 
 @dataclass(frozen=True, kw_only=True)
 class RayObservation(Observation):
-    """Readings along known rays from one centre.
+    """Readings along known rays from one centre; arrays by reading are made when asked for.
 
     Attributes
     ----------
-    rays : ndarray, shape (3, k)
-        Direction of each reading in the sensor frame, scaled so that the point is depth * ray.
-    depth : ndarray, shape (k,)
-        Readings in metres.
-    solid : ndarray, shape (k,)
-        Area that each pixel covers on the plane z = 1, in square metres.
-    pixel_size : (float, float)
-        Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy.
-    parts : ErrorParts, optional
-        How much of the error neighbouring readings share.
+    image : DepthImage
+        What the readings are of.
+    camera, sensor
+        What took it; the noise of the sensor is known.
     estimate : NoiseEstimate, optional
-        Where `sigma` and `parts` come from, if they were estimated from these readings.
+        Where that noise comes from, if it was estimated from these readings.
     """
 
-    rays: Array
-    depth: Array
-    solid: Array
-    pixel_size: tuple[float, float]
-    parts: ErrorParts | None = None
+    shape: tuple[int, int]
+    image: DepthImage
+    camera: PinholeCamera
+    sensor: Sensor
     estimate: NoiseEstimate | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of readings, k of the paper."""
+        return self.image.count
+
+    @cached_property
+    def _readings(self) -> tuple[NDArray[np.int64], Array]:
+        return self.image.readings()
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """Where each reading stood in the flattened image, shape (k,)."""
+        return self._readings[0]
+
+    @property
+    def depth(self) -> Array:
+        """Readings in metres, shape (k,)."""
+        return self._readings[1]
+
+    @cached_property
+    def sigma(self) -> Array:
+        """Standard deviation of each reading in metres, shape (k,)."""
+        if self.image.values.dtype.kind == "f":
+            return self.sensor.sigma(self.depth)
+        by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
+        by_level[self.image.levels] = self.level_sigma
+        return np.asarray(by_level[self.image.values.reshape(-1)[self.index]])
+
+    @cached_property
+    def level_sigma(self) -> Array:
+        """Standard deviation in metres at every level of the image."""
+        return self.sensor.sigma(self.image.depth)
+
+    @cached_property
+    def rays(self) -> Array:
+        """Direction of each reading, shape (3, k): the point is depth * ray."""
+        return self.camera.ray_rows(self.shape).take(self.index, axis=1)
+
+    @cached_property
+    def solid(self) -> Array:
+        """Area that each pixel covers on the plane z = 1, in square metres, shape (k,)."""
+        return self.camera.pixel_area(self.shape).take(self.index)
+
+    @property
+    def pixel_size(self) -> tuple[float, float]:
+        """Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy."""
+        return 1.0 / self.camera.fx, 1.0 / self.camera.fy
+
+    @property
+    def parts(self) -> ErrorParts | None:
+        """How much of the error neighbouring readings share."""
+        return self.sensor.parts
+
+    @property
+    def note(self) -> str:
+        """Why there are fewer than three readings, where that is so; else empty."""
+        if self.count >= self.dimension:
+            return ""
+        if self.image.present > self.count:
+            return (
+                f"{self.count} valid readings: {self.image.present - self.count} lie outside the "
+                f"sensor's range of {self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; "
+                "is the depth in metres?"
+            )
+        return f"{self.count} valid readings; 3 are needed for a plane"
 
     @property
     def dimension(self) -> int:
@@ -151,10 +218,33 @@ class PointObservation(Observation):
         Relative to `origin`, metres.
     origin : ndarray, shape (n,)
         Centre of the points; kept apart so that large coordinates lose no precision.
+    errors : ndarray, shape (k,)
+        Standard deviation of each point, normal to the plane, in metres.
+    rows : ndarray of int, shape (k,)
+        Where each point stood in the input.
     """
 
     points: Array
     origin: Array
+    errors: Array
+    rows: NDArray[np.int64]
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviation of each point in metres, shape (k,)."""
+        return self.errors
+
+    @property
+    def index(self) -> NDArray[np.int64]:
+        """Row of the input that each point stood in, shape (k,)."""
+        return self.rows
+
+    @property
+    def note(self) -> str:
+        """Why there are too few points, where that is so; else empty."""
+        if self.count >= self.dimension:
+            return ""
+        return f"{self.count} finite points; {self.dimension} are needed for a plane"
 
     @property
     def dimension(self) -> int:
@@ -183,6 +273,7 @@ def observe(
     sensor: Sensor,
     *,
     depth_scale: float | None = None,
+    workspace: Workspace | None = None,
 ) -> RayObservation:
     """Turn a depth image into readings on rays.
 
@@ -198,6 +289,8 @@ def observe(
         noise "auto" is estimated from the image (`planewise.estimate_noise`).
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
+    workspace : Workspace, optional
+        Memory to work in; the observation lasts until it is used again.
 
     Returns
     -------
@@ -210,45 +303,24 @@ def observe(
         If the image is not a 2-D array of numbers with at least two rows and columns, holds
         negative depths, or cannot belong to the camera.
     """
+    compilation.announce()
+    image = DepthImage.of(depth, sensor, depth_scale, workspace)
+    camera.check(image.shape)
+    seen = RayObservation(
+        shape=image.shape,
+        range=sensor.range,
+        resolution=sensor.resolution,
+        image=image,
+        camera=camera,
+        sensor=sensor,
+    )
     if sensor.noise == AUTO:
         from planewise.noise_estimate import resolved
 
-        plain = observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale)
-        estimate, sensor = resolved(plain, sensor)
-        sigma = sensor.sigma(plain.depth)
-        return replace(plain, sigma=sigma, parts=sensor.parts, estimate=estimate)
-    image = _depth_image(depth)
-    shape: tuple[int, int] = (image.shape[0], image.shape[1])
-    camera.check(shape)
-    raw = image.reshape(-1)
-    if raw.dtype.kind == "f":
-        if depth_scale is not None:
-            raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
-        z_all = raw.astype(np.float64)
-        there = np.isfinite(z_all) & (z_all > 0)
-        index = np.flatnonzero(there & (z_all >= sensor.min_depth) & (z_all <= sensor.max_depth))
-        z = z_all[index]
-        sigma = sensor.sigma(z)
-        present = int(np.count_nonzero(there))
-    else:
-        scale = sensor.resolution if depth_scale is None else float(depth_scale)
-        if not (np.isfinite(scale) and scale > 0):
-            raise ValueError(f"depth_scale must be a positive number of metres, got {depth_scale}")
-        index, z, sigma = _look_up(raw, scale, sensor)
-        present = int(np.count_nonzero(raw))
-    return RayObservation(
-        sigma=sigma,
-        index=index,
-        shape=shape,
-        range=sensor.range,
-        resolution=sensor.resolution,
-        note=_note(index.size, present, sensor),
-        rays=camera.ray_rows(shape).take(index, axis=1),
-        depth=z,
-        solid=camera.pixel_area(shape).take(index),
-        pixel_size=(1.0 / camera.fx, 1.0 / camera.fy),
-        parts=sensor.parts,
-    )
+        estimate, sensor = resolved(seen, sensor)
+        seen = replace(seen, sensor=sensor, estimate=estimate)
+    seen.level_sigma  # noqa: B018 - a bad noise is refused here
+    return seen
 
 
 def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
@@ -288,64 +360,12 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     index = np.flatnonzero(np.isfinite(array).all(axis=1))
     valid = array[index]
     origin = valid.mean(axis=0) if index.size else np.zeros(array.shape[1])
-    note = ""
-    if index.size < array.shape[1]:
-        note = f"{index.size} finite points; {array.shape[1]} are needed for a plane"
     return PointObservation(
-        sigma=sensor.sigma(np.linalg.norm(valid, axis=1)),
-        index=index,
+        errors=sensor.sigma(np.linalg.norm(valid, axis=1)),
+        rows=index,
         shape=(array.shape[0],),
         range=sensor.range,
         resolution=sensor.resolution,
-        note=note,
         points=np.ascontiguousarray((valid - origin).T),
         origin=origin,
     )
-
-
-def _depth_image(depth: ArrayLike) -> NDArray[Any]:
-    image = np.asarray(depth)
-    if image.ndim != 2 or min(image.shape) < 2:
-        raise ValueError(
-            f"depth must be a 2-D image with at least 2 rows and 2 columns, got shape {image.shape}"
-        )
-    if image.dtype.kind not in "fiu":
-        raise ValueError(f"depth must be metres (float) or integer units, got dtype {image.dtype}")
-    if image.dtype.kind != "u" and (image < 0).any():
-        raise ValueError(
-            f"depth must not be negative, got {image[image < 0].flat[0]}; mark missing readings 0"
-        )
-    return image
-
-
-def _look_up(
-    raw: NDArray[Any], scale: float, sensor: Sensor
-) -> tuple[NDArray[np.int64], Array, Array]:
-    """Depth and sigma of integer readings, each evaluated once per distinct value."""
-    low = max(1, int(np.ceil(sensor.min_depth / scale - 1e-9)))
-    high = int(min(np.floor(sensor.max_depth / scale + 1e-9), np.iinfo(raw.dtype).max))
-    if high < low:
-        return np.empty(0, np.int64), np.empty(0), np.empty(0)
-    index = np.flatnonzero((raw >= low) & (raw <= high))
-    values = raw[index].astype(np.int64)
-    if high < _TABLE_ROWS:
-        z_table = np.arange(high + 1, dtype=np.float64) * scale
-        # Only values that occur are evaluated: a model need not be defined elsewhere.
-        seen = np.bincount(values, minlength=high + 1) > 0
-        sigma_table = np.zeros(high + 1)
-        sigma_table[seen] = sensor.sigma(z_table[seen])
-        return index, z_table[values], sigma_table[values]
-    distinct, row = np.unique(values, return_inverse=True)
-    z = distinct.astype(np.float64) * scale
-    return index, z[row], sensor.sigma(z)[row]
-
-
-def _note(valid: int, present: int, sensor: Sensor) -> str:
-    if valid >= 3:
-        return ""
-    if present > valid:
-        return (
-            f"{valid} valid readings: {present - valid} lie outside the sensor's range of "
-            f"{sensor.min_depth:g} to {sensor.max_depth:g} m; is the depth in metres?"
-        )
-    return f"{valid} valid readings; 3 are needed for a plane"

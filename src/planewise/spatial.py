@@ -13,12 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import SIDE, Cells, Frame
+from planewise.cells import Cells
+from planewise.frame import Frame
 from planewise.information import plane_information
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int32]
@@ -30,6 +32,8 @@ _PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its b
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
+_SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
+_LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
 _GAP_OFFSET = 0.3  # of its depth: where an unrelated plane seen through a gap may lie
 
 
@@ -72,6 +76,7 @@ def segment(
     instances: bool = False,
     max_planes: int | None = None,
     significance: float = 0.0,
+    workspace: Workspace | None = None,
 ) -> Segmentation:
     """Find planes and labels under the spatial objective.
 
@@ -87,24 +92,28 @@ def segment(
         Keep the most significant ones only.
     significance : float
         Nats that a segment has to save beyond its costs.
+    workspace : Workspace, optional
+        Memory to work in.
 
     Returns
     -------
     Segmentation
     """
+    workspace = workspace or Workspace()
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    discords = _border_discords(cells)
-    rows, root = _agglomerate(cells, discords, cost)
-    accepted, worth = _accept(cells, discords, rows, root, cost, significance)
-    planes, owner = _join_through_gaps(cells, rows, accepted, instances)
+    segments, discords = _agglomerate(cells, cost, workspace)
+    accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
+    planes, owner = _join_through_gaps(segments, accepted, instances)
     left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
     if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    rows, labels = label_planes(frame, cells, root, accepted, planes, owner, observation)
+    rows, labels = label_planes(
+        frame, cells, segments.of_unit, accepted, planes, owner, observation
+    )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
     return replace(
@@ -112,122 +121,141 @@ def segment(
     )
 
 
-def _agglomerate(cells: Cells, discords: Array, cost: float) -> tuple[Array, NDArray[np.int32]]:
-    """Merge neighbouring cells into segments; returns their rows and the root of every unit."""
-    rows = cells.rows.copy()
-    free = np.empty(len(rows))
-    loops.free_prices(rows, cells.drift, cells.offset_prior, cells.slope_prior, free)
-    rows[:, FREE] = (free + _FITTED_AWAY) * (rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
-    root: NDArray[np.int32] = loops.agglomerate(
-        cells.grid.reshape(-1),
-        cells.grid.shape[0],
-        cells.grid.shape[1],
-        _border_prices(discords, _MERGE_BORDER),
-        rows,
-        cells.drift.copy(),
-        cells.offset_prior,
-        cells.slope_prior,
-        cost,
+@dataclass(frozen=True)
+class Segments:
+    """Segments of a frame.
+
+    Attributes
+    ----------
+    rows, forms : ndarray, shapes (n, 13) and (n, 10)
+        What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
+    drift, offset_prior, slope_prior : ndarray, shape (n,)
+        As of `cells.Cells`.
+    of_unit : ndarray of int32, shape (units,)
+        Segment of every unit.
+    """
+
+    rows: Array
+    forms: Array
+    drift: Array
+    offset_prior: Array
+    slope_prior: Array
+    of_unit: NDArray[np.int32]
+
+    def kept(self, root: NDArray[np.int32]) -> Segments:
+        """Only the roots of segments that were merged."""
+        found = loops.keep_roots(
+            root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
+        )
+        return Segments(
+            rows=self.rows[:found],
+            forms=self.forms[:found],
+            drift=self.drift[:found],
+            offset_prior=self.offset_prior[:found],
+            slope_prior=self.slope_prior[:found],
+            of_unit=root[self.of_unit],
+        )
+
+    def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
+        """Segment of every cell of a grid of units, -1 where there is none."""
+        out: NDArray[np.int32] = workspace.empty("segments of cells", grid.shape, np.int32)
+        np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
+        return out
+
+
+def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segments, Array]:
+    """Merge neighbouring cells into segments.
+
+    Returns the discord across every side that two units share, too: to the right, and below.
+    """
+    count = len(cells.rows)
+    forms = workspace.empty("forms of units", (count, loops.FORM))
+    loops.write_forms(cells.rows, cells.drift, forms)
+    free = workspace.empty("prices of units", count)
+    loops.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
+    free += _FITTED_AWAY
+    free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
+    segments = Segments(
+        rows=workspace.copy("segments", cells.rows),
+        forms=workspace.copy("forms of segments", forms),
+        drift=cells.drift.copy(),
+        offset_prior=cells.offset_prior.copy(),
+        slope_prior=cells.slope_prior.copy(),
+        of_unit=np.arange(count, dtype=np.int32),
     )
-    return rows, root
-
-
-def _border_discords(cells: Cells) -> Array:
-    """Discord across every side that two units share, -1 elsewhere: to the right, and below."""
-    rows, columns = cells.grid.shape
-    discords = np.empty((2, rows, columns))
-    loops.border_discords(cells.grid.reshape(-1), rows, columns, cells.rows, cells.drift, discords)
-    return discords
-
-
-def _border_prices(discords: Array, bounds: tuple[float, float, float]) -> Array:
-    """Nats of every side of a cell as a border: dear where the surface goes on, else cheap."""
-    low, high, knee = bounds
-    price = low + (high - low) / (1.0 + (discords / knee) ** 2)
-    return np.asarray(SIDE * np.where(discords < 0, low, price))
+    segments.rows[:, FREE] = free
+    root = np.empty(count, np.int32)
+    loops.join_blocks(
+        cells.grid,
+        cells.whole,
+        segments.rows,
+        segments.forms,
+        segments.drift,
+        _SAME,
+        _LEVELS,
+        root,
+    )
+    segments = segments.kept(root)
+    discords = workspace.empty("discords", (2, *cells.grid.shape))
+    sides = loops.border_discords(cells.grid, segments.of_unit, forms, discords)
+    ints, floats = loops.room(sides, len(segments.rows))
+    root = root[: len(segments.rows)]
+    loops.agglomerate(
+        segments.of_cell(cells.grid, workspace),
+        discords,
+        _MERGE_BORDER,
+        segments.rows,
+        segments.forms,
+        segments.drift,
+        segments.offset_prior,
+        segments.slope_prior,
+        cost,
+        root,
+        workspace.empty("edges", ints, np.int32),
+        workspace.empty("gains of edges", floats),
+    )
+    return segments.kept(root), discords
 
 
 def _accept(
     cells: Cells,
     discords: Array,
-    rows: Array,
-    root: NDArray[np.int32],
+    segments: Segments,
     cost: float,
     least: float,
+    workspace: Workspace,
 ) -> tuple[NDArray[np.int64], Array]:
-    """Roots of the segments that pay for being a plane, best first, and what each saves in nats.
-
-    A border between two planes is paid for once. Every plane makes its neighbours cheaper, so
-    adding the ones that pay, until no more do, ends at the same planes in any order.
-    """
-    owner = np.where(cells.grid >= 0, root[cells.grid], -1)
-    prices = _border_prices(discords, _PLANE_BORDER)
-    border = np.zeros(len(rows))
-    between = []
-    for a, b, price in (
-        (owner[:, 1:], owner[:, :-1], prices[0, :, :-1]),
-        (owner[1:], owner[:-1], prices[1, :-1]),
-    ):
-        apart = a != b
-        a, b, price = a[apart], b[apart], price[apart]
-        for side in (a, b):
-            segment = side >= 0
-            border += np.bincount(side[segment], price[segment], len(rows))
-        both = (a >= 0) & (b >= 0)
-        between.append((a[both], b[both], price[both]))
-    a, b, price = (np.concatenate(part) for part in zip(*between, strict=True))
-    ids = np.unique(root)
-    alone = np.full(len(rows), -np.inf)
-    alone[ids] = rows[ids, FREE] - 0.5 * rows[ids, MISFIT] - _PLANE_COST * cost - border[ids]
-    accepted = alone > least
-    while True:
-        paid = np.bincount(a, price * accepted[b], len(rows))
-        paid += np.bincount(b, price * accepted[a], len(rows))
-        more = (alone + paid > least) & ~accepted
-        if not more.any():
-            break
-        accepted |= more
-    taken = np.flatnonzero(accepted).astype(np.int64)
-    worth = np.asarray((alone + paid)[taken], np.float64)
-    order = np.argsort(-worth, kind="stable")
-    return taken[order], worth[order]
+    """Segments that pay for being a plane, best first, and what each saves in nats."""
+    rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
+    border = np.empty(len(rows))
+    ends = workspace.empty("sides of segments", (2 * of_cell.size, 2), np.int32)
+    nats = workspace.empty("nats of sides", 2 * of_cell.size)
+    found = loops.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
+    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    accepted = np.empty(len(rows), np.bool_)
+    loops.accept(worth, ends[:found], nats[:found], least, accepted)
+    taken = np.flatnonzero(accepted)
+    order = np.argsort(-worth[taken], kind="stable")
+    return taken[order], worth[taken[order]]
 
 
 def _join_through_gaps(
-    cells: Cells, rows: Array, accepted: NDArray[np.int64], instances: bool
+    segments: Segments, accepted: NDArray[np.int64], instances: bool
 ) -> tuple[Array, NDArray[np.int64]]:
     """Join accepted segments of one plane that do not touch; returns planes and owners."""
-    planes = rows[accepted].copy()
-    owner = np.arange(len(planes))
+    planes, owner = segments.rows[accepted], np.arange(len(accepted))
     if instances or len(planes) < 2:
         return planes, owner
-    drift = cells.drift[accepted]
-    naming = np.log(len(planes))  # nats to say which other segment it is
-
-    def saved(i: int, j: int) -> float:
-        small = i if planes[i, COUNT] < planes[j, COUNT] else j
-        offset = (_GAP_OFFSET * planes[small, 6] / planes[small, 0]) ** 2
-        local = cells.slope_prior[accepted[small]]
-        slow = float(np.sqrt(drift[i] * drift[j]))
-        discord, evidence = loops.compare(planes[i], planes[j], slow, offset, local)
-        return float(evidence - 0.5 * discord - naming)
-
-    alive = list(range(len(planes)))
-    gains = {(i, j): saved(i, j) for i in alive for j in alive if i < j}
-    while gains:
-        (i, j), best = max(gains.items(), key=lambda pair: pair[1])
-        if best <= 0:
-            break
-        slow = float(np.sqrt(drift[i] * drift[j]))
-        planes[i, MISFIT] += loops.compare(planes[i], planes[j], slow, 0.0, 0.0)[0]
-        planes[i] += planes[j]
-        owner[owner == j] = i
-        alive.remove(j)
-        gains = {pair: gain for pair, gain in gains.items() if i not in pair and j not in pair}
-        gains |= {(min(i, k), max(i, k)): saved(i, k) for k in alive if k != i}
-    place = np.full(len(planes), -1)
-    place[alive] = np.arange(len(alive))
-    return planes[alive], place[owner]
+    loops.join_through_gaps(
+        planes,
+        segments.forms[accepted],
+        segments.drift[accepted],
+        segments.slope_prior[accepted],
+        _GAP_OFFSET,
+        owner,
+    )
+    alive, owner = np.unique(owner, return_inverse=True)
+    return planes[alive], owner
 
 
 def _most_significant(

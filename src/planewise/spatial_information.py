@@ -25,7 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT, Frame
+from planewise.cells import TILT
+from planewise.frame import Frame
 from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
@@ -150,9 +151,14 @@ def _groups(
     # 1/2 ln(2 pi sigma_z^2 / eps^2) with sigma_z = sigma_w z^2
     norm = np.zeros(labels.shape)
     there = p > 0
-    norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * frame.w[there] ** 4 * resolution**2))
-    near = error.near * (frame.shared + frame.step)
-    extra = np.stack((norm, near, error.drift * frame.drift, error.bent * frame.shared))
+    w = frame.w[there].astype(np.float64)
+    norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * w**4 * resolution**2))
+    row, table = frame.table.rows(w), frame.table
+    extra = np.zeros((4, *labels.shape))
+    extra[0] = norm
+    extra[1, there] = error.near * (table.shared + table.step)[row]
+    extra[2, there] = error.drift * table.drift[row]
+    extra[3, there] = error.bent * table.shared[row]
     moments = np.empty((found, kernels.MOMENTS + len(extra)))
     kernels.group_moments(
         labels, frame.w, p, frame.x, frame.y, extra, GROUP_SIDE, columns, place, moments

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import SIDE, Cells, Frame
+from planewise.cells import Cells
+from planewise.frame import Frame
 from planewise.kernels import labels as label_loops
-from planewise.kernels.cells import UNIT
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
@@ -54,7 +55,10 @@ def label_planes(
     labels[frame.p == 0] = 0
     affine = np.vstack((np.zeros((1, 3)), affine_planes(planes)))
     error = cells.error
-    slow = error.near * (frame.shared + frame.step) + _PIXEL_DRIFT * error.drift * frame.drift
+    table = frame.table
+    by_depth = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
+    slow = np.zeros(frame.w.shape)
+    slow[frame.p > 0] = by_depth[table.rows(frame.w[frame.p > 0])]
     null = float(np.log(observation.range / observation.resolution))
     arguments = (frame.p / error.white, frame.x, frame.y, slow)
     label_loops.label_pixels(

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from planewise.cells import cells_of, frame_of
+from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
+from planewise.frame import frame_of
 from planewise.frame_error import FrameError
 from planewise.kernels.readings import square_ray_residuals
 from planewise.model import Curve, Move, PlaneModel
@@ -16,6 +17,7 @@ from planewise.observation import RayObservation
 from planewise.rank import describe
 from planewise.spatial import segment
 from planewise.spatial_information import ledger
+from planewise.workspace import Workspace
 
 _MANY = 100  # readings that could show a plane
 
@@ -27,6 +29,7 @@ def spatial_model(
     max_planes: int,
     significance: float,
     settings: Mapping[str, object],
+    workspace: Workspace | None = None,
 ) -> PlaneModel:
     """Find, rank and describe the planes of a depth image under the spatial objective.
 
@@ -42,6 +45,8 @@ def spatial_model(
         Nats that a plane has to save beyond its costs.
     settings : Mapping
         Recorded in the model.
+    workspace : Workspace, optional
+        Memory to work in.
 
     Returns
     -------
@@ -49,8 +54,8 @@ def spatial_model(
         With exact Phi of its planes and labels.
     """
     size = observation.pixel_size
-    frame = frame_of(observation)
-    cells = cells_of(frame, size)
+    frame = frame_of(observation, workspace)
+    cells = cells_of(frame, size, workspace)
     found = segment(
         observation,
         frame,
@@ -58,6 +63,7 @@ def spatial_model(
         instances=instances,
         max_planes=max_planes,
         significance=significance,
+        workspace=workspace,
     )
 
     book = ledger(

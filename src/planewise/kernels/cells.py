@@ -3,12 +3,12 @@
 On a plane inverse depth w = 1 / z is affine in the image: w = t0 + t1 X + t2 Y, where X and Y are
 undistorted pixel coordinates divided by `UNIT`. A row of moments holds, for readings of weight p,
 
-    [sum p, pX, pY, pXX, pXY, pYY, pw, pXw, pYw, pww, count]
+    [sum p, pX, pY, pXX, pXY, pYY, pw, pXw, pYw, pww, count, product of p w^4]
 
-and says all about any plane on its readings. A row of a segment has the same layout: its first nine
-entries are the information P on the plane's parameters once the error that neighbouring readings
-share is integrated out, and P t; adding rows joins segments. Two entries follow: the misfit of the
-joins so far, and what the cells would cost as a free smooth surface.
+and says all about any plane on its readings. A row of a segment has the layout of the first eleven:
+its first nine entries are the information P on the plane's parameters once the error that
+neighbouring readings share is integrated out, and P t; adding rows joins segments. Two entries
+follow: the misfit of the joins so far, and what the cells would cost as a free smooth surface.
 """
 
 from __future__ import annotations
@@ -17,9 +17,12 @@ import numpy as np
 from numba import njit
 
 UNIT = 100.0  # pixels per unit of X and Y
+SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
 MOMENTS = 11
-COUNT, MISFIT, FREE = 10, 11, 12  # entries of a segment beyond the moments'
+COUNT, PRODUCT = 10, 11  # entries of a row of moments
+MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
+PLANE = 10  # numbers that `unit_planes` tells of a unit
 
 # Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
 # for squares side by side (docs/method.md derives them):
@@ -29,6 +32,213 @@ PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def cell_moments(w, p, x, y, moments):  # type: ignore[no-untyped-def]
+    """Moments of every cell of 3 x 3 pixels; w, p, x, y (H, W), p = 0 without a reading.
+
+    Writes moments (12, rows, columns). The pixels of a row of cells are added up column by column
+    first, a few sums at a time, so that every loop is one vector expression.
+    """
+    height, width = w.shape
+    columns = moments.shape[2]
+    sums = np.zeros((MOMENTS + 1, SIDE * columns))
+    for row in range(moments.shape[1]):
+        sums[:] = 0.0
+        sums[PRODUCT] = 1.0
+        for i in range(row * SIDE, min((row + 1) * SIDE, height)):
+            weight, a, b, value = p[i], x[i], y[i], w[i]
+            s, t, u = sums[0], sums[1], sums[2]
+            for j in range(width):
+                q = np.float64(weight[j])
+                s[j] += q
+                t[j] += q * a[j]
+                u[j] += q * b[j]
+            s, t, u = sums[3], sums[4], sums[5]
+            for j in range(width):
+                q, qa = np.float64(weight[j]), np.float64(weight[j]) * a[j]
+                s[j] += qa * a[j]
+                t[j] += qa * b[j]
+                u[j] += q * b[j] * b[j]
+            s, t, u = sums[6], sums[7], sums[8]
+            for j in range(width):
+                q = np.float64(weight[j]) * value[j]
+                s[j] += q
+                t[j] += q * a[j]
+                u[j] += q * b[j]
+            s, t, u = sums[9], sums[COUNT], sums[PRODUCT]
+            for j in range(width):
+                v = np.float64(value[j])
+                q = weight[j] * v * v
+                s[j] += q
+                t[j] += 1.0 if weight[j] > 0.0 else 0.0
+                u[j] *= q * v * v if weight[j] > 0.0 else 1.0
+        for e in range(MOMENTS):
+            s, out = sums[e], moments[e, row]
+            for k in range(columns):
+                out[k] = s[SIDE * k] + s[SIDE * k + 1] + s[SIDE * k + 2]
+        s, out = sums[PRODUCT], moments[PRODUCT, row]
+        for k in range(columns):
+            out[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
+
+
+@_compiled
+def block_moments(moments, blocks):  # type: ignore[no-untyped-def]
+    """Moments (12, rows, columns) of cells to those of blocks of 2 x 2 of them, without product."""
+    _, rows, columns = moments.shape
+    for e in range(MOMENTS):
+        for i in range(blocks.shape[1]):
+            upper, out = moments[e, 2 * i], blocks[e, i]
+            for k in range(columns // 2):
+                out[k] = upper[2 * k] + upper[2 * k + 1]
+            if columns % 2:
+                out[columns // 2] = upper[columns - 1]
+            if 2 * i + 1 < rows:
+                lower = moments[e, 2 * i + 1]
+                for k in range(columns // 2):
+                    out[k] += lower[2 * k] + lower[2 * k + 1]
+                if columns % 2:
+                    out[columns // 2] += lower[columns - 1]
+
+
+@_compiled
+def _own_plane(m):  # type: ignore[no-untyped-def]
+    """Best plane of a row of moments: centroid, w there, slopes, their covariance, and chi^2."""
+    cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
+    xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
+    xw, yw = m[7] - cx * m[6], m[8] - cy * m[6]
+    square = m[9] - mean * m[6]
+    determinant = xx * yy - xy * xy
+    if determinant <= 1e-9 * xx * yy:  # readings in a line
+        return cx, cy, mean, 0.0, 0.0, np.inf, 0.0, np.inf, max(square, 0.0)
+    vxx, vxy, vyy = yy / determinant, -xy / determinant, xx / determinant
+    tx, ty = vxx * xw + vxy * yw, vxy * xw + vyy * yw
+    return cx, cy, mean, tx, ty, vxx, vxy, vyy, max(square - tx * xw - ty * yw, 0.0)
+
+
+@_compiled
+def own_misfits(moments, out):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of every cell: moments (12, rows, columns), out (rows, columns)."""
+    for i in range(out.shape[0]):
+        m, o = moments[:, i], out[i]
+        m0, m1, m2, m3, m4, m5, m6, m7, m8, m9 = (
+            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9],
+        )  # fmt: skip
+        for k in range(o.size):
+            there = m0[k] > 0.0
+            scale = 1.0 / (m0[k] if there else 1.0)
+            cx, cy, mean = m1[k] * scale, m2[k] * scale, m6[k] * scale
+            xx, xy, yy = m3[k] - cx * m1[k], m4[k] - cx * m2[k], m5[k] - cy * m2[k]
+            xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
+            square = m9[k] - mean * m6[k]
+            determinant = xx * yy - xy * xy
+            plane = there and determinant > 1e-9 * xx * yy
+            fitted = (yy * xw * xw - 2.0 * xy * xw * yw + xx * yw * yw) / (
+                determinant if plane else 1.0
+            )
+            o[k] = max(square - (fitted if plane else 0.0), 0.0)
+
+
+@_compiled
+def merge_quarters(  # type: ignore[no-untyped-def]
+    moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
+):
+    """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
+
+    moments (12, rows, columns), misfits (rows, columns): of cells; blocks, together: of 2 x 2 of
+    them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
+    planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
+    is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
+    of every cell or -1; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or
+    1. Returns the number of units, or -1 if they are more than n.
+    """
+    _, rows, columns = moments.shape
+    full = float(SIDE * SIDE)
+    found = 0
+    for row in range(blocks.shape[1]):
+        for column in range(blocks.shape[2]):
+            top, left = 2 * row, 2 * column
+            bottom, right = min(top + 2, rows), min(left + 2, columns)
+            freedom = blocks[COUNT, row, column] - 3.0
+            chi2 = together[row, column]
+            whole = freedom + 3.0 >= 4 * filled * full and chi2 <= hopeless * white * freedom
+            if whole and chi2 > white * freedom:
+                # F of the nine further parameters of four planes: free of the noise's scale.
+                apart = 0.0
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        apart += misfits[i, j]
+                apart = max(apart, 0.5 * white * (freedom - 9.0))
+                whole = (chi2 - apart) * (freedom - 9.0) <= split * 9.0 * apart
+            if found + 4 > size.size:
+                return -1
+            if whole:
+                out = units[found]
+                for e in range(COUNT):
+                    out[e] = blocks[e, row, column] / white
+                out[COUNT] = blocks[COUNT, row, column]
+                size[found] = 2.0
+            for i in range(top, bottom):
+                for j in range(left, right):
+                    count = moments[COUNT, i, j]
+                    unit[i, j] = -1
+                    if whole:
+                        if count > 0.0:
+                            unit[i, j] = found
+                    elif count >= max(filled * full, 8.0) and misfits[i, j] <= hopeless * white * (
+                        count - 3.0
+                    ):
+                        unit[i, j] = found
+                        out = units[found]
+                        for e in range(COUNT):
+                            out[e] = moments[e, i, j] / white
+                        out[COUNT] = count
+                        size[found] = 1.0
+                        found += 1
+            found += whole
+    return found
+
+
+@_compiled
+def unit_planes(units, planes):  # type: ignore[no-untyped-def]
+    """Plane of every row of moments (n, 11): writes planes (10, n).
+
+    Centroid x, y; w there and its slopes along x and y; chi^2; the information on w; and the
+    covariance xx, xy, yy of the slopes.
+    """
+    for k in range(units.shape[0]):
+        m = units[k]
+        cx, cy, mean, tx, ty, vxx, vxy, vyy, misfit = _own_plane(m)
+        planes[0, k], planes[1, k], planes[2, k] = cx, cy, mean
+        planes[3, k], planes[4, k], planes[5, k] = tx, ty, misfit
+        planes[6, k], planes[7, k], planes[8, k], planes[9, k] = m[0], vxx, vxy, vyy
+
+
+@_compiled
+def marginalise(planes, count, inflation, offset, tilt, segments):  # type: ignore[no-untyped-def]
+    """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
+
+    P = (A^-1 + Sigma)^-1 about the unit's centroid, A its weighted normal equations divided by its
+    inflation. planes (10, units) from `unit_planes`; offset, tilt (units,): Sigma is diagonal, the
+    variances of the offset and of either slope. Writes segments (units, 13).
+    """
+    for k in range(count.size):
+        cx, cy, mean, tx, ty = planes[0, k], planes[1, k], planes[2, k], planes[3, k], planes[4, k]
+        larger = inflation[k]
+        level = 1.0 / (larger / planes[6, k] + offset[k])
+        cxx, cxy = larger * planes[7, k] + tilt[k], larger * planes[8, k]
+        cyy = larger * planes[9, k] + tilt[k]
+        scale = 1.0 / (cxx * cyy - cxy * cxy)
+        pxx, pxy, pyy = cyy * scale, -cxy * scale, cxx * scale
+        qx, qy = pxx * tx + pxy * ty, pxy * tx + pyy * ty
+        out = segments[k]
+        out[0], out[1], out[2] = level, level * cx, level * cy
+        out[3], out[4] = level * cx * cx + pxx, level * cx * cy + pxy
+        out[5] = level * cy * cy + pyy
+        out[6], out[7], out[8] = level * mean, level * mean * cx + qx, level * mean * cy + qy
+        out[9] = level * mean * mean + qx * tx + qy * ty
+        out[COUNT], out[MISFIT], out[FREE] = count[k], 0.0, 0.0
 
 
 @_compiled
@@ -46,135 +256,6 @@ def _add_reading(m, weight, a, b, v):  # type: ignore[no-untyped-def]
     m[8] += pv * b
     m[9] += pv * v
     m[10] += 1.0
-
-
-@_compiled
-def spread(index, values, images):  # type: ignore[no-untyped-def]
-    """Write values (E, k) of readings into images (E, H * W) that are zero elsewhere."""
-    images[:] = 0.0
-    for e in range(values.shape[0]):
-        for i in range(index.size):
-            images[e, index[i]] = values[e, i]
-
-
-@_compiled
-def cell_moments(w, p, x, y, side, moments):  # type: ignore[no-untyped-def]
-    """Moments of every cell of side x side pixels; w, p, x, y (H, W), p = 0 without a reading."""
-    height, width = w.shape
-    columns = (width + side - 1) // side
-    moments[:] = 0.0
-    for i in range(height):
-        row = (i // side) * columns
-        for j in range(width):
-            weight = p[i, j]
-            if weight > 0.0:
-                m = moments[row + j // side]
-                _add_reading(m, weight, x[i, j], y[i, j], w[i, j])
-
-
-@_compiled
-def _own_misfit(m):  # type: ignore[no-untyped-def]
-    """chi^2 of the best plane of a row of moments."""
-    if m[0] <= 0.0:
-        return 0.0
-    cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
-    xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
-    xw, yw = m[7] - cx * m[6], m[8] - cy * m[6]
-    square = m[9] - mean * m[6]
-    determinant = xx * yy - xy * xy
-    if determinant <= 1e-9 * xx * yy:
-        return max(square, 0.0)
-    tx, ty = (yy * xw - xy * yw) / determinant, (xx * yw - xy * xw) / determinant
-    return max(square - tx * xw - ty * yw, 0.0)
-
-
-@_compiled
-def own_misfits(moments, out):  # type: ignore[no-untyped-def]
-    """chi^2 of the best plane of every row of moments."""
-    for i in range(moments.shape[0]):
-        out[i] = _own_misfit(moments[i])
-
-
-@_compiled
-def merge_quarters(moments, rows, columns, side, white, split, hopeless, filled, unit, units, size):  # type: ignore[no-untyped-def]
-    """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
-
-    white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
-    planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
-    is none; filled: least share of a cell's pixels. Writes unit (rows * columns): index of the unit
-    of every cell or -1; units (., 11) their moments; size (.): 2 or 1. Returns the number of units.
-    """
-    full = float(side * side)
-    found = 0
-    m = np.empty(MOMENTS)
-    unit[:] = -1
-    for top in range(0, rows, 2):
-        for left in range(0, columns, 2):
-            m[:] = 0.0
-            apart = 0.0
-            for i in range(top, min(top + 2, rows)):
-                for j in range(left, min(left + 2, columns)):
-                    m += moments[i * columns + j]
-                    apart += _own_misfit(moments[i * columns + j])
-            together = _own_misfit(m)
-            freedom = m[COUNT] - 3.0
-            whole = m[COUNT] >= 4 * filled * full and together <= hopeless * white * freedom
-            if whole and together > white * freedom:
-                # F of the nine further parameters of four planes: free of the noise's scale.
-                apart = max(apart, 0.5 * white * (freedom - 9.0))
-                whole = (together - apart) * (freedom - 9.0) <= split * 9.0 * apart
-            for i in range(top, min(top + 2, rows)):
-                for j in range(left, min(left + 2, columns)):
-                    c = i * columns + j
-                    count = moments[c, COUNT]
-                    if whole:
-                        if count > 0.0:
-                            unit[c] = found
-                        continue
-                    bound = hopeless * white * (count - 3.0)
-                    if count >= max(filled * full, 8.0) and _own_misfit(moments[c]) <= bound:
-                        unit[c] = found
-                        units[found] = moments[c]
-                        size[found] = 1.0
-                        found += 1
-            if whole:
-                units[found] = m
-                size[found] = 2.0
-                found += 1
-    return found
-
-
-@_compiled
-def marginalise(units, offset, tilt, segments):  # type: ignore[no-untyped-def]
-    """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
-
-    P = (A^-1 + Sigma)^-1 about the unit's centroid, A its weighted normal equations, divided by its
-    chi^2 per degree of freedom where that exceeds one. offset, tilt (units,): Sigma is diagonal,
-    the variances of the offset and of either slope.
-    """
-    for k in range(units.shape[0]):
-        m, out = units[k], segments[k]
-        cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
-        inflated = max(1.0, _own_misfit(m) / (m[COUNT] - 3.0))
-        a = m[0] / inflated
-        xx = (m[3] - cx * m[1]) / inflated
-        xy = (m[4] - cx * m[2]) / inflated
-        yy = (m[5] - cy * m[2]) / inflated
-        xw, yw = (m[7] - cx * m[6]) / inflated, (m[8] - cy * m[6]) / inflated
-        determinant = xx * yy - xy * xy
-        vxx, vxy, vyy = yy / determinant, -xy / determinant, xx / determinant
-        tx, ty = vxx * xw + vxy * yw, vxy * xw + vyy * yw
-        level = 1.0 / (1.0 / a + offset[k])
-        cxx, cyy = vxx + tilt[k], vyy + tilt[k]
-        determinant = cxx * cyy - vxy * vxy
-        pxx, pxy, pyy = cyy / determinant, -vxy / determinant, cxx / determinant
-        qx, qy = pxx * tx + pxy * ty, pxy * tx + pyy * ty
-        out[0], out[1], out[2] = level, level * cx, level * cy
-        out[3], out[4] = level * cx * cx + pxx, level * cx * cy + pxy
-        out[5] = level * cy * cy + pyy
-        out[6], out[7], out[8] = level * mean, level * mean * cx + qx, level * mean * cy + qy
-        out[9] = level * mean * mean + qx * tx + qy * ty
-        out[COUNT], out[MISFIT], out[FREE] = m[COUNT], 0.0, 0.0
 
 
 @_compiled

@@ -1,0 +1,208 @@
+"""A depth image as a sensor gives it: raw values, and the few thousand levels that occur in it.
+
+Everything that depends on depth alone (inverse depth, noise, quantisation) is a function of the
+level, so it is worked out once per level instead of once per pixel.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planewise.sensor import Sensor
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+_GRID = 0.1  # of the sensor's resolution: readings in metres closer than that are one level
+_MOST_LEVELS = 1 << 18
+_LEAST_DEPTH = 1e-6  # metres
+_WINDOW = 9  # gaps between levels over which the step is a median
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthImage:
+    """A depth image, its unit, and its levels.
+
+    Attributes
+    ----------
+    values : ndarray of uint16 or float, shape (H, W)
+        Units of `scale`.
+    scale : float
+        Metres per unit.
+    low, high : float
+        Smallest and largest value that is a reading.
+    per_metre : float
+        Levels per metre: the level of a depth z is round(per_metre z).
+    levels : ndarray of int, shape (n,)
+        Levels that occur, in rising order.
+    depth : ndarray, shape (n,)
+        A reading of each of them, in metres.
+    count, present : int
+        Readings, and values that are not missing, outside the sensor's range or not.
+    """
+
+    values: NDArray[Any]
+    scale: float
+    low: float
+    high: float
+    per_metre: float
+    levels: NDArray[np.int64]
+    depth: Array
+    count: int
+    present: int
+
+    @classmethod
+    def of(
+        cls,
+        depth: ArrayLike,
+        sensor: Sensor,
+        depth_scale: float | None,
+        workspace: Workspace | None = None,
+    ) -> DepthImage:
+        """Check an image and find its levels.
+
+        Raises
+        ------
+        ValueError
+            If it is not a 2-D array of numbers with at least two rows and columns, or holds
+            negative depths.
+        """
+        image = _checked(depth)
+        if image.dtype.kind != "f":
+            scale = sensor.resolution if depth_scale is None else float(depth_scale)
+            if not (np.isfinite(scale) and scale > 0):
+                raise ValueError(
+                    f"depth_scale must be a positive number of metres, got {depth_scale}"
+                )
+            if image.dtype.kind == "i" and (image < 0).any():
+                raise _negative(image)
+            if image.dtype.itemsize <= 2 or image.max() <= np.iinfo(np.uint16).max:
+                return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, sensor)
+            image = image * scale
+        elif depth_scale is not None:
+            raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
+        dtype = np.float32 if image.dtype == np.float32 else np.float64
+        return cls._of_metres(np.ascontiguousarray(image, dtype), sensor, workspace or Workspace())
+
+    @classmethod
+    def _of_levels(cls, values: NDArray[np.uint16], scale: float, sensor: Sensor) -> DepthImage:
+        from planewise.kernels import images as kernels  # loads Numba
+
+        low = max(1, int(np.ceil(sensor.min_depth / scale - 1e-9)))
+        high = int(min(np.floor(sensor.max_depth / scale + 1e-9), np.iinfo(np.uint16).max))
+        seen = np.zeros(max(high, low) + 1, np.uint8)
+        count, present = kernels.mark_levels(values, low, high, seen)
+        levels = np.flatnonzero(seen)
+        return cls(
+            values=values,
+            scale=scale,
+            low=low,
+            high=high,
+            per_metre=1.0 / scale,
+            levels=levels,
+            depth=levels * np.float64(scale),
+            count=count,
+            present=present,
+        )
+
+    @classmethod
+    def _of_metres(
+        cls, values: NDArray[np.floating], sensor: Sensor, workspace: Workspace
+    ) -> DepthImage:
+        from planewise.kernels import images as kernels
+
+        grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
+        low, high = max(sensor.min_depth, _LEAST_DEPTH), sensor.max_depth
+        reading = workspace.empty("reading of every level", int(high / grid) + 2)
+        reading[:] = 0
+        count, present, negative = kernels.mark_depths(values, low, high, 1.0 / grid, reading)
+        if negative:
+            raise _negative(values)
+        levels = np.flatnonzero(reading)
+        return cls(
+            values=values,
+            scale=1.0,
+            low=low,
+            high=high,
+            per_metre=1.0 / grid,
+            levels=levels,
+            depth=reading[levels].astype(np.float64),
+            count=count,
+            present=present,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W)."""
+        return self.values.shape[0], self.values.shape[1]
+
+    def readings(self) -> tuple[NDArray[np.int64], Array]:
+        """Place in the flattened image and depth in metres of every reading, in raster order."""
+        flat = self.values.reshape(-1)
+        index = np.flatnonzero((flat >= self.low) & (flat <= self.high))
+        return index, flat[index] * np.float64(self.scale)
+
+    def steps(self) -> Array:
+        """Quantisation step at every level in metres."""
+        return reading_steps(self.levels) / self.per_metre
+
+    def spread(self, precision: Array, w: NDArray[np.float32], p: NDArray[np.float32]) -> None:
+        """Write inverse depth, and its precision given per level, into images; 0 for no reading."""
+        from planewise.kernels import images as kernels
+
+        table = np.zeros(self.levels[-1] + 2 if self.levels.size else 1, np.float32)
+        table[self.levels] = precision
+        if self.values.dtype == np.uint16:
+            inverse = np.zeros(table.size, np.float32)
+            inverse[self.levels] = 1.0 / self.depth
+            kernels.look_up_levels(self.values, inverse, table, w, p)
+        else:
+            low, high = self.low, self.high
+            kernels.look_up_depths(self.values, low, high, self.per_metre, table, w, p)
+
+
+def reading_steps(levels: NDArray[np.integer]) -> Array:
+    """Quantisation step at every level that occurs in a frame, in levels.
+
+    Parameters
+    ----------
+    levels : ndarray of int, shape (n,)
+        In rising order.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Running median of the gaps, so that a level that no pixel hit does not count; 0 where there
+        are too few to tell.
+
+    Examples
+    --------
+    >>> reading_steps(1000 + 3 * np.arange(20))[[0, -1]]
+    array([3., 3.])
+    """
+    if levels.size < _WINDOW:
+        return np.zeros(levels.size)
+    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW)
+    steps = np.partition(windows, _WINDOW // 2, axis=1)[:, _WINDOW // 2]
+    return np.append(steps, steps[-1]).astype(np.float64)
+
+
+def _checked(depth: ArrayLike) -> NDArray[Any]:
+    image = np.asarray(depth)
+    if image.ndim != 2 or min(image.shape) < 2:
+        raise ValueError(
+            f"depth must be a 2-D image with at least 2 rows and 2 columns, got shape {image.shape}"
+        )
+    if image.dtype.kind not in "fiu":
+        raise ValueError(f"depth must be metres (float) or integer units, got dtype {image.dtype}")
+    return image
+
+
+def _negative(image: NDArray[Any]) -> ValueError:
+    first = image[image < 0].flat[0]
+    return ValueError(f"depth must not be negative, got {first}; mark missing readings 0")

@@ -1,0 +1,125 @@
+"""Loops over neighbouring cells: how far their planes disagree, and quantiles of it.
+
+Planes of cells are columns as `kernels.cells.unit_planes` lays them out; inflation (n,) is what the
+variances of each have to be multiplied by. Grids (rows, columns) hold the index of the cell, -1
+where there is none.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+
+_BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_compiled
+def steepness(units, planes, steep, chi2):  # type: ignore[no-untyped-def]
+    """Squared slope per pixel in standard deviations, noise taken off, and chi^2 per freedom.
+
+    units (n, 11); writes steep, chi2 (n,).
+    """
+    for k in range(chi2.size):
+        per_pixel = units[k, 0] / (units[k, COUNT] * UNIT * UNIT)
+        slope = planes[3, k] * planes[3, k] + planes[4, k] * planes[4, k]
+        steep[k] = max(slope - planes[7, k] - planes[9, k], 0.0) * per_pixel
+        chi2[k] = planes[5, k] / (units[k, COUNT] - 3.0)
+
+
+@_compiled
+def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # type: ignore[no-untyped-def]
+    """w_middle - t w_left - (1 - t) w_right of three cells in a row, `lag` cells apart.
+
+    Writes its square, the variance by the cells' own errors, and D r / 2, along rows and then along
+    columns; returns how many there are.
+    """
+    rows, columns = grid.shape
+    found = 0
+    for axis in range(2):
+        down, across = lag * (axis == 1), lag * (axis == 0)
+        position = planes[axis]
+        for i in range(down, rows - down):
+            for j in range(across, columns - across):
+                a, b, c = grid[i - down, j - across], grid[i, j], grid[i + down, j + across]
+                if a < 0 or b < 0 or c < 0:
+                    continue
+                reach = position[c] - position[a]
+                t = (position[c] - position[b]) / reach
+                off = planes[2, b] - t * planes[2, a] - (1 - t) * planes[2, c]
+                square[found] = off * off
+                own[found] = (
+                    inflation[b] / planes[6, b]
+                    + t * t * inflation[a] / planes[6, a]
+                    + (1 - t) * (1 - t) * inflation[c] / planes[6, c]
+                )
+                slow[found] = 0.25 * drift[b] * abs(reach)
+                found += 1
+    return found
+
+
+@_compiled
+def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  # type: ignore[no-untyped-def]
+    """Disagreement of cells side by side: in slope, and where they meet, half-way between them.
+
+    Writes slopes (3, 2 n): squares of the difference along x and along y, the variance by noise and
+    drift, and what `tilt` would add; offsets (4, n): the same of w with `shared`, and what the tilt
+    adds to w there. Returns n.
+    """
+    rows, columns = grid.shape
+    found = 0
+    for axis in range(2):
+        down, across = axis == 1, axis == 0
+        for i in range(rows - down):
+            for j in range(columns - across):
+                a, b = grid[i, j], grid[i + down, j + across]
+                if a < 0 or b < 0:
+                    continue
+                x, y = 0.5 * (planes[0, b] - planes[0, a]), 0.5 * (planes[1, b] - planes[1, a])
+                slow = np.sqrt(drift[a] * drift[b])
+                extent = 2.0 * np.sqrt(x * x + y * y)
+                vx = inflation[a] * planes[7, a] + inflation[b] * planes[7, b]
+                vy = inflation[a] * planes[9, a] + inflation[b] * planes[9, b]
+                tilted = tilt[a] + tilt[b]
+                for k in range(2):
+                    turn = planes[3 + k, a] - planes[3 + k, b]
+                    slopes[0, 2 * found + k] = turn * turn
+                    slopes[1, 2 * found + k] = (vx if k == 0 else vy) + _BEND * slow / extent
+                    slopes[2, 2 * found + k] = tilted
+                gap = planes[2, a] - planes[2, b]
+                gap += x * (planes[3, a] + planes[3, b]) + y * (planes[4, a] + planes[4, b])
+                offsets[0, found] = gap * gap
+                offsets[1, found] = (
+                    inflation[a] / planes[6, a]
+                    + inflation[b] / planes[6, b]
+                    + x * x * vx
+                    + y * y * vy
+                    + PLANE_OFFSET * slow * extent
+                )
+                offsets[2, found] = shared[a] + shared[b]
+                offsets[3, found] = (x * x + y * y) * tilted
+                found += 1
+    return found
+
+
+@_compiled
+def bisect(square, own, added, share, reference, low, high, steps):  # type: ignore[no-untyped-def]
+    """The factor at which a quantile of square / (own + factor added) is the reference.
+
+    0 where it is smaller even at `low`.
+    """
+    rank = int(share * square.size)
+    for step in range(steps + 1):
+        factor = np.sqrt(low * high) if step else low
+        below = 0
+        for i in range(square.size):
+            below += square[i] <= reference * (own[i] + factor * added[i])
+        if below <= rank:
+            low = factor
+        elif step == 0:
+            return 0.0
+        else:
+            high = factor
+    return np.sqrt(low * high)

@@ -1,0 +1,73 @@
+"""Loops over the pixels of a depth image: which depths occur, and images of inverse depth.
+
+Depths are told apart by their level: the raw value of integer depth, round(per_metre z) of metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_compiled
+def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
+    """seen[v] = 1 for every value low <= v <= high of raw (H, W).
+
+    Returns how many values are in that range, and how many are not zero.
+    """
+    count = present = 0
+    for i in range(raw.shape[0]):
+        row = raw[i]
+        for j in range(row.size):
+            present += row[j] > 0
+            count += low <= row[j] <= high
+        for j in range(row.size):
+            if low <= row[j] <= high:
+                seen[row[j]] = 1
+    return count, present
+
+
+@_compiled
+def mark_depths(z, low, high, per_metre, reading):  # type: ignore[no-untyped-def]
+    """Write one depth of every level into reading.
+
+    Returns how many depths are in range, how many finite and positive, and how many negative.
+    """
+    count = present = negative = 0
+    for i in range(z.shape[0]):
+        row = z[i]
+        for j in range(row.size):
+            count += low <= row[j] <= high
+            present += 0.0 < row[j] < np.inf
+            negative += row[j] < 0.0
+        for j in range(row.size):
+            if low <= row[j] <= high:
+                reading[int(per_metre * np.float64(row[j]) + 0.5)] = row[j]
+    return count, present, negative
+
+
+@_compiled
+def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-def]
+    """Inverse depth w and its precision p (H, W) from tables by level, 0 for no reading."""
+    last = precision.size - 1
+    for i in range(raw.shape[0]):
+        row = raw[i]
+        for j in range(row.size):
+            level = min(row[j], last)
+            w[i, j] = inverse[level]
+            p[i, j] = precision[level]
+
+
+@_compiled
+def look_up_depths(z, low, high, per_metre, precision, w, p):  # type: ignore[no-untyped-def]
+    """`look_up_levels` for metres, of which low <= z <= high are readings."""
+    for i in range(z.shape[0]):
+        row = z[i]
+        for j in range(row.size):
+            w[i, j] = p[i, j] = 0.0
+            if low <= row[j] <= high:
+                depth = np.float64(row[j])
+                w[i, j] = 1.0 / depth
+                p[i, j] = precision[int(per_metre * depth + 0.5)]
