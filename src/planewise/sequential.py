@@ -95,7 +95,8 @@ def sequential_search(
         found.append(plane)
         total += gain
         assigned = rest.assign(plane[None])
-        taken, left = np.flatnonzero(assigned.labels), np.flatnonzero(assigned.labels == 0)
+        explained = assigned.labels > 0
+        taken, left = np.flatnonzero(explained), np.flatnonzero(~explained)
         claims.append((free.take(taken), assigned.best.take(taken)))
         free, rest = free.take(left), rest.subset(left)
         phi.append(problem.phi(len(found), total))
