@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise.kernels import cells, labels, segments
+from planewise.kernels import borders, cells, forms, labels, segments
 
 from . import spatial_oracles as oracles
 
@@ -246,9 +246,9 @@ def random_segments(seed, shape=(36, 42), planes=3):
 
 
 def forms_of(rows, drift):
-    forms = np.empty((len(rows), segments.FORM))
-    segments.write_forms(rows, drift, forms)
-    return forms
+    out = np.empty((len(rows), forms.FORM))
+    forms.write_forms(rows, drift, out)
+    return out
 
 
 def test_compare():
@@ -261,8 +261,8 @@ def test_compare():
             a += rows[n]  # segments of several units, also far apart
         arguments = (drift[u], offset_prior[u], slope_prior[u])
         exact = oracles.compare(a, b, *arguments)
-        assert_allclose(segments.compare(a, b, *arguments), exact, rtol=1e-5, atol=1e-7)
-        assert_allclose(segments.compare(b, a, *arguments), exact, rtol=1e-5, atol=1e-7)
+        assert_allclose(forms.compare(a, b, *arguments), exact, rtol=1e-5, atol=1e-7)
+        assert_allclose(forms.compare(b, a, *arguments), exact, rtol=1e-5, atol=1e-7)
 
 
 def test_compare_finds_no_discord_in_one_plane():
@@ -270,36 +270,53 @@ def test_compare_finds_no_discord_in_one_plane():
     for row in rows:
         row[6:9] = oracles.information(row) @ PLANES[1]
     for a, b in zip(rows[1:], rows[:-1], strict=True):
-        discord, evidence = segments.compare(a, b, drift[0], 1e-4, 1e-2)
+        discord, evidence = forms.compare(a, b, drift[0], 1e-4, 1e-2)
         assert abs(discord) < 1e-6
         assert evidence > 0
-        assert segments.compare(a, b, drift[0], 0.0, 0.0)[1] == pytest.approx(0, abs=1e-9)
+        assert forms.compare(a, b, drift[0], 0.0, 0.0)[1] == pytest.approx(0, abs=1e-9)
 
 
 def test_free_prices():
     _, rows, drift, offset_prior, slope_prior = random_segments(2)
     out = np.empty(len(rows))
-    segments.free_prices(forms_of(rows, drift), offset_prior, slope_prior, out)
+    forms.free_prices(forms_of(rows, drift), offset_prior, slope_prior, out)
     every = zip(rows, drift, offset_prior, slope_prior, strict=True)
     assert_allclose(out, [oracles.free_price(*unit) for unit in every], rtol=1e-6)
 
 
-def test_border_discords():
-    grid, rows, drift, *_ = random_segments(3)
-    out = np.full((2, *grid.shape), 9.0)
-    segments.border_discords(grid, np.arange(len(rows)), forms_of(rows, drift), out)
-    exact = oracles.border_discords(grid, rows, drift)
+def square_discords(grid, whole, of):
+    squares = np.full([-(-n // 2) for n in grid.shape], 9, np.int32)
+    cells.squares_of(grid, whole, squares)
+    right, below = np.full((2, *squares.shape), np.nan)
+    forms.square_discords(squares, of, right, below)
+    return right, below
+
+
+def border_discords(frame, segment):
+    grid, rows, drift, *_ = frame
+    of, out = forms_of(rows, drift), np.full((2, *grid.shape), 9.0)
+    whole = np.bincount(grid[grid >= 0], minlength=len(rows)) > 1
+    found = borders.border_discords(
+        grid, whole, segment, of, *square_discords(grid, whole, of), out
+    )
+    assert found == (out >= 0).sum()
+    return out
+
+
+@pytest.mark.parametrize("shape", [(36, 42), (38, 40), (33, 45)])
+def test_border_discords(shape):
+    frame = random_segments(3, shape)
+    out = border_discords(frame, np.arange(len(frame[1])))
+    exact = oracles.border_discords(*frame[:3])
     assert_allclose(out, exact, rtol=1e-5, atol=1e-7)
     assert 0 < (out >= 0).sum() < out.size
 
 
 def test_there_is_no_discord_within_a_segment():
-    grid, rows, drift, *_ = random_segments(3)
-    out, every = np.empty((2, 2, *grid.shape))
-    segment = np.arange(len(rows)) // 3
-    segments.border_discords(grid, segment, forms_of(rows, drift), out)
-    segments.border_discords(grid, np.arange(len(rows)), forms_of(rows, drift), every)
-    for axis, i, j, u, v in oracles.sides(grid):
+    frame = random_segments(3)
+    segment = np.arange(len(frame[1])) // 3
+    out, every = border_discords(frame, segment), border_discords(frame, np.arange(len(segment)))
+    for axis, i, j, u, v in oracles.sides(frame[0]):
         assert out[axis, i, j] == (-1 if segment[u] == segment[v] else every[axis, i, j])
 
 
@@ -316,11 +333,11 @@ def discords_of(rng, grid):
 def agglomerated(frame, discords, price, most):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
-    forms, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
+    of, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
     ints, floats = segments.room(sum(1 for _ in oracles.sides(grid)), len(rows))
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
-    segments.agglomerate(grid, discords, price, rows, forms, drift, *priors, most, root, *work)
-    assert_allclose(forms[root], forms_of(rows, drift)[root], rtol=1e-12)
+    segments.agglomerate(grid, discords, price, rows, of, drift, *priors, most, root, *work)
+    assert_allclose(of[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
 
 
@@ -334,24 +351,25 @@ def test_join_blocks(seed, limit):
     rows = segment_rows(units, np.full(len(units), 0.1 * DRIFT), np.full(len(units), 4 * DRIFT))
     drift = DRIFT * rng.uniform(0.5, 2, len(units))
     exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3)
-    root, forms = np.empty(len(rows), np.int32), forms_of(rows, drift)
-    segments.join_blocks(grid, size == 2, rows, forms, drift, limit, 3, root)
+    root, of = np.empty(len(rows), np.int32), forms_of(rows, drift)
+    right, _ = square_discords(grid, size == 2, of)
+    segments.join_blocks(grid, size == 2, right, rows, of, drift, limit, 3, root)
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-6, atol=1e-9)
-    assert_allclose(forms[ids], forms_of(rows, drift)[ids], rtol=1e-12)
+    assert_allclose(of[ids], forms_of(rows, drift)[ids], rtol=1e-12)
     assert len(ids) < 0.9 * len(root)
     assert max(np.bincount(root)) > (4 if limit > 10 else 3)
 
 
 def test_roots_move_to_the_front():
     _, rows, drift, offset_prior, slope_prior = random_segments(4)
-    forms, n = forms_of(rows, drift), len(rows)
+    of, n = forms_of(rows, drift), len(rows)
     rng = np.random.default_rng(4)
     root = np.where(rng.random(n) < 0.4, np.arange(n), -1)
     ids = np.flatnonzero(root >= 0)
     root[root < 0] = rng.choice(ids, (root < 0).sum())
-    root, arrays = root.astype(np.int32), (rows, forms, drift, offset_prior, slope_prior)
+    root, arrays = root.astype(np.int32), (rows, of, drift, offset_prior, slope_prior)
     before, wanted = [array.copy() for array in arrays], root.copy()
     found = segments.keep_roots(root, *arrays)
     assert found == len(ids)
@@ -366,7 +384,7 @@ def test_borders_of_segments_are_paid_for_once():
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
     border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
     low, high, knee = bounds = 0.01, 1.5, 20.0
-    found = segments.segment_borders(of_cell, discords, bounds, border, ends, price)
+    found = borders.segment_borders(of_cell, discords, bounds, border, ends, price)
     exact, pairs = np.zeros(5), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
@@ -389,7 +407,7 @@ def test_accepted_segments_pay(seed):
     ends = ends[ends[:, 0] != ends[:, 1]]
     price, alone = price[: len(ends)], rng.normal(-5, 8, n)
     worth, accepted = alone.copy(), np.empty(n, bool)
-    segments.accept(worth, ends, price, 2.0, accepted)
+    borders.accept(worth, ends, price, 2.0, accepted)
     expected = set(np.flatnonzero(alone > 2))
     while True:
         paid = alone.copy()
@@ -422,8 +440,8 @@ def test_join_through_gaps(seed):
     rows[:, 10] += np.arange(12) * 1e-3
     slope_prior, owner = np.full(12, 0.25), np.empty(12, int)
     exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
-    forms = forms_of(rows, drift)
-    segments.join_through_gaps(rows, forms, drift, slope_prior, 0.3, owner)
+    of_rows = forms_of(rows, drift)
+    segments.join_through_gaps(rows, of_rows, drift, slope_prior, 0.3, owner)
     assert_array_equal(owner, exact_owner)
     ids = np.unique(owner)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)

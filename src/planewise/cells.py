@@ -46,6 +46,8 @@ class Cells:
         Segment row of every unit (`kernels.cells`).
     whole : ndarray of bool, shape (units,)
         Which are of 2 x 2 cells.
+    squares : ndarray of int32
+        Unit of every 2 x 2 cells, -1 where they are not one.
     drift : ndarray, shape (units,)
         Variance of w by which the error drifts over 100 pixels.
     offset_prior, slope_prior : ndarray, shape (units,)
@@ -58,6 +60,7 @@ class Cells:
     moments: Array
     rows: Array
     whole: NDArray[np.bool_]
+    squares: NDArray[np.int32]
     drift: Array
     offset_prior: Array
     slope_prior: Array
@@ -111,7 +114,9 @@ def cells_of(
     planes = workspace.empty("planes of units", (kernels.PLANE, found))
     kernels.unit_planes(units, planes)
     segments = workspace.empty("segments", (found, kernels.SEGMENT))
-    drift, error = _without_shared_error(frame, grid, units, size, planes, white, segments)
+    drift, squares, error = _without_shared_error(
+        frame, grid, units, size, planes, white, segments, workspace
+    )
     w = planes[2]
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
     return Cells(
@@ -119,6 +124,7 @@ def cells_of(
         moments=moments,
         rows=segments,
         whole=size == 2,
+        squares=squares,
         drift=drift,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
@@ -134,9 +140,11 @@ def _without_shared_error(
     planes: Array,
     white: float,
     segments: Array,
-) -> tuple[Array, FrameError]:
-    """Write the units' rows with what neighbours share integrated out; their drift, and the error.
+    workspace: Workspace,
+) -> tuple[Array, NDArray[np.int32], FrameError]:
+    """Write the units' rows with what neighbours share integrated out.
 
+    Returns their drift, which of them are whole squares and where, and the size of the error.
     Parts of the error are those at the mean depth of each unit.
     """
     w, count, table = planes[2], units[:, kernels.COUNT], frame.table
@@ -149,20 +157,28 @@ def _without_shared_error(
     inflation = np.maximum(1.0, planes[5] / (count - 3.0))
 
     # Cells of 2 x 2 stand for the frame.
-    whole = grid[: grid.shape[0] // 2 * 2 : 2, : grid.shape[1] // 2 * 2 : 2]
-    whole = np.where((whole >= 0) & (size[whole] == 2), whole, -1).astype(np.int32)
+    squares = _squares(grid, size == 2, workspace)
     wandering = steep * drift
-    factor = drift_factor(whole, planes, inflation, wandering)
+    factor = drift_factor(squares, planes, inflation, wandering)
     if frame.known:
         factor = min(factor, 1.0)
     # No plane is known better than readings are resolved, nor free of mixed pixels at its edges.
     wandering = factor * wandering + coarse + w**4 * frame.resolution**2 / 12
     wandering = np.maximum(wandering, _LEAST_DRIFT * count / units[:, 0])
-    near, bent = shared_factors(whole, planes, inflation, wandering, offset, tilt)
+    near, bent = shared_factors(squares, planes, inflation, wandering, offset, tilt)
     kernels.marginalise(planes, count, inflation, near * offset, bent * tilt, segments)
     factor *= _SATURATION
     error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
-    return _SATURATION * wandering, error
+    return _SATURATION * wandering, squares, error
+
+
+def _squares(
+    grid: NDArray[np.int32], whole: NDArray[np.bool_], workspace: Workspace
+) -> NDArray[np.int32]:
+    shape = -(-grid.shape[0] // 2), -(-grid.shape[1] // 2)
+    squares: NDArray[np.int32] = workspace.empty("squares", shape, np.int32)
+    kernels.squares_of(grid, whole, squares)
+    return squares
 
 
 def _shared_step(step: Array, variance: Array) -> Array:

@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from planewise.cells import Cells
 from planewise.frame import Frame
 from planewise.information import plane_information
-from planewise.kernels import segments as loops
+from planewise.kernels import borders
+from planewise.kernels import forms as comparing
+from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
@@ -144,7 +146,7 @@ class Segments:
 
     def kept(self, root: NDArray[np.int32]) -> Segments:
         """Only the roots of segments that were merged."""
-        found = loops.keep_roots(
+        found = merging.keep_roots(
             root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
         )
         return Segments(
@@ -169,10 +171,10 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     Returns the discord across every side that two units share, too: to the right, and below.
     """
     count = len(cells.rows)
-    forms = workspace.empty("forms of units", (count, loops.FORM))
-    loops.write_forms(cells.rows, cells.drift, forms)
+    forms = workspace.empty("forms of units", (count, comparing.FORM))
+    comparing.write_forms(cells.rows, cells.drift, forms)
     free = workspace.empty("prices of units", count)
-    loops.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
+    comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
     free += _FITTED_AWAY
     free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
     segments = Segments(
@@ -184,10 +186,14 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
         of_unit=np.arange(count, dtype=np.int32),
     )
     segments.rows[:, FREE] = free
+    right = workspace.empty("discords to the right", cells.squares.shape)
+    below = workspace.empty("discords below", cells.squares.shape)
+    comparing.square_discords(cells.squares, forms, right, below)
     root = np.empty(count, np.int32)
-    loops.join_blocks(
+    merging.join_blocks(
         cells.grid,
         cells.whole,
+        right,
         segments.rows,
         segments.forms,
         segments.drift,
@@ -197,10 +203,12 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     )
     segments = segments.kept(root)
     discords = workspace.empty("discords", (2, *cells.grid.shape))
-    sides = loops.border_discords(cells.grid, segments.of_unit, forms, discords)
-    ints, floats = loops.room(sides, len(segments.rows))
+    sides = borders.border_discords(
+        cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
+    )
+    ints, floats = merging.room(sides, len(segments.rows))
     root = root[: len(segments.rows)]
-    loops.agglomerate(
+    merging.agglomerate(
         segments.of_cell(cells.grid, workspace),
         discords,
         _MERGE_BORDER,
@@ -230,10 +238,10 @@ def _accept(
     border = np.empty(len(rows))
     ends = workspace.empty("sides of segments", (2 * of_cell.size, 2), np.int32)
     nats = workspace.empty("nats of sides", 2 * of_cell.size)
-    found = loops.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
+    found = borders.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     accepted = np.empty(len(rows), np.bool_)
-    loops.accept(worth, ends[:found], nats[:found], least, accepted)
+    borders.accept(worth, ends[:found], nats[:found], least, accepted)
     taken = np.flatnonzero(accepted)
     order = np.argsort(-worth[taken], kind="stable")
     return taken[order], worth[taken[order]]
@@ -246,7 +254,7 @@ def _join_through_gaps(
     planes, owner = segments.rows[accepted], np.arange(len(accepted))
     if instances or len(planes) < 2:
         return planes, owner
-    loops.join_through_gaps(
+    merging.join_through_gaps(
         planes,
         segments.forms[accepted],
         segments.drift[accepted],

@@ -201,6 +201,19 @@ def merge_quarters(  # type: ignore[no-untyped-def]
 
 
 @_compiled
+def squares_of(unit, whole, squares):  # type: ignore[no-untyped-def]
+    """Unit of every 2 x 2 cells, -1 where they are not one.
+
+    unit (rows, columns), whole (units,): of 2 x 2 cells; squares (rows / 2, columns / 2), up.
+    """
+    squares[:] = -1
+    for i in range(unit.shape[0]):
+        for j in range(unit.shape[1]):
+            if unit[i, j] >= 0 and whole[unit[i, j]]:
+                squares[i // 2, j // 2] = unit[i, j]
+
+
+@_compiled
 def unit_planes(units, planes):  # type: ignore[no-untyped-def]
     """Plane of every row of moments (n, 11): writes planes (10, n).
 

@@ -1,4 +1,4 @@
-"""Loops over segments: are two of them one plane, and merging neighbours while that saves nats.
+"""Loops over segments: merging neighbours while that saves nats.
 
 A segment is a row as `kernels.cells` lays it out; joining segments is adding rows.
 """
@@ -8,179 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from planewise.kernels.cells import (
-    COUNT,
-    MISFIT,
-    PLANE_BEND,
-    PLANE_OFFSET,
-    SEGMENT,
-    SIDE,
-    UNIT,
-)
+from planewise.kernels.borders import border_price
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
+from planewise.kernels.forms import FORM, W, compare_forms, discord_of, write_form
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
-_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
-_BEND_SMALL, _BEND_LARGE = PLANE_BEND
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-
-# A segment as it is compared: its centroid, inverse depth and slopes there, their variances (the
-# offset's is independent of the slopes' about the centroid), its extent (the root of its area) and
-# one over it, and the root of its drift.
-FORM = 12
-_X, _Y, _W, _TX, _TY, _V, _VXX, _VXY, _VYY, _EXTENT, _INVERSE, _SLOW = range(FORM)
-
-
-@_compiled
-def write_form(s, drift, form):  # type: ignore[no-untyped-def]
-    """Write the form of a segment row."""
-    scale = 1.0 / s[0]
-    cx, cy = s[1] * scale, s[2] * scale
-    xx, xy, yy = s[3] - cx * s[1], s[4] - cx * s[2], s[5] - cy * s[2]
-    qx, qy = s[7] - cx * s[6], s[8] - cy * s[6]
-    scale_slopes = 1.0 / (xx * yy - xy * xy)
-    vxx, vxy, vyy = yy * scale_slopes, -xy * scale_slopes, xx * scale_slopes
-    form[_X], form[_Y], form[_W] = cx, cy, s[6] * scale
-    form[_TX], form[_TY] = vxx * qx + vxy * qy, vxy * qx + vyy * qy
-    form[_V], form[_VXX], form[_VXY], form[_VYY] = scale, vxx, vxy, vyy
-    extent = np.sqrt(s[COUNT]) / UNIT
-    form[_EXTENT], form[_INVERSE], form[_SLOW] = extent, 1.0 / extent, np.sqrt(drift)
-
-
-@_compiled
-def write_forms(segments, drift, forms):  # type: ignore[no-untyped-def]
-    """Write the forms (n, 12) of segment rows (n, 13)."""
-    for k in range(segments.shape[0]):
-        write_form(segments[k], drift[k], forms[k])
-
-
-@_compiled
-def _difference(a, b):  # type: ignore[no-untyped-def]
-    """Difference of the planes of two forms where they meet, and its covariance C.
-
-    They meet near the smaller one. C = P_a^-1 + P_b^-1 + Sigma_d, where Sigma_d is what an error
-    that wanders like a random walk makes of the planes of two squares side by side, and of those
-    farther apart by a gap (`frame_error`).
-    """
-    small, large = (b, a) if a[_EXTENT] > b[_EXTENT] else (a, b)
-    extent, reach, drift = small[_EXTENT], large[_EXTENT], small[_SLOW] * large[_SLOW]
-    # They meet s from the centroid of the small one, d from that of the other.
-    dx, dy = small[_X] - large[_X], small[_Y] - large[_Y]
-    apart = np.sqrt(dx * dx + dy * dy)
-    share = _HALF * min(extent, apart) / (apart + 1e-12)
-    sx, sy = -share * dx, -share * dy
-    dx, dy = dx + sx, dy + sy
-    d0 = small[_W] + sx * small[_TX] + sy * small[_TY]
-    d0 -= large[_W] + dx * large[_TX] + dy * large[_TY]
-    gap = max(apart - _TOUCHING * (extent + reach), 0.0)
-    bend = drift * (_BEND_SMALL * small[_INVERSE] + _BEND_LARGE * large[_INVERSE])
-    vxx, vxy, vyy = small[_VXX], small[_VXY], small[_VYY]
-    uxx, uxy, uyy = large[_VXX], large[_VXY], large[_VYY]
-    c00 = small[_V] + large[_V] + drift * (PLANE_OFFSET * reach + gap)
-    c00 += dx * dx * uxx + 2.0 * dx * dy * uxy + dy * dy * uyy
-    c00 += sx * sx * vxx + 2.0 * sx * sy * vxy + sy * sy * vyy
-    c01 = dx * uxx + dy * uxy + sx * vxx + sy * vxy
-    c02 = dx * uxy + dy * uyy + sx * vxy + sy * vyy
-    c11, c12, c22 = vxx + uxx + bend, vxy + uxy, vyy + uyy + bend
-    return d0, small[_TX] - large[_TX], small[_TY] - large[_TY], c00, c01, c02, c11, c12, c22
-
-
-@_compiled
-def _discord(a, b):  # type: ignore[no-untyped-def]
-    """delta' C^-1 delta of two forms, and det C with C itself (`_difference`)."""
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(a, b)
-    p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
-    determinant = c00 * p + c01 * q + c02 * r
-    s, t, u = c00 * c22 - c02 * c02, c01 * c02 - c00 * c12, c00 * c11 - c01 * c01
-    form = p * x * x + s * y * y + u * z * z + 2.0 * (q * x * y + r * x * z + t * y * z)
-    return form / determinant, determinant, c00, c01, c02, c11, c12, c22
-
-
-@_compiled
-def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
-
-    discord = delta' C^-1 delta with delta the difference of their planes where they meet.
-    evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing to do with the
-    other.
-    """
-    discord, near, c00, c01, c02, c11, c12, c22 = _discord(a, b)
-    c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
-    far = c00 * (c11 * c22 - c12 * c12)
-    far += c01 * (c02 * c12 - c01 * c22) + c02 * (c01 * c12 - c02 * c11)
-    return discord, 0.5 * np.log(far / near)
-
-
-@_compiled
-def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """`compare_forms` of two segment rows whose drift is the same."""
-    forms = np.empty((2, FORM))
-    write_form(a, drift, forms[0])
-    write_form(b, drift, forms[1])
-    return compare_forms(forms[0], forms[1], offset_prior, slope_prior)
-
-
-@_compiled
-def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
-    """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
-
-    C is what the unit would be compared with beside a plane of 100 x 100 pixels, whose own error is
-    small beside the unit's.
-    """
-    for k in range(forms.shape[0]):
-        form = forms[k]
-        drift = form[_SLOW] * form[_SLOW]
-        bend = _BEND_SMALL * drift * form[_INVERSE]
-        vxx, vxy, vyy = form[_VXX] + bend, form[_VXY], form[_VYY] + bend
-        near = vxx * vyy - vxy * vxy
-        far = (vxx + slope_prior[k]) * (vyy + slope_prior[k]) - vxy * vxy
-        level = form[_V] + PLANE_OFFSET * drift
-        out[k] = 0.5 * np.log((1.0 + offset_prior[k] / level) * far / near)
-
-
-@_compiled
-def border_price(discord, price):  # type: ignore[no-untyped-def]
-    """Nats of a side of a cell: SIDE pixels of low + (high - low) / (1 + (discord / knee)^2).
-
-    price: (low, high, knee). Of low alone where there is no discord (-1).
-    """
-    low, high, knee = price
-    if discord < 0.0:
-        return SIDE * low
-    return SIDE * (low + (high - low) / (1.0 + (discord / knee) ** 2))
-
-
-@_compiled
-def border_discords(unit, segment, forms, out):  # type: ignore[no-untyped-def]
-    """Discord across every side shared by two units: out[0] to the right, out[1] below; else -1.
-
-    unit (rows, columns): of every cell, or -1; sides within a segment (units,) are left out. forms
-    of the units; out (2, rows, columns). Returns how many sides are not -1.
-    """
-    rows, columns = unit.shape
-    found = 0
-    for i in range(rows):
-        for j in range(columns):
-            u = unit[i, j]
-            for k in range(2):
-                out[k, i, j] = -1.0
-                row, column = i + k, j + 1 - k
-                if u < 0 or row >= rows or column >= columns:
-                    continue
-                v = unit[row, column]
-                if v < 0 or segment[v] == segment[u]:
-                    continue
-                found += 1
-                # Units of 2 x 2 cells share two sides.
-                if k == 0 and i > 0 and unit[i - 1, j] == u and unit[i - 1, column] == v:
-                    out[k, i, j] = out[k, i - 1, j]
-                elif k == 1 and j > 0 and unit[i, j - 1] == u and unit[row, j - 1] == v:
-                    out[k, i, j] = out[k, i, j - 1]
-                else:
-                    out[k, i, j] = _discord(forms[u], forms[v])[0]
-    return found
 
 
 @_compiled
@@ -197,8 +32,13 @@ def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
 @_compiled
 def _pop(keys, items, size):  # type: ignore[no-untyped-def]
     """Take the top off a heap; returns the new size."""
-    size -= 1
-    key, item = keys[size], items[size]
+    _replace(keys, items, size - 1, keys[size - 1], items[size - 1])
+    return size - 1
+
+
+@_compiled
+def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
+    """Put another item in place of the top of a heap."""
     i = 0
     while 2 * i + 1 < size:
         child = 2 * i + 1
@@ -209,7 +49,6 @@ def _pop(keys, items, size):  # type: ignore[no-untyped-def]
         keys[i], items[i] = keys[child], items[child]
         i = child
     keys[i], items[i] = key, item
-    return size
 
 
 @_compiled
@@ -247,13 +86,14 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def join_blocks(unit, whole, segments, forms, drift, limit, levels, root):  # type: ignore[no-untyped-def]
+def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root):  # type: ignore[no-untyped-def]
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
     unit (rows, columns): segment of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
-    first level joins. The squares are joined where no discord (left and right, then upper and lower
-    half) is above `limit`. segments, forms and drift are changed in place; root (n,): the segment
-    that each is part of, the upper left one of its square.
+    first level joins, and right: discords of those side by side (`square_discords`). Squares are
+    joined where no discord (left and right, then upper and lower half) is above `limit`. segments,
+    forms and drift are changed in place; root (n,): the segment that each is part of, the upper
+    left one of its square.
     """
     level = np.zeros(root.size, np.int8)
     for k in range(root.size):
@@ -270,7 +110,10 @@ def join_blocks(unit, whole, segments, forms, drift, limit, levels, root):  # ty
                     continue
                 if level[a] != step or level[b] != step or level[c] != step or level[d] != step:
                     continue
-                upper, lower = _discord(forms[a], forms[b])[0], _discord(forms[c], forms[d])[0]
+                if step == 1:
+                    upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
+                else:
+                    upper, lower = discord_of(forms[a], forms[b]), discord_of(forms[c], forms[d])
                 if upper > limit or lower > limit:
                     continue
                 for e in range(SEGMENT):
@@ -278,7 +121,7 @@ def join_blocks(unit, whole, segments, forms, drift, limit, levels, root):  # ty
                     halves[1, e] = segments[c, e] + segments[d, e]
                 write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
                 write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
-                both = _discord(shape[0], shape[1])[0]
+                both = discord_of(shape[0], shape[1])
                 if both > limit:
                     continue
                 misfit = _tempered(both, halves[1, COUNT])
@@ -418,8 +261,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 size = _push(keys, items, size, current[edge], edge)
     while size > 0:
         key, edge = keys[0], items[0]
-        size = _pop(keys, items, size)
         if not alive[edge] or key != current[edge]:
+            size = _pop(keys, items, size)
             continue
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
@@ -428,8 +271,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 segments, forms, u, v, boundary[edge], offset_prior, slope_prior, most
             )
             if current[edge] > 0.0:
-                size = _push(keys, items, size, current[edge], edge)
+                _replace(keys, items, size, current[edge], edge)
+            else:
+                size = _pop(keys, items, size)
             continue
+        size = _pop(keys, items, size)
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         _join(segments, forms, drift, u, v, misfit[edge])
@@ -465,8 +311,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     alive[moved] = 0
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
-                    valued[kept], current[kept] = -1, np.inf
-                    size = _push(keys, items, size, np.inf, kept)
+                    valued[kept] = version[u] + version[other]
+                    current[kept], misfit[kept] = _merge_gain(
+                        segments, forms, u, other, boundary[kept], offset_prior, slope_prior, most
+                    )
+                    if current[kept] > 0.0:
+                        size = _push(keys, items, size, current[kept], kept)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -490,65 +340,10 @@ def agglomerate(  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def segment_borders(of_cell, discords, price, border, ends, nats):  # type: ignore[no-untyped-def]
-    """Nats of the borders of every segment: dear where the surface goes on, else cheap.
-
-    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it. Writes
-    border (n,): all sides of each; and for each side between two segments ends (., 2) and nats (.);
-    returns how many of these there are.
-    """
-    rows, columns = of_cell.shape
-    border[:] = 0.0
-    found = 0
-    for i in range(rows):
-        for j in range(columns):
-            u = of_cell[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if row >= rows or column >= columns or of_cell[row, column] == u:
-                    continue
-                v, cost = of_cell[row, column], border_price(discords[k, i, j], price)
-                if u >= 0:
-                    border[u] += cost
-                if v >= 0:
-                    border[v] += cost
-                if u >= 0 and v >= 0:
-                    ends[found, 0], ends[found, 1], nats[found] = u, v, cost
-                    found += 1
-    return found
-
-
-@_compiled
-def accept(worth, ends, price, least, accepted):  # type: ignore[no-untyped-def]
-    """Accept the segments that are worth more than `least` nats; a border is paid for once.
-
-    worth (n,): with all borders paid for; what accepted neighbours pay is added to it. Every
-    accepted segment makes its neighbours cheaper, so adding those that pay, until no more do, ends
-    at the same ones in any order.
-    """
-    alone = worth.copy()
-    for k in range(worth.size):
-        accepted[k] = worth[k] > least
-    more = True
-    while more:
-        worth[:] = alone
-        for e in range(price.size):
-            u, v = ends[e, 0], ends[e, 1]
-            if accepted[v]:
-                worth[u] += price[e]
-            if accepted[u]:
-                worth[v] += price[e]
-        more = False
-        for k in range(worth.size):
-            if worth[k] > least and not accepted[k]:
-                accepted[k] = more = True
-
-
-@_compiled
 def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
     """Nats saved by making two segments that do not touch one plane."""
     small = i if segments[i, COUNT] < segments[j, COUNT] else j
-    offset = (gap_offset * forms[small, _W]) ** 2
+    offset = (gap_offset * forms[small, W]) ** 2
     discord, evidence = compare_forms(forms[i], forms[j], offset, slope_prior[small])
     return evidence - 0.5 * discord - naming, discord
 

@@ -1,0 +1,107 @@
+"""Loops over the borders of segments: their price in nats, and which segments pay for theirs."""
+
+from __future__ import annotations
+
+from numba import njit
+
+from planewise.kernels.cells import SIDE
+from planewise.kernels.forms import discord_of
+
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+
+
+@_compiled
+def border_price(discord, price):  # type: ignore[no-untyped-def]
+    """Nats of a side of a cell: SIDE pixels of low + (high - low) / (1 + (discord / knee)^2).
+
+    price: (low, high, knee). Of low alone where there is no discord (-1).
+    """
+    low, high, knee = price
+    if discord < 0.0:
+        return SIDE * low
+    return SIDE * (low + (high - low) / (1.0 + (discord / knee) ** 2))
+
+
+@_compiled
+def border_discords(unit, whole, segment, forms, right, below, out):  # type: ignore[no-untyped-def]
+    """Discord across every side shared by two units: out[0] to the right, out[1] below; else -1.
+
+    unit (rows, columns): of every cell, or -1; sides within a segment (units,) are left out. forms
+    of the units; right, below: discords of units that are whole (units,), from `square_discords`;
+    out (2, rows, columns). Returns how many sides are not -1.
+    """
+    rows, columns = unit.shape
+    found = 0
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i, j]
+            for k in range(2):
+                out[k, i, j] = -1.0
+                row, column = i + k, j + 1 - k
+                if u < 0 or row >= rows or column >= columns:
+                    continue
+                v = unit[row, column]
+                if v < 0 or segment[v] == segment[u]:
+                    continue
+                found += 1
+                if whole[u] and whole[v]:
+                    squares = right if k == 0 else below
+                    out[k, i, j] = squares[i // 2, j // 2]
+                else:
+                    out[k, i, j] = discord_of(forms[u], forms[v])
+    return found
+
+
+@_compiled
+def segment_borders(of_cell, discords, price, border, ends, nats):  # type: ignore[no-untyped-def]
+    """Nats of the borders of every segment: dear where the surface goes on, else cheap.
+
+    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it. Writes
+    border (n,): all sides of each; and for each side between two segments ends (., 2) and nats (.);
+    returns how many of these there are.
+    """
+    rows, columns = of_cell.shape
+    border[:] = 0.0
+    found = 0
+    for i in range(rows):
+        for j in range(columns):
+            u = of_cell[i, j]
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if row >= rows or column >= columns or of_cell[row, column] == u:
+                    continue
+                v, cost = of_cell[row, column], border_price(discords[k, i, j], price)
+                if u >= 0:
+                    border[u] += cost
+                if v >= 0:
+                    border[v] += cost
+                if u >= 0 and v >= 0:
+                    ends[found, 0], ends[found, 1], nats[found] = u, v, cost
+                    found += 1
+    return found
+
+
+@_compiled
+def accept(worth, ends, price, least, accepted):  # type: ignore[no-untyped-def]
+    """Accept the segments that are worth more than `least` nats; a border is paid for once.
+
+    worth (n,): with all borders paid for; what accepted neighbours pay is added to it. Every
+    accepted segment makes its neighbours cheaper, so adding those that pay, until no more do, ends
+    at the same ones in any order.
+    """
+    alone = worth.copy()
+    for k in range(worth.size):
+        accepted[k] = worth[k] > least
+    more = True
+    while more:
+        worth[:] = alone
+        for e in range(price.size):
+            u, v = ends[e, 0], ends[e, 1]
+            if accepted[v]:
+                worth[u] += price[e]
+            if accepted[u]:
+                worth[v] += price[e]
+        more = False
+        for k in range(worth.size):
+            if worth[k] > least and not accepted[k]:
+                accepted[k] = more = True

@@ -1,0 +1,202 @@
+"""Segments as they are compared, and whether two of them are one plane.
+
+A form holds what a comparison needs of a segment row (`kernels.cells`): its centroid, inverse depth
+and slopes there, their variances (about the centroid the offset's is independent of the slopes'),
+its extent, the root of its area, and one over it, and the root of its drift.
+
+The formulas are written once, for numbers instead of rows, and always inlined: so the same lines
+are a vector loop over a grid of squares and a fast comparison of any two.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+
+FORM = 12
+X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW = range(FORM)
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
+_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
+_BEND_SMALL, _BEND_LARGE = PLANE_BEND
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+_inlined = njit(error_model="numpy", fastmath=_FAST, inline="always")
+
+
+@_compiled
+def write_form(s, drift, form):  # type: ignore[no-untyped-def]
+    """Write the form of a segment row."""
+    scale = 1.0 / s[0]
+    cx, cy = s[1] * scale, s[2] * scale
+    xx, xy, yy = s[3] - cx * s[1], s[4] - cx * s[2], s[5] - cy * s[2]
+    qx, qy = s[7] - cx * s[6], s[8] - cy * s[6]
+    scale_slopes = 1.0 / (xx * yy - xy * xy)
+    vxx, vxy, vyy = yy * scale_slopes, -xy * scale_slopes, xx * scale_slopes
+    form[X], form[Y], form[W] = cx, cy, s[6] * scale
+    form[TX], form[TY] = vxx * qx + vxy * qy, vxy * qx + vyy * qy
+    form[V], form[VXX], form[VXY], form[VYY] = scale, vxx, vxy, vyy
+    extent = np.sqrt(s[COUNT]) / UNIT
+    form[EXTENT], form[INVERSE], form[SLOW] = extent, 1.0 / extent, np.sqrt(drift)
+
+
+@_compiled
+def write_forms(segments, drift, forms):  # type: ignore[no-untyped-def]
+    """Write the forms (n, 12) of segment rows (n, 13)."""
+    for k in range(segments.shape[0]):
+        write_form(segments[k], drift[k], forms[k])
+
+
+@_inlined
+def _difference(  # type: ignore[no-untyped-def]
+    x0, y0, w0, tx0, ty0, v0, vxx0, vxy0, vyy0, extent0, inverse0, slow0,
+    x1, y1, w1, tx1, ty1, v1, vxx1, vxy1, vyy1, extent1, inverse1, slow1,
+):  # fmt: skip
+    """Difference delta of the planes of two forms where they meet, and its covariance C.
+
+    They meet near the smaller one. C = P_0^-1 + P_1^-1 + Sigma_d, where Sigma_d is what an error
+    that wanders like a random walk makes of the planes of two squares side by side, and of those
+    farther apart by a gap (`frame_error`).
+    """
+    first = extent0 <= extent1  # is the smaller one
+    extent, reach = min(extent0, extent1), max(extent0, extent1)
+    # From the centroid of the larger to that of the smaller; and from both to where they meet.
+    sign = 1.0 if first else -1.0
+    dx, dy = sign * (x0 - x1), sign * (y0 - y1)
+    apart = np.sqrt(dx * dx + dy * dy)
+    share = _HALF * min(extent, apart) / (apart + 1e-12)
+    sx, sy = -share * dx, -share * dy
+    dx, dy = dx + sx, dy + sy
+    ax, ay = sx if first else dx, sy if first else dy
+    bx, by = dx if first else sx, dy if first else sy
+    gap = max(apart - _TOUCHING * (extent + reach), 0.0)
+    drift = slow0 * slow1
+    bend = drift * (
+        _BEND_SMALL * (inverse0 if first else inverse1)
+        + _BEND_LARGE * (inverse1 if first else inverse0)
+    )
+    delta = w0 + ax * tx0 + ay * ty0 - w1 - bx * tx1 - by * ty1
+    c00 = v0 + v1 + drift * (PLANE_OFFSET * reach + gap)
+    c00 += ax * ax * vxx0 + 2.0 * ax * ay * vxy0 + ay * ay * vyy0
+    c00 += bx * bx * vxx1 + 2.0 * bx * by * vxy1 + by * by * vyy1
+    c01 = ax * vxx0 + ay * vxy0 + bx * vxx1 + by * vxy1
+    c02 = ax * vxy0 + ay * vyy0 + bx * vxy1 + by * vyy1
+    c11, c12, c22 = vxx0 + vxx1 + bend, vxy0 + vxy1, vyy0 + vyy1 + bend
+    return delta, tx0 - tx1, ty0 - ty1, c00, c01, c02, c11, c12, c22
+
+
+@_inlined
+def _determinant(c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
+    near = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
+    return near + c02 * (c01 * c12 - c02 * c11)
+
+
+@_inlined
+def _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
+    """(x y z) C^-1 (x y z)' det C."""
+    p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
+    s, t, u = c00 * c22 - c02 * c02, c01 * c02 - c00 * c12, c00 * c11 - c01 * c01
+    return p * x * x + s * y * y + u * z * z + 2.0 * (q * x * y + r * x * z + t * y * z)
+
+
+@_compiled
+def discord_of(a, b):  # type: ignore[no-untyped-def]
+    """delta' C^-1 delta of two forms."""
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
+    )  # fmt: skip
+    form = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+    return form / _determinant(c00, c01, c02, c11, c12, c22)
+
+
+@_compiled
+def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+    """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
+
+    discord = delta' C^-1 delta with delta the difference of their planes where they meet.
+    evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing to do with the
+    other.
+    """
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
+    )  # fmt: skip
+    near = _determinant(c00, c01, c02, c11, c12, c22)
+    discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
+    c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
+    return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
+
+
+@_compiled
+def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+    """`compare_forms` of two segment rows whose drift is the same."""
+    forms = np.empty((2, FORM))
+    write_form(a, drift, forms[0])
+    write_form(b, drift, forms[1])
+    return compare_forms(forms[0], forms[1], offset_prior, slope_prior)
+
+
+@_compiled
+def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
+    """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
+    for j in range(chosen.size):
+        k = chosen[j]
+        for e in range(FORM):
+            out[e, j] = forms[k, e] if k >= 0 else 1.0
+
+
+@_compiled
+def _discords(a, b, out):  # type: ignore[no-untyped-def]
+    """Discords of columns of forms (12, n)."""
+    a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
+    a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
+    b0, b1, b2, b3, b4, b5 = b[0], b[1], b[2], b[3], b[4], b[5]
+    b6, b7, b8, b9, b10, b11 = b[6], b[7], b[8], b[9], b[10], b[11]
+    for j in range(out.size):
+        x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+            a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
+            a6[j], a7[j], a8[j], a9[j], a10[j], a11[j],
+            b0[j], b1[j], b2[j], b3[j], b4[j], b5[j],
+            b6[j], b7[j], b8[j], b9[j], b10[j], b11[j],
+        )  # fmt: skip
+        form = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+        out[j] = form / _determinant(c00, c01, c02, c11, c12, c22)
+
+
+@_compiled
+def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-def]
+    """Discords of squares side by side, and one below the other.
+
+    squares (rows, columns): form of each, or -1. Writes right and below (rows, columns), without
+    meaning where there is no pair.
+    """
+    rows, columns = squares.shape
+    upper, lower = np.empty((FORM, columns)), np.empty((FORM, columns))
+    _take(squares[0], forms, upper)
+    for i in range(rows):
+        _discords(upper[:, :-1], upper[:, 1:], right[i, :-1])
+        if i + 1 < rows:
+            _take(squares[i + 1], forms, lower)
+            _discords(upper, lower, below[i])
+            upper, lower = lower, upper
+
+
+@_compiled
+def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
+    """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
+
+    C is what the unit would be compared with beside a plane of 100 x 100 pixels, whose own error is
+    small beside the unit's.
+    """
+    for k in range(forms.shape[0]):
+        form = forms[k]
+        drift = form[SLOW] * form[SLOW]
+        bend = _BEND_SMALL * drift * form[INVERSE]
+        vxx, vxy, vyy = form[VXX] + bend, form[VXY], form[VYY] + bend
+        near = vxx * vyy - vxy * vxy
+        far = (vxx + slope_prior[k]) * (vyy + slope_prior[k]) - vxy * vxy
+        level = form[V] + PLANE_OFFSET * drift
+        out[k] = 0.5 * np.log((1.0 + offset_prior[k] / level) * far / near)
