@@ -8,7 +8,7 @@ from planewise.kernels import readings as kernels
 
 from . import oracles
 
-SIZES = (1, 3, 511, 512, 513, 2000)
+SIZES = (1, 3, 511, 512, 513, kernels.PART + 700)
 
 
 def rays(rng, k, dtype=np.float64):
@@ -67,7 +67,8 @@ def test_score_points(k, n):
 
 
 def check_assignment(out, square, tau):
-    best, second, label, cumulative = out
+    best, second, label, sums = out
+    cumulative = sums.sum(axis=0)
     exact = oracles.assign(square, tau)
     assert_allclose(best, exact[0], rtol=1e-9, atol=1e-9)
     assert_allclose(second, exact[1], rtol=1e-9, atol=1e-9)
@@ -75,8 +76,13 @@ def check_assignment(out, square, tau):
     assert_allclose(cumulative, exact[3], rtol=1e-9, atol=1e-9)
 
 
+def parts(k):
+    return -(-k // kernels.PART)
+
+
 def buffers(k, planes):
-    return np.empty(k), np.empty(k), np.empty(k, np.uint16), np.empty(planes + 1)
+    sums = np.empty((parts(k), planes + 1))
+    return np.empty(k), np.empty(k), np.empty(k, np.uint16), sums
 
 
 @pytest.mark.parametrize("k", SIZES)
@@ -84,7 +90,7 @@ def buffers(k, planes):
 def test_assign_rays(k, planes):
     theta, a, s, tau = rays(np.random.default_rng(k), k)
     out = buffers(k, planes)
-    kernels.assign_rays(theta[:planes], a, s, tau, *out)
+    kernels.assign_rays(theta[:planes], a, s, tau, 0, parts(k), *out)
     check_assignment(out, (s - 1 / (theta[:planes] @ a)) ** 2, tau)
 
 
@@ -95,15 +101,23 @@ def test_assign_points(k, n):
     x, h = rng.normal(0, 2, (n + 1, k)), rng.normal(0, 1, (3, n + 1))
     tau = rng.uniform(1, 5, k)
     out = buffers(k, 3)
-    kernels.assign_points(h, x, tau, *out)
+    kernels.assign_points(h, x, tau, 0, parts(k), *out)
     check_assignment(out, (h @ x) ** 2, tau)
 
 
-def test_gauss_newton():
-    theta, a, s, tau = rays(np.random.default_rng(5), 2000)
+def step(theta, a, s, labels):
+    sums = np.empty((parts(s.size), len(theta), 9))
+    kernels.normal_sums(theta, a, s, labels, 0, len(sums), sums)
+    matrix, moved = np.empty((len(theta), 3, 3)), np.empty((len(theta), 3))
+    kernels.gauss_newton(theta, sums, matrix, moved)
+    return matrix, moved
+
+
+@pytest.mark.parametrize("k", [2000, kernels.PART + 700])
+def test_gauss_newton(k):
+    theta, a, s, tau = rays(np.random.default_rng(5), k)
     labels = oracles.assign((s - 1 / (theta @ a)) ** 2, tau)[2].astype(np.uint16)
-    matrix, moved = np.empty((3, 3, 3)), np.empty((3, 3))
-    kernels.gauss_newton(theta, a, s, labels, matrix, moved)
+    matrix, moved = step(theta, a, s, labels)
     exact = oracles.gauss_newton(theta, a, s, labels)
     assert_allclose(matrix, exact[0], rtol=1e-9)
     assert_allclose(moved, exact[1], rtol=1e-7)
@@ -113,9 +127,29 @@ def test_gauss_newton_without_enough_readings_is_nan():
     theta, a, s, _ = rays(np.random.default_rng(5), 100)
     labels = np.zeros(100, np.uint16)
     labels[:2] = 1
-    matrix, moved = np.empty((3, 3, 3)), np.empty((3, 3))
-    kernels.gauss_newton(theta, a, s, labels, matrix, moved)
-    assert np.isnan(moved).all()
+    assert np.isnan(step(theta, a, s, labels)[1]).all()
+
+
+@pytest.mark.parametrize("k", [2000, kernels.PART + 700])
+def test_offer_sums(k):
+    theta, a, s, ceiling = rays(np.random.default_rng(5), k)
+    s[:3], ceiling[3:6] = 0.0, -1.0
+    sums, saved = np.empty((parts(k), 1, 9)), np.empty(parts(k))
+    kernels.offer_sums(theta[:1], a, s, ceiling, 0, parts(k), sums, saved)
+    gain = (s - 1 / (theta[0] @ a)) ** 2 - ceiling
+    exact = np.empty((parts(k), 1, 9))
+    kernels.normal_sums(theta[:1], a, s, (gain < 0).astype(np.uint16), 0, parts(k), exact)
+    assert_allclose(sums, exact, rtol=1e-9)
+    assert_allclose(saved.sum(), np.minimum(gain, 0).sum())
+
+
+def test_offer_sums_of_a_degenerate_plane_are_zero():
+    _, a, s, ceiling = rays(np.random.default_rng(5), 600)
+    for theta in (np.full((1, 3), np.nan), np.zeros((1, 3))):
+        sums, saved = np.empty((1, 1, 9)), np.empty(1)
+        kernels.offer_sums(theta, a, s, ceiling, 0, 1, sums, saved)
+        assert saved[0] == 0
+        assert not sums[..., :6].any()
 
 
 @pytest.mark.parametrize("n", [2, 3, 6])
@@ -144,15 +178,18 @@ def test_cell_moments_solve_the_linear_least_squares_of_each_cell():
         assert_allclose(moments[cell, 9], target @ target)
 
 
-def test_summarise():
+@pytest.mark.parametrize("k", [400, kernels.PART + 400])
+def test_summarise(k):
     rng = np.random.default_rng(1)
-    k, width = 400, 25
-    index = np.sort(rng.choice(1000, k, replace=False))
+    width = 25
+    index = np.sort(rng.choice(2 * k, k, replace=False))
     labels = rng.integers(0, 4, k).astype(np.uint16)
     gain, square, depth, solid = rng.uniform(1, 2, size=(4, k))
     direction = rng.normal(size=(3, k))
-    sums, box = np.empty((3, 7)), np.empty((3, 4), np.int64)
-    kernels.summarise(labels, gain, square, direction, depth, solid, index, width, sums, box)
+    sums, box = np.empty((parts(k), 3, 7)), np.empty((parts(k), 3, 4), np.int64)
+    where = index, width, 0, parts(k)
+    kernels.summarise(labels, gain, square, direction, depth, solid, *where, sums, box)
+    sums, box = sums.sum(axis=0), np.hstack((box[..., :2].min(axis=0), box[..., 2:].max(axis=0)))
     area, position = depth**3 * solid, direction * depth
     for j in range(3):
         mine = labels == j + 1

@@ -72,7 +72,9 @@ class Problem:
             stretch = min(2.0 * stretch, _LONGEST)
         return solution
 
-    def refine_one(self, plane: Array, floor: Array, steps: int = 8) -> tuple[Array, float]:
+    def refine_one(
+        self, plane: Array, floor: Array | None = None, steps: int = 8
+    ) -> tuple[Array, float]:
         """Refit one plane on the readings it takes from `floor`, as long as that saves more.
 
         Returns
@@ -81,16 +83,12 @@ class Problem:
         saved : float
             Sum of min(0, gain - floor) over the readings, negative; the weight is not applied.
         """
-        gains = self.evaluator.assign(plane[None]).best
-        saved = float(np.minimum(gains - floor, 0.0).sum())
+        saved, moved = self.evaluator.offer(plane, floor)
         for _ in range(steps):
-            taken = (gains < floor).astype(np.uint16)
-            moved = self.evaluator.refit(plane[None], taken)[0]
-            gains = self.evaluator.assign(moved[None]).best
-            saving = float(np.minimum(gains - floor, 0.0).sum())
+            saving, further = self.evaluator.offer(moved, floor)
             if not self.weight * saving < self.weight * saved - self.tolerance:
                 break
-            plane, saved = moved, saving
+            plane, saved, moved = moved, saving, further
         return plane, saved
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.evaluate import Evaluator, RayEvaluator
+from planewise.evaluate import Evaluator
 from planewise.kernels import readings as kernels
 from planewise.observation import Observation
+from planewise.ray_evaluator import RayEvaluator
 from planewise.sequential import distinct_tuples
 
 Array = NDArray[np.float64]

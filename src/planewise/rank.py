@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.evaluate import Assignment, Evaluator
+from planewise import threads
+from planewise.evaluate import FEWEST_PARTS, Assignment, Evaluator, part_count
 from planewise.kernels import readings as kernels
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation
@@ -32,30 +33,29 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         With Phi no higher; the same object if nothing was merged.
     """
     labels, gains = solution.assignment.labels.copy(), solution.assignment.best.copy()
-    alone = [problem.evaluator.assign(plane[None]).best for plane in solution.parameters]
-    alive = list(np.argsort(np.bincount(labels, gains, len(alone) + 1)[1:], kind="stable"))
+    planes = solution.parameters
+    alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
     merged = False
-    for worse in alive[::-1]:
-        mine = labels == worse + 1
+    for worse in alive[:0:-1]:
+        mine = np.flatnonzero(labels == worse + 1)
+        readings = problem.evaluator.subset(mine)
         better = alive[: alive.index(worse)]
-        if not better:
-            break
-        offers = [float(alone[i][mine].sum()) for i in better]
-        pick = int(np.argmin(offers))
+        offers = [readings.assign(planes[i : i + 1]) for i in better]
+        pick = int(np.argmin([offer.gain for offer in offers]))
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        if problem.weight * (offers[pick] - gains[mine].sum()) < saved:
-            gains[mine] = alone[better[pick]][mine]
+        if problem.weight * (offers[pick].gain - gains[mine].sum()) < saved:
+            gains[mine] = offers[pick].best
             labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
             alive.remove(worse)
             merged = True
     if not merged:
         return solution
     keep = np.sort(alive)
-    lookup = np.zeros(len(alone) + 1, np.uint16)
+    lookup = np.zeros(len(planes) + 1, np.uint16)
     lookup[keep + 1] = np.arange(1, len(keep) + 1)
     assignment = Assignment.of(lookup[labels], gains, len(keep))
     phi = problem.phi(len(keep), assignment.gain)
-    return Solution(solution.parameters[keep], assignment, phi)
+    return Solution(planes[keep], assignment, phi)
 
 
 def rank(
@@ -81,10 +81,11 @@ def rank(
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
-    square = 2.0 * (gains + evaluator.tau) * observation.sigma**2
+    square = gains + evaluator.tau
+    square *= 2.0 * observation.sigma**2
     rows = evaluator.coefficients(solution.parameters)
     covariances = evaluator.covariances(solution.parameters, labels)
-    planes = describe(observation, rows, covariances, labels, gains, square)
+    planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)
     order = np.argsort([plane.information for plane in planes], kind="stable")
     place = np.zeros(len(solution) + 1, np.uint16)
     place[order + 1] = np.arange(1, len(solution) + 1)
@@ -98,6 +99,7 @@ def describe(
     labels: NDArray[np.integer],
     gains: Array,
     square: Array,
+    workers: int = 1,
 ) -> list[Plane]:
     """Planes with the statistics of their readings, in the order of their labels.
 
@@ -113,21 +115,31 @@ def describe(
         0 for none, j for row j - 1.
     gains, square : ndarray, shape (k,)
         What each reading saves, in nats, and its squared residual, in square metres.
+    workers : int
+        Threads.
     """
-    sums = np.empty((len(rows), 4 + observation.dimension))
-    boxes = np.empty((len(rows), 4), np.int64)
+    parts = part_count(observation.count)
+    sums = np.empty((parts, len(rows), 4 + observation.dimension))
+    boxes = np.empty((parts, len(rows), 4), np.int64)
     if isinstance(observation, RayObservation):
         direction, depth, solid = observation.rays, observation.depth, observation.solid
     else:
         direction = observation.positions().T.copy()
         depth, solid = np.ones(observation.count), np.zeros(observation.count)
-    width = observation.shape[-1]
-    kernels.summarise(
-        labels, gains, square, direction, depth, solid, observation.index, width, sums, boxes
+    where = observation.index, observation.shape[-1]
+    threads.over_chunks(
+        lambda first, last: kernels.summarise(
+            labels, gains, square, direction, depth, solid, *where, first, last, sums, boxes
+        ),
+        parts,
+        workers,
+        FEWEST_PARTS,
     )
+    total = sums.sum(axis=0)
+    box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
     image = isinstance(observation, RayObservation) and len(observation.shape) == 2
     return [
-        _plane(row, covariances[j], sums[j], boxes[j] if image else None)
+        _plane(row, covariances[j], total[j], box[j] if image else None)
         for j, row in enumerate(rows)
     ]
 

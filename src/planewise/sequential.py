@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,23 +35,22 @@ def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) ->
     """Draw `trials` rows of `n` different indices below `size`."""
     rows = rng.integers(size, size=(trials, n))
     while True:
-        ordered = np.sort(rows, axis=1)
-        again = np.flatnonzero((ordered[:, 1:] == ordered[:, :-1]).any(axis=1))
+        equal = [rows[:, i] == rows[:, j] for i, j in combinations(range(n), 2)]
+        again = np.flatnonzero(np.any(equal, axis=0))
         if not again.size:
             return rows
         rows[again] = rng.integers(size, size=(again.size, n))
 
 
 def _best_of_samples(rest: Evaluator, trials: int, rng: np.random.Generator) -> Array:
-    """Of `trials` planes through random readings, the one that saves most."""
+    """Of `trials` planes through random readings, the one that saves most on all readings."""
     best, lowest = np.full(rest.width, np.nan), np.inf
     for start in range(0, trials, _CHUNK):
         size = min(_CHUNK, trials - start)
         planes = rest.through(distinct_tuples(rng, size, rest.count, rest.dimension))
-        scores = rest.scores(planes)
-        pick = int(np.argmin(scores))
-        if scores[pick] < lowest:
-            best, lowest = planes[pick], scores[pick]
+        pick, score = rest.lowest(planes)
+        if score < lowest:
+            best, lowest = planes[pick], score
     return best
 
 
@@ -76,34 +76,35 @@ def sequential_search(
         Phi after 0 ... max_planes planes.
     """
     everything, n = problem.evaluator, problem.evaluator.dimension
-    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
     found: list[Array] = []
+    claims: list[tuple[NDArray[np.int64], Array]] = []
     phi = [problem.phi(0, 0.0)]
     moves: list[Move] = []
     total = 0.0
     reason = f"reached max_planes = {problem.max_planes}"
+    free, rest = np.arange(everything.count), everything
     while len(found) < problem.max_planes:
-        free = np.flatnonzero(labels == 0)
         if free.size < n:
             reason = f"{free.size} readings are left without a plane, fewer than {n}"
             break
-        rest = everything.subset(free)
         best = _best_of_samples(rest, trials, rng)
-        one = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2))
-        none = np.zeros(free.size)
-        plane, gain = one.refine_one(best, none)
+        plane, gain = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2)).refine_one(best)
         if not gain < 0:
             reason = "no candidate plane fits any of the remaining readings"
             break
         found.append(plane)
         total += gain
-        taken = rest.assign(plane[None])
-        labels[free], gains[free] = taken.labels * np.uint16(len(found)), taken.best
+        assigned = rest.assign(plane[None])
+        explained = assigned.labels > 0
+        taken, left = np.flatnonzero(explained), np.flatnonzero(~explained)
+        claims.append((free.take(taken), assigned.best.take(taken)))
+        free, rest = free.take(left), rest.subset(left)
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
     chosen = int(np.argmin(phi))
-    dropped = labels > chosen
-    labels[dropped], gains[dropped] = 0, 0.0
+    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
+    for j, (mine, saved) in enumerate(claims[:chosen], start=1):
+        labels[mine], gains[mine] = j, saved
     curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
     return Solution(
         np.array(found[:chosen]).reshape(chosen, everything.width),

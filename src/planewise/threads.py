@@ -22,15 +22,19 @@ def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads, thread_name_prefix="planewise")
 
 
-def over_chunks(work: Callable[[int, int], None], size: int, threads: int) -> None:
+def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least: int = 1) -> None:
     """Call ``work(first, last)`` on consecutive parts of ``range(size)``, one part a thread.
 
     What `work` writes for one element must not depend on the part it is in: then results are the
-    same for any number of threads.
+    same for any number of threads. Fewer than `least` elements are not worth a thread.
     """
-    if threads <= 1 or size < 2 * threads:
+    threads = min(threads, size // least)
+    if threads <= 1:
         work(0, size)
         return
     bounds = [size * part // threads for part in range(threads + 1)]
-    for done in [_pool(threads).submit(work, *part) for part in pairwise(bounds)]:
+    mine, *others = pairwise(bounds)
+    waiting = [_pool(threads - 1).submit(work, *part) for part in others]
+    work(*mine)
+    for done in waiting:
         done.result()

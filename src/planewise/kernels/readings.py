@@ -20,8 +20,19 @@ import numpy as np
 from numba import njit
 
 _BLOCK = 512
+PART = 8_192  # readings that are summed together, whatever the number of threads
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def gather_rays(a, s, tau, chosen, first, last, out):  # type: ignore[no-untyped-def]
+    """out (5, n) = a, s, tau (3 + 1 + 1, k) of the readings chosen[first:last]."""
+    for axis in range(3):
+        for i in range(first, last):
+            out[axis, i] = a[axis, chosen[i]]
+    for i in range(first, last):
+        out[3, i], out[4, i] = s[chosen[i]], tau[chosen[i]]
 
 
 @_compiled
@@ -90,21 +101,22 @@ def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def assign_rays(theta, a, s, tau, best, second, label, cumulative):  # type: ignore[no-untyped-def]
-    """Give every reading to the plane of lowest gain below zero, else to none.
+def assign_rays(theta, a, s, tau, first, last, best, second, label, cumulative):  # type: ignore[no-untyped-def]
+    """Give the readings of parts first <= p < last to the plane of lowest gain below zero, or none.
 
     theta (N, 3), a (3, k), s, tau (k,): float64. Writes best and second-best gain (k,), label (k,)
-    uint16 with 0 for none, and cumulative (N + 1,): the sum of best gains with the first 0 ... N
-    planes alone.
+    uint16 with 0 for none, and cumulative (parts, N + 1): the sum of best gains with the first
+    0 ... N planes alone.
     """
     work = np.empty(_BLOCK)
     marks = np.empty(_BLOCK, np.int32)
-    cumulative[:] = 0.0
-    for start in range(0, s.size, _BLOCK):
+    cumulative[first:last] = 0.0
+    for start in range(first * PART, min(last * PART, s.size), _BLOCK):
         stop = min(start + _BLOCK, s.size)
         x, y, z = a[0, start:stop], a[1, start:stop], a[2, start:stop]
         d, c, g = s[start:stop], tau[start:stop], work[: stop - start]
         b, b2, m = best[start:stop], second[start:stop], marks[: stop - start]
+        sums = cumulative[start // PART]
         b[:] = 0.0
         b2[:] = 0.0
         m[:] = 0
@@ -113,20 +125,21 @@ def assign_rays(theta, a, s, tau, best, second, label, cumulative):  # type: ign
             for i in range(g.size):
                 e = d[i] - 1.0 / (t0 * x[i] + t1 * y[i] + t2 * z[i])
                 g[i] = e * e - c[i]
-            cumulative[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
+            sums[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
         label[start:stop] = m
 
 
 @_compiled
-def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[no-untyped-def]
+def assign_points(h, x, tau, first, last, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """`assign_rays` for free points: h (N, n + 1), x (n + 1, k) float64."""
     work = np.empty(_BLOCK)
     marks = np.empty(_BLOCK, np.int32)
-    cumulative[:] = 0.0
-    for start in range(0, tau.size, _BLOCK):
+    cumulative[first:last] = 0.0
+    for start in range(first * PART, min(last * PART, tau.size), _BLOCK):
         stop = min(start + _BLOCK, tau.size)
         c, g = tau[start:stop], work[: stop - start]
         b, b2, m = best[start:stop], second[start:stop], marks[: stop - start]
+        sums = cumulative[start // PART]
         b[:] = 0.0
         b2[:] = 0.0
         m[:] = 0
@@ -138,30 +151,27 @@ def assign_points(h, x, tau, best, second, label, cumulative):  # type: ignore[n
                     g[i] += weight * row[i]
             for i in range(g.size):
                 g[i] = g[i] * g[i] - c[i]
-            cumulative[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
+            sums[j + 1] += _keep_best(g, np.int32(j + 1), b, b2, m)
         label[start:stop] = m
 
 
 @_compiled
-def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-def]
-    """One least-squares step of every plane on its readings.
+def normal_sums(theta, a, s, label, first, last, sums):  # type: ignore[no-untyped-def]
+    """Sums of one least-squares step of every plane on its readings in parts first <= p < last.
 
-    With q = theta . a the residual is e = s - 1 / q, and de / dtheta = a / q^2. Writes matrix
-    (N, 3, 3) = sum a a' / q^4 and moved (N, 3) = theta - matrix^-1 sum a e / q^2, NaN where the
-    readings do not fix a plane. As e^2 = delta^2 / (2 sigma^2), 2 * matrix is the Fisher
-    information of theta.
+    With q = theta . a the residual is e = s - 1 / q, and de / dtheta = a / q^2. Writes sums
+    (parts, N, 9): the upper triangle of sum a a' / q^4, then sum a e / q^2.
     """
-    matrix[:] = 0.0
-    slope = np.zeros(theta.shape)
+    sums[first:last] = 0.0
     work = np.empty(_BLOCK)
-    for start in range(0, s.size, _BLOCK):
+    for start in range(first * PART, min(last * PART, s.size), _BLOCK):
         stop = min(start + _BLOCK, s.size)
         x, y, z = a[0, start:stop], a[1, start:stop], a[2, start:stop]
         d, marks, on = s[start:stop], label[start:stop], work[: stop - start]
-        last = np.uint16(0)
+        most = np.uint16(0)
         for i in range(marks.size):
-            last = max(last, marks[i])
-        for j in range(last):
+            most = max(most, marks[i])
+        for j in range(most):
             mark = np.uint16(j + 1)
             count = np.uint16(0)
             for i in range(marks.size):
@@ -188,18 +198,76 @@ def gauss_newton(theta, a, s, label, matrix, moved):  # type: ignore[no-untyped-
                 v0 += p0 * e
                 v1 += p1 * e
                 v2 += p2 * e
-            m, v = matrix[j], slope[j]
-            m[0, 0] += m00
-            m[0, 1] += m01
-            m[0, 2] += m02
-            m[1, 1] += m11
-            m[1, 2] += m12
-            m[2, 2] += m22
-            v[0] += v0
-            v[1] += v1
-            v[2] += v2
+            _add(sums[start // PART, j], m00, m01, m02, m11, m12, m22, v0, v1, v2)
+
+
+@_compiled
+def offer_sums(theta, a, s, ceiling, first, last, sums, saved):  # type: ignore[no-untyped-def]
+    """`normal_sums` of one plane theta (1, 3) on the readings that it takes: e^2 < ceiling.
+
+    Writes sums (parts, 1, 9) and saved (parts,): sum of min(0, e^2 - ceiling).
+    """
+    sums[first:last] = 0.0
+    saved[first:last] = 0.0
+    work = np.empty(_BLOCK)
+    t0, t1, t2 = theta[0, 0], theta[0, 1], theta[0, 2]
+    for start in range(first * PART, min(last * PART, s.size), _BLOCK):
+        stop = min(start + _BLOCK, s.size)
+        x, y, z = a[0, start:stop], a[1, start:stop], a[2, start:stop]
+        d, c = s[start:stop], ceiling[start:stop]
+        taken = work[: stop - start]
+        total = 0.0
+        for i in range(taken.size):
+            r = 1.0 / (t0 * x[i] + t1 * y[i] + t2 * z[i])
+            e = d[i] - r
+            g = e * e - c[i]
+            total += g if g < 0.0 else 0.0
+            taken[i] = r if g < 0.0 else 0.0
+        m00 = m01 = m02 = m11 = m12 = m22 = v0 = v1 = v2 = 0.0
+        for i in range(taken.size):
+            r = taken[i]
+            w, e = r * r, d[i] - r
+            p0, p1, p2 = w * x[i], w * y[i], w * z[i]
+            m00 += p0 * p0
+            m01 += p0 * p1
+            m02 += p0 * p2
+            m11 += p1 * p1
+            m12 += p1 * p2
+            m22 += p2 * p2
+            v0 += p0 * e
+            v1 += p1 * e
+            v2 += p2 * e
+        _add(sums[start // PART, 0], m00, m01, m02, m11, m12, m22, v0, v1, v2)
+        saved[start // PART] += total
+
+
+@_compiled
+def _add(row, m00, m01, m02, m11, m12, m22, v0, v1, v2):  # type: ignore[no-untyped-def]
+    row[0] += m00
+    row[1] += m01
+    row[2] += m02
+    row[3] += m11
+    row[4] += m12
+    row[5] += m22
+    row[6] += v0
+    row[7] += v1
+    row[8] += v2
+
+
+@_compiled
+def gauss_newton(theta, sums, matrix, moved):  # type: ignore[no-untyped-def]
+    """One least-squares step of every plane from its sums (parts, N, 9).
+
+    Writes matrix (N, 3, 3) = sum a a' / q^4 and moved (N, 3) = theta - matrix^-1 sum a e / q^2, NaN
+    where the readings do not fix a plane. As e^2 = delta^2 / (2 sigma^2), 2 * matrix is the Fisher
+    information of theta.
+    """
     for j in range(theta.shape[0]):
-        m, v = matrix[j], slope[j]
+        total = np.zeros(9)
+        for part in range(sums.shape[0]):
+            total += sums[part, j]
+        m, v = matrix[j], total[6:]
+        m[0, 0], m[0, 1], m[0, 2], m[1, 1], m[1, 2], m[2, 2] = total[:6]
         m[1, 0], m[2, 0], m[2, 1] = m[0, 1], m[0, 2], m[1, 2]
         # Scaled to unit diagonal, a 3 x 3 determinant tells whether there is a plane.
         p, q, r = 1.0 / np.sqrt(m[0, 0]), 1.0 / np.sqrt(m[1, 1]), 1.0 / np.sqrt(m[2, 2])
@@ -267,22 +335,20 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
 
 
 @_compiled
-def summarise(label, gain, square, direction, depth, solid, index, width, sums, box):  # type: ignore[no-untyped-def]
-    """Sums over the readings of every plane in one pass.
+def summarise(label, gain, square, direction, depth, solid, index, width, first, last, sums, box):  # type: ignore[no-untyped-def]
+    """Sums over the readings of every plane in parts first <= p < last.
 
     A reading is at direction * depth (n, k) and covers depth^3 solid / distance of its plane;
-    square is its squared residual. Writes sums (N, 4 + n): count, gain, delta^2, depth^3 solid,
-    position; and box (N, 4): first row and column, last row and column + 1.
+    square is its squared residual. Writes sums (parts, N, 4 + n): count, gain, delta^2, depth^3
+    solid, position; and box (parts, N, 4): first row and column, last row and column + 1.
     """
-    sums[:] = 0.0
-    for j in range(box.shape[0]):
-        box[j, 0] = box[j, 1] = np.iinfo(np.int64).max
-        box[j, 2] = box[j, 3] = 0
-    for i in range(label.size):
+    sums[first:last] = 0.0
+    box[first:last, :, :2] = np.iinfo(np.int64).max
+    box[first:last, :, 2:] = 0
+    for i in range(first * PART, min(last * PART, label.size)):
         if label[i] == 0:
             continue
-        j = label[i] - 1
-        total, z = sums[j], depth[i]
+        total, extent, z = sums[i // PART, label[i] - 1], box[i // PART, label[i] - 1], depth[i]
         total[0] += 1.0
         total[1] += gain[i]
         total[2] += square[i]
@@ -291,10 +357,10 @@ def summarise(label, gain, square, direction, depth, solid, index, width, sums, 
             total[4 + axis] += direction[axis, i] * z
         row = index[i] // width
         column = index[i] - row * width
-        box[j, 0] = min(box[j, 0], row)
-        box[j, 1] = min(box[j, 1], column)
-        box[j, 2] = max(box[j, 2], row + 1)
-        box[j, 3] = max(box[j, 3], column + 1)
+        extent[0] = min(extent[0], row)
+        extent[1] = min(extent[1], column)
+        extent[2] = max(extent[2], row + 1)
+        extent[3] = max(extent[3], column + 1)
 
 
 @_compiled
