@@ -8,7 +8,6 @@ they should: quantiles, for edges and clutter only make them lie farther.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,7 +63,7 @@ def white_factor(misfits: Array, freedom: int) -> float:
     if not misfits.size:
         return 1.0
     median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    factor = max(1.0, _median(misfits) / median)
+    factor = max(1.0, float(_medians(misfits[None], misfits.size)[0]) / median)
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
@@ -75,26 +74,30 @@ def lateral_variance(units: Array, planes: Array, whole: NDArray[np.bool_]) -> t
     / sigma)^2 is a line through medians, and lateral = b / a. units (n, 11) and planes (10, n) as
     `kernels.cells` has them.
     """
-    steep, chi2 = np.empty((2, len(units)))
-    kernels.steepness(units, planes, steep, chi2)
-    order = np.flatnonzero(whole & (steep >= _STEEPNESS[0] ** 2))
-    points = []
-    for low, high in pairwise(_STEEPNESS):
-        here = order[(steep[order] >= low**2) & (steep[order] < high**2)]
-        if here.size >= _FEWEST:
-            count, here = here.size, here[:: -(-here.size // _SAMPLE)]
-            points.append((_median(steep[here]), _median(chi2[here]), np.sqrt(count)))
+    bins = len(_STEEPNESS) - 1
+    steep, sizes = np.empty(len(units)), np.empty(bins, np.int64)
+    samples = np.empty((bins, 2, _SAMPLE))
+    kernels.steepness(units, planes, whole, np.square(_STEEPNESS), steep, sizes, samples)
+    told = np.flatnonzero(sizes >= _FEWEST)
     lateral = 0.0
-    if len(points) > 1:
-        q, level, weight = np.array(points).T
-        slope, base = np.polyfit(q, level, 1, w=np.sqrt(weight))
+    if told.size > 1:
+        q, level = np.array([_medians(samples[b], int(sizes[b])) for b in told]).T
+        slope, base = _line(q, level, np.sqrt(sizes[told]))
         lateral = float(np.clip(slope / max(base, 0.1), 0.0, _LATERAL_LIMIT))
     return lateral, 1.0 + lateral * np.minimum(steep, _STEEPEST**2)
 
 
-def _median(values: Array) -> float:
-    middle = values.size // 2
-    return float(np.partition(values, middle)[middle])
+def _medians(sample: Array, size: int) -> Array:
+    """Medians of the rows of a sample of so many."""
+    taken = -(-size // -(-size // sample.shape[1]))
+    return np.asarray(np.partition(sample[:, :taken], taken // 2, axis=1)[:, taken // 2])
+
+
+def _line(x: Array, y: Array, weight: Array) -> tuple[float, float]:
+    """Slope and height at 0 of the line through points."""
+    cx, cy = np.average(x, weights=weight), np.average(y, weights=weight)
+    slope = (weight * (x - cx)) @ (y - cy) / ((weight * (x - cx)) @ (x - cx))
+    return float(slope), float(cy - slope * cx)
 
 
 def drift_factor(grid: Grid, planes: Array, inflation: Array, drift: Array) -> float:

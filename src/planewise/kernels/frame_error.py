@@ -17,16 +17,31 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contrac
 
 
 @_compiled
-def steepness(units, planes, steep, chi2):  # type: ignore[no-untyped-def]
-    """Squared slope per pixel in standard deviations, noise taken off, and chi^2 per freedom.
+def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: ignore[no-untyped-def]
+    """chi^2 per degree of freedom by steepness.
 
-    units (n, 11); writes steep, chi2 (n,).
+    Steepness is the squared slope per pixel in standard deviations, noise taken off; edges (b + 1,)
+    are those of its bins in rising order. units (n, 11), planes (10, n), whole (n,): those that
+    count. Writes steep (n,); sizes (b,) of the bins; and samples (b, 2, most): steepness and chi^2
+    of units of each, evenly spread, as many as there is room for or there are.
     """
-    for k in range(chi2.size):
+    sizes[:] = 0
+    for k in range(steep.size):
         per_pixel = units[k, 0] / (units[k, COUNT] * UNIT * UNIT)
         slope = planes[3, k] * planes[3, k] + planes[4, k] * planes[4, k]
         steep[k] = max(slope - planes[7, k] - planes[9, k], 0.0) * per_pixel
-        chi2[k] = planes[5, k] / (units[k, COUNT] - 3.0)
+        if whole[k]:
+            for b in range(sizes.size):
+                sizes[b] += edges[b] <= steep[k] < edges[b + 1]
+    for b in range(sizes.size):
+        stride, seen, taken = (sizes[b] - 1) // samples.shape[2] + 1, 0, 0
+        for k in range(steep.size):
+            if whole[k] and edges[b] <= steep[k] < edges[b + 1]:
+                if seen % stride == 0:
+                    samples[b, 0, taken] = steep[k]
+                    samples[b, 1, taken] = planes[5, k] / (units[k, COUNT] - 3.0)
+                    taken += 1
+                seen += 1
 
 
 @_compiled
