@@ -21,6 +21,7 @@ from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
+from planewise.stages import stage
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator
@@ -174,7 +175,9 @@ def detect_planes(
         rng=rng,
         threads=threads,
     )
-    return find(observe(depth, camera, sensor, depth_scale=depth_scale), options)
+    with stage("observe"):
+        frame = observe(depth, camera, sensor, depth_scale=depth_scale)
+    return find(frame, options)
 
 
 def detect_planes_in_points(
@@ -253,7 +256,8 @@ class Detector:
 
     def __call__(self, depth: ArrayLike) -> PlaneModel:
         """Detect the planes of one frame."""
-        frame = observe(depth, self.camera, self.sensor, depth_scale=self.depth_scale)
+        with stage("observe"):
+            frame = observe(depth, self.camera, self.sensor, depth_scale=self.depth_scale)
         return find(frame, self.options)
 
 
