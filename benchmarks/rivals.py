@@ -13,6 +13,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -201,8 +202,8 @@ def _open3d_patches(frame: Frame, _: bool) -> Ready:
     return Ready(detect, labels)
 
 
-def _cgal(frame: Frame, _: bool) -> Ready:
-    """Normals of 100 neighbours; 800 points a plane, 0.1 m, cosine 0.8, probability 1 %."""
+def _cgal(smallest: int, frame: Frame, _: bool) -> Ready:
+    """Normals of 100 neighbours; clusters 0.1 m apart, cosine 0.8, probability 1 %."""
     sets, processing, detection = (
         import_module(f"CGAL.CGAL_{name}")
         for name in ("Point_set_3", "Point_set_processing_3", "Shape_detection")
@@ -221,7 +222,7 @@ def _cgal(frame: Frame, _: bool) -> Ready:
     def detect() -> Any:
         points, planes = made.pop() if made else fresh()
         processing.pca_estimate_normals(points, _NEIGHBOURS)
-        detection.efficient_RANSAC(points, planes, 800, 3 * cloud.sigma, 0.1, 0.8, 0.01)
+        detection.efficient_RANSAC(points, planes, smallest, 3 * cloud.sigma, 0.1, 0.8, 0.01)
         return points, planes  # the map is part of the set: it must not die before
 
     def labels(found: Any) -> Labels:
@@ -263,7 +264,7 @@ OPENCV = Method(
     **_OPENCV,
 )
 OPEN3D_PAPER = Method(
-    name="Open3D RANSAC, paper",
+    name="Open3D, paper",
     settings="segment_plane, threshold sigma, c = 0.99, r = 0.1, N = 8",
     prepare=_open3d_paper,
     **_OPEN3D,
@@ -287,13 +288,16 @@ METHODS = (
         **_OPEN3D,
     ),
     OPEN3D_PAPER,
-    Method(
-        name="CGAL",
-        settings="efficient_RANSAC, 100 neighbours, 800 points, 3 sigma, 0.1 m, cosine 0.8",
-        prepare=_cgal,
-        module="CGAL.CGAL_Shape_detection",
-        package="cgal",
-        slow=True,
+    *(
+        Method(
+            name=name,
+            settings=f"efficient_RANSAC, {smallest} points, 3 sigma, 0.1 m, cosine 0.8",
+            prepare=partial(_cgal, smallest),
+            module="CGAL.CGAL_Shape_detection",
+            package="cgal",
+            slow=True,
+        )
+        for name, smallest in (("CGAL", 3000), ("CGAL, small planes", 800))
     ),
     Method(
         name="pyransac3d",

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -71,9 +72,9 @@ def main() -> None:
     given = parse()
     machine = describe_machine(dict.fromkeys(each.package for each in METHODS))
     print(f"{machine['processor']}, {machine['processors']} processors, {machine['system']}")
-    versions = machine["versions"]
-    assert isinstance(versions, dict)
-    print(", ".join(f"{name} {each}" for name, each in versions.items()) + "\n")
+    print(", ".join(f"{name} {each}" for name, each in machine["versions"].items()))
+    machine["load"] = [round(each, 2) for each in os.getloadavg()]
+    print(f"load before: {', '.join(str(each) for each in machine['load'])}\n")
     record: dict[str, Any] = {"machine": machine, "runs": given.runs, "quick": given.quick}
     if given.only != "methods":
         record["table"] = table(Settings(given.runs, given.quick))

@@ -21,6 +21,7 @@ _COLOURS = {
     "CGAL": "#862e9c",
     "pyransac3d": "#866600",
 }
+_NEAR = 12  # points, beyond which a line leads from the name to the mark
 _INK, _GRID = "#222222", "#e3e6ea"
 # Where a label may be, in points from its mark: the first free place is taken.
 _PLACES = tuple(
@@ -64,10 +65,10 @@ def _panel(axis: Any, name: str, results: list[Result]) -> None:
     """Axes and marks of one set."""
     times = [each["ms"] for each in results]
     axis.set_xscale("log")
-    axis.set_xlim(min(times) / 2.5, max(times) * 3.5)
+    axis.set_xlim(min(times) / 2.5, max(times) * 6)
     axis.set_ylim(0, 1.06)
     axis.set_title(f"{PANELS[name]}, {results[0]['frames']} frames", fontsize=10, color=_INK)
-    axis.set_xlabel("one core, median time of a frame")
+    axis.set_xlabel("one core, median time of a frame; lines: quartiles over the frames")
     axis.xaxis.set_major_formatter(lambda value, _: _duration(value))
     axis.grid(color=_GRID, which="major")
     axis.set_axisbelow(True)
@@ -89,15 +90,18 @@ def _label(figure: Any, axis: Any, results: list[Result]) -> None:
     box = import_module("matplotlib.transforms").Bbox
     renderer = figure.canvas.get_renderer()
     frame = axis.get_window_extent(renderer)
-    taken = []
+    taken: list[Any] = []
     for each in results:
         x, y = axis.transData.transform((each["ms"], each["F1@.5"]))
-        taken.append(box.from_bounds(x - 10, y - 10, 20, 20))
+        left, right = (axis.transData.transform((time, 0))[0] for time in each["quartiles_ms"])
+        taken.append(box.from_extents(x - 10, y - 10, x + 10, y + 10))
+        taken.append(box.from_extents(left - 2, y - 4, right + 2, y + 4))
     for each in sorted(results, key=lambda result: -result["F1@.5"]):
+        at, colour = (each["ms"], each["F1@.5"]), _colour(each["method"])
         for dx, dy in _PLACES:
             text = axis.annotate(
-                each["method"], (each["ms"], each["F1@.5"]), (dx, dy), textcoords="offset points",
-                fontsize=8.5, color=_colour(each["method"]),
+                each["method"], at, (dx, dy), textcoords="offset points",
+                fontsize=8.5, color=colour,
                 fontweight="bold" if each["method"] == "planewise" else "normal",
                 ha="left" if dx > 0 else "right" if dx < 0 else "center",
                 va="bottom" if dy > 0 else "top" if dy < 0 else "center",
@@ -107,9 +111,10 @@ def _label(figure: Any, axis: Any, results: list[Result]) -> None:
             if inside and extent.count_overlaps(taken) == 0:
                 break
             text.remove()
-        else:
-            continue
         taken.append(extent)
+        if max(abs(dx), abs(dy)) > _NEAR:
+            line = {"arrowstyle": "-", "color": colour, "linewidth": 0.7, "shrinkA": 0}
+            axis.annotate("", at, (dx, dy), textcoords="offset points", arrowprops=line)
 
 
 def _colour(method: str) -> str:

@@ -5,9 +5,6 @@ A further row is a further function in ROWS.
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,6 +18,7 @@ from PIL import Image
 import planewise as pw
 from benchmarks import memory, rivals
 from benchmarks.frames import Frame, rooms
+from benchmarks.processes import process
 from benchmarks.rivals import Method
 from benchmarks.table import RATIO, Row, row
 from benchmarks.timing import Work, elapsed, interleaved, one_core, times_of
@@ -152,13 +150,13 @@ def processes(settings: Settings) -> Iterator[Row]:
     """Time whole processes, files and imports included."""
     runs = 3 if settings.quick else 7
     for code, bound in (("pass", None), ("import numpy", None), ("import planewise", 300.0)):
-        yield row(f"python -c '{code}'", "ms", times_of(_process("-c", code), runs), must=bound)
+        yield row(f"python -c '{code}'", "ms", times_of(process("-c", code), runs), must=bound)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         depth = folder / "depth.png"
         Image.fromarray(np.asarray(settings.rooms[0].depth, np.uint16)).save(depth)
         arguments = ("detect", str(depth), "--camera", "kinect-v1", "-o", str(folder / "out"))
-        detect = partial(_process, "-m", "planewise", *arguments)
+        detect = partial(process, "-m", "planewise", *arguments)
         warm = times_of(detect(), runs)
         yield row("planewise detect, whole process", "s", warm / 1e3, must=1.0, aim=0.6)
         first = np.array([
@@ -194,10 +192,3 @@ def _present(method: Method) -> Method:
 def _room(size: tuple[int, int]) -> Frame:
     scene = scenes.room(0, size=size[::-1])
     return Frame("room/0", scene.depth, scene.camera, scene.sensor)
-
-
-def _process(*code: str, **environment: str) -> Work:
-    """Run a whole Python process."""
-    return lambda: subprocess.run(
-        [sys.executable, *code], check=True, capture_output=True, env=os.environ | environment
-    )

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import Any
 
 from planewise._version import __version__
 
@@ -34,7 +35,7 @@ def versions(packages: Iterable[str] = ()) -> dict[str, str]:
     return found
 
 
-def describe_machine(packages: Iterable[str] = ()) -> dict[str, object]:
+def describe_machine(packages: Iterable[str] = ()) -> dict[str, Any]:
     """Say in plain types what the machine and the versions are, for result files."""
     return {
         "processor": processor(),
