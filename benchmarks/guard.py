@@ -2,11 +2,11 @@
 
 python -m benchmarks.guard [--record] [--runs 15]
 
-Every call is timed by turns with fixed work (`benchmarks.reference_work`), imports with that of
-NumPy, on one core; the median of the ratios counts. What exceeds its limit is measured up to twice
-more and the lowest counts, so a burst of other work on the machine does not fail the guard. Limits
-follow from benchmarks/guard.json, which --record writes: record after a change that is meant to
-cost or save time, on a machine that does nothing else.
+Every call is timed by turns with fixed work (`benchmarks.reference_work`) in processor time on one
+core, imports with that of NumPy; the median of the ratios counts. What exceeds its limit is
+measured up to twice more and the lowest counts, so other work on the machine does not fail the
+guard. Limits follow from benchmarks/guard.json, which --record writes: record after a change that
+is meant to cost or save time or memory.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, partial
@@ -67,11 +68,13 @@ class Guarded:
 
 
 def _call(method: Method, share: int, frame: Frame, runs: int) -> float:
-    """Median ratio of a method's time to that of the fixed work."""
+    """Median ratio of a method's processor time to that of the fixed work."""
     depth = np.asarray(frame.depth, np.uint16)
     with one_core():
         detect = method.prepare(frame, False).detect
-        ours, fixed = interleaved(detect, partial(reference, depth), max(3, runs // share))
+        ours, fixed = interleaved(
+            detect, partial(reference, depth), max(3, runs // share), clock=time.process_time
+        )
     return float(np.median(ours / fixed))
 
 
@@ -117,17 +120,15 @@ def main() -> None:
     parser.add_argument("--record", action="store_true", help="keep the numbers as the new record")
     parser.add_argument("--runs", type=int, default=15)
     given = parser.parse_args()
-    known: dict[str, float] = {}
-    if not given.record:
-        known = json.loads(RECORD.read_text(encoding="utf-8"))["values"]
+    known = {} if given.record else recorded()
     print("| what | now | recorded | limit | unit | |\n|---|---:|---:|---:|---|---|", flush=True)
     found: dict[str, float] = {}
     verdicts: dict[str, str] = {}
     for name, each in guarded(next(iter(rooms(1)))).items():
-        recorded = known.get(name)
-        found[name] = each.best(recorded, given.runs)
-        verdicts[name] = "" if given.record else verdict(each, found[name], recorded)
-        numbers = [found[name]] + ([] if recorded is None else [recorded, each.limit(recorded)])
+        before = known.get(name)
+        found[name] = each.best(before, given.runs)
+        verdicts[name] = "" if given.record else verdict(each, found[name], before)
+        numbers = [found[name]] + ([] if before is None else [before, each.limit(before)])
         now, old, limit = [f"{number:.3g}" for number in numbers] + [""] * (3 - len(numbers))
         print(f"| {name} | {now} | {old} | {limit} | {each.unit} | {verdicts[name]} |", flush=True)
     if given.record:
@@ -140,6 +141,11 @@ def main() -> None:
             f"\nguard: {', '.join(failed)}: slower, or more memory, than benchmarks/{RECORD.name} "
             "allows. If that is meant: make guard-record"
         )
+
+
+def recorded() -> dict[str, float]:
+    """Numbers of the last record, by name."""
+    return dict(json.loads(RECORD.read_text(encoding="utf-8"))["values"])
 
 
 def verdict(each: Guarded, now: float, recorded: float | None) -> str:
