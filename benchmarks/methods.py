@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.labelled import REAL, SYNTHETIC, AbsentError, LabelledFrame, frames_of
 from benchmarks.rivals import Method
-from benchmarks.timing import elapsed, one_core
+from benchmarks.timing import elapsed
 from planewise.metrics import evaluate
 
 COLUMNS = {
@@ -86,14 +86,13 @@ def chosen(name: str, data: Path, count: int) -> list[LabelledFrame]:
 
 def measured(method: Method, labelled: LabelledFrame) -> Result:
     """Times and scores of a method on one frame."""
-    with one_core():
-        ready = method.prepare(labelled.frame, labelled.per_surface)
-        if not method.slow:
-            ready.detect()
-        answers: list[Any] = []
-        runs = 1 if method.slow else _RUNS
-        times = [elapsed(lambda: answers.append(ready.detect())) for _ in range(runs)]
-        labels = ready.labels(answers[0])
+    ready = method.prepare(labelled.frame, labelled.per_surface)
+    if not method.slow:
+        ready.detect()
+    answers: list[Any] = []
+    runs = 1 if method.slow else _RUNS
+    times = [elapsed(lambda: answers.append(ready.detect())) for _ in range(runs)]
+    labels = ready.labels(answers[0])
     scores = evaluate(labels, labelled.truth).row()
     found: Result = {key: scores[name] for key, name in COLUMNS.items()}
     return found | {"frame": labelled.frame.name, "times_ms": times}

@@ -21,11 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.cloud import Cloud, Labels, Points, metres, sigma_of
 from benchmarks.frames import Frame
 from planewise.sequential import trial_count
-
-Labels = NDArray[np.integer]
-Points = NDArray[np.float64]
 
 _SMALLEST = 0.01  # share of the readings at which extracting plane after plane ends
 _MOST = 32  # planes, there
@@ -70,43 +68,6 @@ class Method:
         except Exception as reason:  # a broken installation may raise anything
             return f"{type(reason).__name__}: {reason}".splitlines()[0]
         return ""
-
-
-@dataclass(frozen=True)
-class Cloud:
-    """Points of a frame, shape (k, 3), the pixels that have one, and sigma at the median depth."""
-
-    points: Points
-    there: NDArray[np.bool_]
-    sigma: float
-
-    @classmethod
-    def of(cls, frame: Frame) -> Cloud:
-        """Points of the readings within the sensor's range."""
-        z = metres(frame)
-        there = np.isfinite(z)
-        points = (frame.camera.rays((z.shape[0], z.shape[1])) * z[..., None])[there]
-        return cls(points, there, sigma_of(frame, z))
-
-    def image(self, labels: NDArray[np.integer]) -> Labels:
-        """Label image from labels of the points."""
-        out = np.zeros(self.there.shape, np.int64)
-        out[self.there] = labels
-        return out
-
-
-def metres(frame: Frame) -> NDArray[np.float64]:
-    """Depth in metres, NaN where there is no reading."""
-    z = np.asarray(frame.depth, np.float64)
-    if not np.issubdtype(frame.depth.dtype, np.floating):
-        z = z * (frame.depth_scale or frame.sensor.resolution)
-    with np.errstate(invalid="ignore"):
-        return np.where((z > 0) & (z <= frame.sensor.max_depth), z, np.nan)
-
-
-def sigma_of(frame: Frame, z: NDArray[np.float64]) -> float:
-    """Standard deviation of a reading at the median depth, metres."""
-    return float(frame.sensor.sigma(np.array([np.nanmedian(z)]))[0])
 
 
 def _planewise(**options: Any) -> Callable[[Frame, bool], Ready]:

@@ -22,6 +22,7 @@ from benchmarks.methods import compare
 from benchmarks.rivals import METHODS, Method
 from benchmarks.speed_rows import ROWS, Settings, SkippedError
 from benchmarks.table import HEAD
+from benchmarks.timing import one_core
 from planewise.machine import describe_machine
 
 
@@ -68,14 +69,8 @@ def usable(quick: bool) -> tuple[list[Method], dict[str, str]]:
     return [each for each in METHODS if each.name not in skipped], skipped
 
 
-def main() -> None:
-    given = parse()
-    machine = describe_machine(dict.fromkeys(each.package for each in METHODS))
-    print(f"{machine['processor']}, {machine['processors']} processors, {machine['system']}")
-    print(", ".join(f"{name} {each}" for name, each in machine["versions"].items()))
-    machine["load"] = [round(each, 2) for each in os.getloadavg()]
-    print(f"load before: {', '.join(str(each) for each in machine['load'])}\n")
-    record: dict[str, Any] = {"machine": machine, "runs": given.runs, "quick": given.quick}
+def measure(given: argparse.Namespace, record: dict[str, Any]) -> None:
+    """Measure what is asked for, and add it to the record."""
     if given.only != "methods":
         record["table"] = table(Settings(given.runs, given.quick))
     if given.only != "table":
@@ -84,6 +79,18 @@ def main() -> None:
         record["skipped"] = skipped
         for name, why in skipped.items():
             print(f"{name} was skipped: {why}")
+
+
+def main() -> None:
+    given = parse()
+    machine = describe_machine(dict.fromkeys(each.package for each in METHODS))
+    print(f"{machine['processor']}, {machine['processors']} processors, {machine['system']}")
+    print(", ".join(f"{name} {each}" for name, each in machine["versions"].items()))
+    machine["load"] = [round(each, 2) for each in os.getloadavg()]
+    print(f"load before: {', '.join(str(each) for each in machine['load'])}\n")
+    record: dict[str, Any] = {"machine": machine, "runs": given.runs, "quick": given.quick}
+    with one_core():
+        measure(given, record)
     if given.json is not None:
         given.json.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         print(f"\nnumbers in {given.json}")

@@ -1,4 +1,4 @@
-"""The rows of benchmarks.speed: each function measures, and yields what it found.
+"""The rows of benchmarks.speed: each function measures, on one core, and yields what it found.
 
 A further row is a further function in ROWS.
 """
@@ -21,8 +21,8 @@ from benchmarks.frames import Frame, rooms
 from benchmarks.processes import process
 from benchmarks.rivals import Method
 from benchmarks.table import RATIO, Row, row
-from benchmarks.timing import Work, elapsed, interleaved, one_core, times_of
-from planewise import scenes
+from benchmarks.timing import Work, all_cores, elapsed, interleaved, times_of
+from planewise import scenes, threads
 
 SIZES = ((320, 240), (640, 480), (1280, 720), (1920, 1080), (3840, 2160))
 _VGA = 1  # place of 640 x 480
@@ -59,8 +59,7 @@ def calls(settings: Settings) -> Iterator[Row]:
         ("search='sequential', c = 0.99, r = 0.1, N = 8", rivals.SEQUENTIAL, settings.few,
          (350.0, 150.0)),
     ):  # fmt: skip
-        with one_core():
-            found = [times_of(_call(method, frame), runs) for frame in settings.rooms]
+        found = [times_of(_call(method, frame), runs) for frame in settings.rooms]
         details = {
             frame.name: float(np.median(each))
             for frame, each in zip(settings.rooms, found, strict=True)
@@ -74,11 +73,10 @@ def calls(settings: Settings) -> Iterator[Row]:
 def against_opencv(settings: Settings) -> Iterator[Row]:
     """Time the default call and OpenCV's by turns."""
     method = _present(rivals.OPENCV)
-    with one_core():
-        pairs = [
-            interleaved(_call(rivals.DEFAULT, frame), _call(method, frame), settings.runs)
-            for frame in settings.rooms
-        ]
+    pairs = [
+        interleaved(_call(rivals.DEFAULT, frame), _call(method, frame), settings.runs)
+        for frame in settings.rooms
+    ]
     ours, theirs = (np.array(each) for each in zip(*pairs, strict=True))
     yield row("OpenCV findPlanes, block 20, 3 rooms", "ms", theirs)
     yield row("default call / OpenCV findPlanes", RATIO, ours / theirs, must=1.0, aim=0.4)
@@ -89,10 +87,9 @@ def against_open3d(settings: Settings) -> Iterator[Row]:
     if settings.quick:
         raise SkippedError("left out by --quick")
     method, frame = _present(rivals.OPEN3D_PAPER), settings.rooms[0]
-    with one_core():
-        ours, theirs = interleaved(
-            _call(rivals.DEFAULT, frame), _call(method, frame), 3, repeats=7, warm=0
-        )
+    ours, theirs = interleaved(
+        _call(rivals.DEFAULT, frame), _call(method, frame), 3, repeats=7, warm=0
+    )
     yield row("Open3D RANSAC, the paper's settings, 1 room", "ms", theirs)
     yield row("default call / Open3D RANSAC", RATIO, ours / theirs, must=1 / 500, aim=1 / 2000)
 
@@ -101,10 +98,9 @@ def pixels(settings: Settings) -> Iterator[Row]:
     """Time the default call on one room at several sizes by turns."""
     sizes = SIZES[:_QUICK_SIZES] if settings.quick else SIZES
     works = [_call(rivals.DEFAULT, _room(size)) for size in sizes]
-    with one_core():
-        for work in works:
-            work()
-        times = np.array([[elapsed(work) for work in works] for _ in range(settings.few)])
+    for work in works:
+        work()
+    times = np.array([[elapsed(work) for work in works] for _ in range(settings.few)])
     a_pixel = times / [width * height for width, height in sizes]
     relative = a_pixel / a_pixel[:, _VGA : _VGA + 1]
     dearest = int(np.argmax(np.median(relative, axis=0)))
@@ -120,8 +116,9 @@ def pixels(settings: Settings) -> Iterator[Row]:
 
 def cores(settings: Settings) -> Iterator[Row]:
     """Time calls with two threads and with one by turns."""
-    if pw.threads.available() < 2:
-        raise SkippedError("one processor only")
+    with all_cores():
+        if threads.available() < 2:
+            raise SkippedError("one processor only")
     frame = settings.rooms[0]
     cases: tuple[tuple[str, dict[str, Any], int, float], ...] = (
         ("default call", {}, settings.runs, 1.3),
@@ -131,7 +128,10 @@ def cores(settings: Settings) -> Iterator[Row]:
         two, one = (
             pw.Detector(frame.camera, frame.sensor, threads=count, **options) for count in (2, 1)
         )
-        after, before = interleaved(partial(two, frame.depth), partial(one, frame.depth), rounds)
+        with all_cores():
+            after, before = interleaved(
+                partial(two, frame.depth), partial(one, frame.depth), rounds
+            )
         yield row(f"{name}, one core / two", RATIO, before / after, must=bound, large=True)
 
 
@@ -147,8 +147,12 @@ def held(settings: Settings) -> Iterator[Row]:
 
 
 def processes(settings: Settings) -> Iterator[Row]:
-    """Time whole processes, files and imports included."""
-    runs = 3 if settings.quick else 7
+    """Time whole processes, files and imports included, on every processor."""
+    with all_cores():
+        yield from _processes(settings, 3 if settings.quick else 7)
+
+
+def _processes(settings: Settings, runs: int) -> Iterator[Row]:
     for code, bound in (("pass", None), ("import numpy", None), ("import planewise", 300.0)):
         yield row(f"python -c '{code}'", "ms", times_of(process("-c", code), runs), must=bound)
     with tempfile.TemporaryDirectory() as name:

@@ -72,14 +72,42 @@ def interleaved(
     return first, second
 
 
+def processors() -> set[int]:
+    """Processors this thread may run on; empty where the system does not say."""
+    return os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+
+
+_ALL = processors()
+
+
 @contextmanager
 def one_core() -> Iterator[None]:
-    """Stay on one processor, with one thread in the libraries that have pools of their own."""
+    """Stay on one processor, with one thread in NumPy's linear algebra.
+
+    Libraries with threads of their own have to be imported inside: they look then how many
+    processors there are, and some of their threads do not follow later.
+    """
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError):
             stack.enter_context(import_module("threadpoolctl").threadpool_limits(1))
-        if hasattr(os, "sched_setaffinity"):
-            before = os.sched_getaffinity(0)
-            os.sched_setaffinity(0, {max(before)})
-            stack.callback(os.sched_setaffinity, 0, before)
+        stack.enter_context(_on({max(_ALL)} if _ALL else set()))
         yield
+
+
+@contextmanager
+def all_cores() -> Iterator[None]:
+    """Use every processor, inside `one_core`."""
+    with _on(_ALL):
+        yield
+
+
+@contextmanager
+def _on(chosen: set[int]) -> Iterator[None]:
+    before = processors()
+    if before:
+        os.sched_setaffinity(0, chosen)
+    try:
+        yield
+    finally:
+        if before:
+            os.sched_setaffinity(0, before)

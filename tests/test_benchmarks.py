@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 from benchmarks import guard
+from benchmarks.cloud import Cloud
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
-from benchmarks.rivals import METHODS, Cloud, Method
+from benchmarks.rivals import METHODS, Method
 from benchmarks.speed_rows import Settings, SkippedError, against_open3d
 from benchmarks.table import RATIO, Row
 from benchmarks.timing import interleaved, one_core
