@@ -3,12 +3,14 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+RIVALS := $(VENV)/.ready-bench
+BENCH_OUTPUT := bench-output
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types bench accuracy ablation pictures clean
+.PHONY: help setup demo test lint types bench bench-quick guard guard-record accuracy ablation pictures clean
 
 help:  ## list the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
 $(READY): pyproject.toml
 	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "planewise needs Python 3.11 or later: make PYTHON=python3.12 ...")'
@@ -31,8 +33,24 @@ lint: $(READY)  ## style
 types: $(READY)  ## types
 	$(BIN)/mypy
 
-bench: $(READY)  ## time the detector on this machine
-	$(BIN)/python -m benchmarks.speed
+# The other detectors take 2 GB and are not needed for anything else.
+$(RIVALS): $(READY) pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
+	touch $@
+
+bench: $(RIVALS)  ## time the detector here, and OpenCV, Open3D, CGAL and pyransac3d beside it
+	mkdir -p $(BENCH_OUTPUT)
+	$(BIN)/python -m benchmarks.speed --json $(BENCH_OUTPUT)/speed.json --picture $(BENCH_OUTPUT)/speed.png
+
+bench-quick: $(RIVALS)  ## the same without what takes seconds a frame
+	mkdir -p $(BENCH_OUTPUT)
+	$(BIN)/python -m benchmarks.speed --quick --json $(BENCH_OUTPUT)/quick.json --picture $(BENCH_OUTPUT)/quick.png
+
+guard: $(READY)  ## fail where a call takes longer, against fixed work, than was recorded
+	$(BIN)/python -m benchmarks.guard
+
+guard-record: $(READY)  ## record what the guard holds against
+	$(BIN)/python -m benchmarks.guard --record
 
 accuracy: $(READY)  ## score the detector on synthetic and, where they are at hand, labelled real frames
 	$(BIN)/python -m benchmarks.accuracy
@@ -44,4 +62,4 @@ pictures: $(READY)  ## draw the pictures of docs/method.md
 	$(BIN)/python -m benchmarks.pictures
 
 clean:  ## remove the environment and everything made
-	rm -rf $(VENV) demo-output dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) demo-output $(BENCH_OUTPUT) dist build .mypy_cache .ruff_cache .pytest_cache

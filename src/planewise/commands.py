@@ -1,4 +1,4 @@
-"""The commands of the command line: detect, calibrate, demo, eval, info."""
+"""The commands of the command line: detect, calibrate, demo, eval, bench, info."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import typer
 
 from planewise import cameras, sensors, terminal
 from planewise._version import __version__
+from planewise.bench_command import bench
 from planewise.calibrate_command import calibrate
 from planewise.camera_files import NOISE_HELP, read_camera
 from planewise.command_line import (
@@ -310,6 +311,9 @@ def evaluate(
             terminal.say(f"{len(frames)} of {len(results)} frames scored{where}")
         if len(frames) < len(results):
             raise typer.Exit(FAILED)
+
+
+app.command()(bench)
 
 
 @app.command()

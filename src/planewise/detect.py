@@ -21,6 +21,7 @@ from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
+from planewise.stages import stage
 from planewise.workspace import Workspace
 
 Search = Literal["joint", "sequential"]
@@ -175,7 +176,9 @@ def detect_planes(
         rng=rng,
         threads=threads,
     )
-    return find(observe(depth, camera, sensor, depth_scale=depth_scale), options)
+    with stage("observe"):
+        frame = observe(depth, camera, sensor, depth_scale=depth_scale)
+    return find(frame, options)
 
 
 def detect_planes_in_points(
@@ -257,13 +260,14 @@ class Detector:
 
     def __call__(self, depth: ArrayLike) -> PlaneModel:
         """Detect the planes of one frame."""
-        frame = observe(
-            depth,
-            self.camera,
-            self.sensor,
-            depth_scale=self.depth_scale,
-            workspace=self._workspace,
-        )
+        with stage("observe"):
+            frame = observe(
+                depth,
+                self.camera,
+                self.sensor,
+                depth_scale=self.depth_scale,
+                workspace=self._workspace,
+            )
         return find(frame, self.options, self._workspace)
 
 

@@ -22,6 +22,7 @@ from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.stages import stage
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -105,17 +106,19 @@ def segment(
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    segments, discords = _agglomerate(cells, cost, workspace)
-    accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
-    planes, owner = _join_through_gaps(segments, accepted, instances)
+    with stage("segments"):
+        segments, discords = _agglomerate(cells, cost, workspace)
+        accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
+        planes, owner = _join_through_gaps(segments, accepted, instances)
     left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
     if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    rows, labels = label_planes(
-        frame, cells, segments.of_unit, accepted, planes, owner, observation
-    )
+    with stage("labels"):
+        rows, labels = label_planes(
+            frame, cells, segments.of_unit, accepted, planes, owner, observation
+        )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
     return replace(

@@ -17,6 +17,7 @@ from planewise.observation import RayObservation
 from planewise.rank import describe
 from planewise.spatial import segment
 from planewise.spatial_information import ledger
+from planewise.stages import stage
 from planewise.workspace import Workspace
 
 _MANY = 100  # readings that could show a plane
@@ -54,8 +55,10 @@ def spatial_model(
         With exact Phi of its planes and labels.
     """
     size = observation.pixel_size
-    frame = frame_of(observation, workspace)
-    cells = cells_of(frame, size, workspace)
+    with stage("frame"):
+        frame = frame_of(observation, workspace)
+    with stage("cells"):
+        cells = cells_of(frame, size, workspace)
     found = segment(
         observation,
         frame,
@@ -66,15 +69,16 @@ def spatial_model(
         workspace=workspace,
     )
 
-    book = ledger(
-        frame,
-        FrameError() if cells is None else cells.error,
-        found.affine,
-        found.labels,
-        observation.range,
-        observation.resolution,
-        size,
-    )
+    with stage("ledger"):
+        book = ledger(
+            frame,
+            FrameError() if cells is None else cells.error,
+            found.affine,
+            found.labels,
+            observation.range,
+            observation.resolution,
+            size,
+        )
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
     best = int(np.argmin(book.curve))
     if best < len(book.order):
@@ -92,9 +96,10 @@ def spatial_model(
         [covariance_of_plane(theta[j], found.covariance[k]) for j, k in enumerate(order)]
     ).reshape(-1, 4, 4)
     marks = labels.reshape(-1)[observation.index]
-    square = np.empty(observation.count)
-    square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
-    planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
+    with stage("describe"):
+        square = np.empty(observation.count)
+        square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
+        planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
         reason = (

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -19,7 +21,10 @@ if TYPE_CHECKING:
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 
+Array = NDArray[np.float64]
 Item = TypeVar("Item")
+
+_BAR = 30  # characters of the longest bar
 
 
 def error(message: str) -> None:
@@ -70,6 +75,10 @@ def show_planes(model: PlaneModel) -> None:
             f"{plane.area:.3f} m2",
             f"{1000 * plane.rms:.1f} mm",
         )
+    _show(table)
+
+
+def _show(table: Table) -> None:
     # A narrow terminal may break lines, but no number is cut off.
     Console(width=max(_OUT.width, 80), highlight=False).print(table)
 
@@ -118,10 +127,48 @@ def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
         row += [f"{mm(bins.low[k])} ... {mm(bins.high[k])}", mm(bins.step[k])]
         row += [f"{bins.cells[k]:,}", *([] if preset is None else [mm(preset[k])])]
         table.add_row(*row)
-    Console(width=max(_OUT.width, 80), highlight=False).print(table)
+    _show(table)
     say(f"noise: {found.noise}")
     say(f"white: {found.white}, quantisation: {found.quantisation}")
     say(f"shared: {found.shared}, drift: {found.drift} over 100 px")
+
+
+def show_machine(machine: Mapping[str, Any], threads: int) -> None:
+    """Print what times are measured on."""
+    say(f"{machine['processor']}, threads used: {threads} of {machine['processors']}")
+    say(", ".join(f"{name} {each}" for name, each in machine["versions"].items()))
+
+
+def show_times(milliseconds: Array, first: float) -> None:
+    """Print median, spread and rate of equal calls, and how long the one before them took."""
+    low, middle, high = np.percentile(milliseconds, (25, 50, 75))
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for name in ("median", "quartiles", "fastest ... slowest", "frames/s", "calls", "first call"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_row(
+        f"{middle:.2f} ms",
+        f"{low:.2f} ... {high:.2f}",
+        f"{milliseconds.min():.2f} ... {milliseconds.max():.2f}",
+        f"{1e3 / middle:.1f}",
+        str(len(milliseconds)),
+        f"{first:.0f} ms",
+    )
+    _show(table)
+
+
+def show_stages(stages: Mapping[str, Array]) -> None:
+    """Print the median of every stage, and its share as a number and a bar."""
+    medians = {name: float(np.median(each)) for name, each in stages.items()}
+    whole, most = sum(medians.values()), max(medians.values())
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table.add_column("stage")
+    for name in ("median", "share"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for name, each in medians.items():
+        bar = ("#" if _OUT.options.ascii_only else "█") * round(_BAR * each / most)
+        table.add_row(name, f"{each:.2f} ms", f"{each / whole:.0%}", Text(bar, style="blue"))
+    _show(table)
 
 
 def show_presets(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:

@@ -1,0 +1,88 @@
+"""What the benchmarks decide by: bounds, the guard, and methods that are not installed."""
+
+import numpy as np
+import pytest
+from benchmarks import guard
+from benchmarks.cloud import Cloud
+from benchmarks.frames import Frame
+from benchmarks.guard import Guarded
+from benchmarks.rivals import METHODS, Method
+from benchmarks.speed_rows import Settings, SkippedError, against_open3d
+from benchmarks.table import RATIO, Row
+from benchmarks.timing import interleaved, one_core
+
+import planewise as pw
+from planewise import scenes
+
+
+@pytest.mark.parametrize(
+    ("value", "large", "verdict"),
+    [(1.0, False, "aim"), (2.0, False, "held"), (2.1, False, "MISSED"), (3.0, True, "aim")],
+)
+def test_a_row_is_held_against_its_bounds(value, large, verdict):
+    row = Row(what="x", unit="ms", values=[value, 0.0, 9.0], must=2.0, aim=1.0, large=large)
+    assert row.median == value
+    assert row.verdict == verdict
+    assert row.line().endswith(f"| {verdict} |")
+
+
+def test_a_row_without_bounds_and_a_small_ratio():
+    row = Row(what="ratio", unit=RATIO, values=[0.002])
+    assert row.verdict == ""
+    assert row.line() == "| ratio | 1/500 |  | x | 1 |  |  |  |"
+
+
+def test_calls_alternate():
+    calls = []
+    ours, theirs = interleaved(lambda: calls.append("a"), lambda: calls.append("b"), 2, repeats=2)
+    assert calls == ["a", "b", *"aab", *"aab"]
+    assert ours.shape == theirs.shape == (2,)
+
+
+def test_the_guard_measures_again_before_it_fails():
+    numbers = iter((2.0, 1.9, 1.4, 1.0))
+    each = Guarded(lambda _: next(numbers), "x")
+    assert each.best(1.0, 5) == 1.4
+    assert guard.verdict(each, 1.4, 1.0) == "ok"
+    numbers = iter((2.0, 1.9, 1.8, 1.0))
+    assert each.best(1.0, 5) == 1.8
+    assert guard.verdict(each, 1.8, 1.0) == "EXCEEDED"
+    assert guard.verdict(each, 1.0, None) == "NOT RECORDED"
+    assert guard.verdict(each, 0.5, 1.0).startswith("ok; far below")
+
+
+def test_the_record_holds_everything_that_is_guarded():
+    names = guard.guarded(Frame("none", np.zeros((2, 2)), pw.cameras.NYU, pw.Sensor()))
+    assert list(guard.recorded()) == list(names)
+
+
+def test_a_method_that_is_not_installed_says_why():
+    absent = Method(name="x", settings="", prepare=METHODS[0].prepare, module="no_such_module")
+    assert "no_such_module" in absent.missing()
+    with pytest.raises(SkippedError, match="quick"):
+        next(against_open3d(Settings(runs=1, quick=True)))
+
+
+def test_points_of_a_frame_go_back_to_their_pixels():
+    scene = scenes.room(0, size=(60, 80))
+    cloud = Cloud.of(Frame("room", scene.depth, scene.camera, scene.sensor))
+    assert np.array_equal(cloud.there, scene.depth > 0)
+    labels = scene.labels[cloud.there]
+    assert np.array_equal(cloud.image(labels), np.where(cloud.there, scene.labels, 0))
+    plane = scene.planes[0]
+    distance = cloud.points[labels == 1] @ plane[:3] + plane[3]
+    assert np.abs(np.median(distance)) < 0.01
+
+
+@pytest.mark.parametrize(
+    "method", [each for each in METHODS if not each.slow], ids=lambda method: method.name
+)
+def test_every_fast_method_that_is_installed_finds_planes(method):
+    if method.missing():
+        pytest.skip(method.missing())
+    scene = scenes.corner(size=(120, 160))
+    with one_core():
+        ready = method.prepare(Frame("corner", scene.depth, scene.camera, scene.sensor), False)
+        labels = ready.labels(ready.detect())
+    assert labels.shape == scene.labels.shape
+    assert 2 <= labels.max() <= 40
