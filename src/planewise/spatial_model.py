@@ -10,7 +10,6 @@ import numpy as np
 from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
-from planewise.frame_error import FrameError
 from planewise.kernels.readings import square_ray_residuals
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
@@ -67,12 +66,13 @@ def spatial_model(
 
     book = ledger(
         frame,
-        FrameError() if cells is None else cells.error,
+        cells,
         found.affine,
         found.labels,
         observation.range,
         observation.resolution,
         size,
+        workspace,
     )
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
     best = int(np.argmin(book.curve))
