@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels.masks import mask_lengths
+from planewise.kernels.masks import CONTEXTS, SYMBOLS, mask_lengths
 
 
 def spatial_mask_information(
@@ -68,6 +68,8 @@ def prefix_mask_information(
     ndarray, shape (N + 1,)
         Nats.
     """
-    lengths = np.empty(len(place))
-    mask_lengths(labels, p, place, readings, lengths)
+    width, lengths = labels.shape[1], np.empty(len(place))
+    upper, edge = np.zeros(width + 2, np.uint16), np.zeros(-(-width // 8) * 8, np.uint8)
+    changes = np.zeros((len(place), SYMBOLS * CONTEXTS), np.int64)
+    mask_lengths(labels, p, place, readings.copy(), upper, edge, changes, lengths)
     return lengths

@@ -97,10 +97,11 @@ def ledger(
     """
     workspace, planes = workspace or Workspace(), len(affine)
     error = FrameError() if cells is None else cells.error
-    labels = np.ascontiguousarray(labels, np.uint16)
-    moments, label, first = _groups(frame, cells, error.white, labels, resolution, workspace)
+    mask = np.ascontiguousarray(labels, np.uint16)
     readings = np.zeros(planes + 1, np.int64)
-    groups.count_readings(moments, label, first[-1], readings)
+    moments, label, first = _groups(
+        frame, cells, error.white, mask, resolution, readings, workspace
+    )
     by_label = np.zeros((4, planes + 1))
     by_label[:3, 1:], by_label[3] = affine.T, np.sqrt(readings) / kernels.UNIT
     # Random effects of groups: variances of what near readings share and of what drifts.
@@ -129,7 +130,7 @@ def ledger(
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    curve += prefix_mask_information(labels, frame.p, place, readings)
+    curve += prefix_mask_information(mask, frame.p, place, readings)
     return Ledger(order=order, worth=worth[1:][order], curve=curve)
 
 
@@ -139,9 +140,13 @@ def _groups(
     white: float,
     labels: NDArray[np.uint16],
     resolution: float,
+    readings: NDArray[np.int64],
     workspace: Workspace,
 ) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32]]:
-    """Moments and labels of groups, where those of each block with several begin."""
+    """Moments and labels of groups, where those of each block with several begin.
+
+    Adds to readings those of every label.
+    """
     shape = _tiles(labels.shape, groups.SIDE)
     if cells is None:
         of_cells = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
@@ -150,15 +155,19 @@ def _groups(
         of_cells = cells.moments
     cell = workspace.empty("labels of cells", shape, np.int32)
     block = workspace.empty("labels of blocks", _tiles(labels.shape, groups.BLOCK), np.int32)
-    several, bound = groups.label_cells(labels, frame.p, cell, block)
-    moments = workspace.empty("moments of groups", (groups.NORM + 1, block.size + bound))
-    label = workspace.empty("labels of groups", block.size + bound, np.uint16)
+    work = np.empty((6, groups.BLOCK * block.shape[1]), np.uint16)
+    groups.label_cells(labels, frame.p, cell, block, work)
+    several = int(np.count_nonzero(block == groups.SEVERAL))
+    # Of the cells of a block, each with one label adds at most one group.
+    most = groups.SIDE**2 * (several + int(np.count_nonzero(cell == groups.SEVERAL)))
+    moments = workspace.empty("moments of groups", (groups.NORM + 1, block.size + most))
+    label = workspace.empty("labels of groups", block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))
-    groups.sum_blocks(of_cells, block, white, constant, moments, label)
+    groups.sum_blocks(of_cells, block, white, constant, moments, label, readings)
     first = np.empty(several + 1, np.int32)
     groups.sum_groups(
         labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, white, constant,
-        first, moments, label,
+        first, moments, label, readings,
     )  # fmt: skip
     return moments, label, first
 

@@ -37,10 +37,10 @@ def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untype
 
 
 @_compiled
-def group_data(
+def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
     worth, leaving,
-):  # type: ignore[no-untyped-def]  # fmt: skip
+):  # fmt: skip
     """Nats of every group on none and as labelled.
 
     moments (12, .), label (.), first (.): `kernels.groups`; planes (4, N + 1): t0, t1, t2 of every
@@ -130,12 +130,14 @@ def groups_left(moments, label, first, place, prior, data, leaving):  # type: ig
     """
     m = np.empty(NORM + 1)
     for b in range(first.size - 1):
-        m[:] = 0.0
+        for e in range(NORM + 1):
+            m[e] = 0.0
         paid = 0.0
         behind = np.int64(place.size)
         for g in range(first[b], first[b + 1]):
             if label[g] == 0:
-                m[:] = moments[:, g]
+                for e in range(NORM + 1):
+                    m[e] = moments[e, g]
                 paid = data[g]
         while True:
             gone, at = np.int64(0), 0

@@ -34,23 +34,28 @@ def _thirds(least, most, low, high):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def label_cells(labels, p, cell, block):  # type: ignore[no-untyped-def]
+def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
     """Label of all readings of every cell and of every block, NONE or SEVERAL.
 
-    labels (H, W) uint16, p (H, W) float32. Writes cell (rows, columns) and block, a third as large.
-    Returns the number of blocks with several labels and a bound on their groups.
+    labels (H, W) uint16, p (H, W) float32. Writes cell (rows, columns) and block, a third as large;
+    works in work (6, 9 * columns of block) uint16.
     """
     height, width = labels.shape
     rows, columns = cell.shape
     wide = block.shape[1]
-    least, most = np.empty(9 * wide, np.uint16), np.empty(9 * wide, np.uint16)
-    low, high = np.empty(3 * wide, np.uint16), np.empty(3 * wide, np.uint16)
-    lows, highs = np.empty(3 * wide, np.uint16), np.empty(3 * wide, np.uint16)
-    several = bound = 0
+    least, most = work[0], work[1]
+    low, high, lows, highs = (
+        work[2, : 3 * wide],
+        work[3, : 3 * wide],
+        work[4, : 3 * wide],
+        work[5, : 3 * wide],
+    )
     for i in range(block.shape[0]):
-        lows[:], highs[:] = _LAST, 0
+        for j in range(lows.size):
+            lows[j], highs[j] = _LAST, 0
         for a in range(3 * i, min(3 * i + 3, rows)):
-            least[:], most[:] = _LAST, 0
+            for x in range(least.size):
+                least[x], most[x] = _LAST, 0
             for y in range(SIDE * a, min(SIDE * (a + 1), height)):
                 row, weight = labels[y], p[y]
                 for x in range(width):
@@ -70,19 +75,14 @@ def label_cells(labels, p, cell, block):  # type: ignore[no-untyped-def]
         for j in range(wide):
             one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
             block[i, j] = NONE if low[j] > high[j] else one
-            if block[i, j] == SEVERAL:
-                several += 1
-                for a in range(3 * i, min(3 * i + 3, rows)):
-                    for b in range(3 * j, min(3 * j + 3, columns)):
-                        bound += SIDE * SIDE if cell[a, b] == SEVERAL else 1
-    return several, bound
 
 
 @_compiled
-def sum_blocks(cells, block, white, constant, moments, label):  # type: ignore[no-untyped-def]
+def sum_blocks(cells, block, white, constant, moments, label, readings):  # type: ignore[no-untyped-def]
     """Moments and labels of blocks with one label: sums over cells (12, rows, columns).
 
-    white: noise of the frame against its description; constant: ln(2 pi white / eps^2).
+    white: noise of the frame against its description; constant: ln(2 pi white / eps^2). Adds to
+    readings (N + 1,) those of every label.
     """
     rows, columns = cells.shape[1:]
     wide = block.shape[1]
@@ -91,8 +91,9 @@ def sum_blocks(cells, block, white, constant, moments, label):  # type: ignore[n
         start = i * wide
         for e in range(NORM):
             scale = 1.0 if e == COUNT else 1.0 / white
-            line[:columns] = cells[e, 3 * i]
-            for a in range(3 * i + 1, min(3 * i + 3, rows)):
+            for j in range(columns):
+                line[j] = 0.0
+            for a in range(3 * i, min(3 * i + 3, rows)):
                 row = cells[e, a]
                 for j in range(columns):
                     line[j] += row[j]
@@ -105,6 +106,7 @@ def sum_blocks(cells, block, white, constant, moments, label):  # type: ignore[n
             if not one:
                 moments[COUNT, g] = 0.0
                 continue
+            readings[label[g]] += np.int64(moments[COUNT, g])
             total, product, factors = 0.0, 1.0, 0
             for a in range(3 * i, min(3 * i + 3, rows)):
                 for b in range(3 * j, min(3 * j + 3, columns)):
@@ -147,7 +149,9 @@ def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def sum_groups(labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label):  # type: ignore[no-untyped-def]
+def sum_groups(
+    labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label, readings
+):  # type: ignore[no-untyped-def]
     """Moments and labels of the groups of blocks with several labels, after those of `sum_blocks`.
 
     Writes first (blocks with several labels + 1,): where each of their groups begin, and the end.
@@ -156,7 +160,8 @@ def sum_groups(labels, w, p, x, y, cells, cell, block, white, constant, first, m
     rows, columns = cell.shape
     names = np.empty(BLOCK * BLOCK, np.int32)
     sums = np.zeros((names.size, NORM + 2))
-    sums[:, CELL] = 1.0  # product of p w^4 in one cell
+    for k in range(names.size):
+        sums[k, CELL] = 1.0  # product of p w^4 in one cell
     blocks, end = 0, block.size
     for i in range(block.shape[0]):
         for j in range(block.shape[1]):
@@ -184,17 +189,12 @@ def sum_groups(labels, w, p, x, y, cells, cell, block, white, constant, first, m
             first[blocks] = end
             blocks += 1
             for k in range(found):
+                moments[NORM, end] = 0.5 * (constant * sums[k, COUNT] - sums[k, NORM])
+                sums[k, NORM] = 0.0
                 for e in range(NORM):
                     moments[e, end] = sums[k, e] if e == COUNT else sums[k, e] / white
-                moments[NORM, end] = 0.5 * (constant * sums[k, COUNT] - sums[k, NORM])
-                sums[k, :CELL] = 0.0
+                    sums[k, e] = 0.0
                 label[end] = names[k]
+                readings[names[k]] += np.int64(moments[COUNT, end])
                 end += 1
     first[blocks] = end
-
-
-@_compiled
-def count_readings(moments, label, groups, readings):  # type: ignore[no-untyped-def]
-    """Add the readings of every group to those of its label."""
-    for g in range(groups):
-        readings[label[g]] += np.int64(moments[COUNT, g])

@@ -20,6 +20,7 @@ from numba import njit
 NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
 CONTEXTS = 48  # places of three neighbours among the distinct ones, and whether left is on a plane
+ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
@@ -72,7 +73,9 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
     total = 0.0
     for context in range(CONTEXTS):
         row = counts[SYMBOLS * context : SYMBOLS * (context + 1)]
-        seen = row.sum()
+        seen = 0
+        for symbol in range(SYMBOLS):
+            seen += row[symbol]
         if seen == 0:
             continue
         distinct = 1 + max(context // 24, context // 8 % 3, context // 2 % 4)
@@ -87,22 +90,20 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def mask_lengths(labels, p, place, readings, lengths):  # type: ignore[no-untyped-def]
+def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # type: ignore[no-untyped-def]
     """Nats of a label image if only the first 0 ... N planes were there, labels of others 0.
 
     labels (H, W) uint16; p (H, W) float32, 0 without a reading; place (L,) uint16: 1 ... N of every
-    label in that order, 0 for none; readings (L,) int64: of every label. Writes lengths (N + 1,).
+    label in that order, 0 for none; alike (L,) int64: readings of every label. upper (W + 2,)
+    uint16, edge (W + 7 or less, a multiple of 8) uint8 and changes (N + 1, SYMBOLS * CONTEXTS)
+    int64 are zeros to work in. Writes lengths (N + 1,).
 
     What a pixel adds depends on its own label and its neighbours', at most five, so it changes at
     most five times while planes are added. Most pixels have the label of all their neighbours.
     """
     height, width = labels.shape
-    planes = lengths.size - 1
-    changes = np.zeros((planes + 1, SYMBOLS * CONTEXTS), np.int64)
-    alike = readings.copy()
-    upper = np.zeros(width + 2, np.uint16)  # last label of each column, one column of margin
+    # upper is the last label of each column, one column of margin
     above, right = upper[1 : width + 1], upper[2:]
-    edge = np.zeros(-(-width // 8) * 8, np.uint8)
     for y in range(height):
         row, weight = labels[y], p[y]
         # Unconditional loads and few arrays a loop: each of these is one vector expression.
@@ -146,8 +147,9 @@ def mask_lengths(labels, p, place, readings, lengths):  # type: ignore[no-untype
         changes[0, 0] += alike[label]
         if place[label] > 0:
             changes[place[label], 0] -= alike[label]
-            changes[place[label], _code(1, 1, 1, 1, 1)] += alike[label]
-    counts = np.zeros(SYMBOLS * CONTEXTS, np.int64)
-    for n in range(planes + 1):
-        counts += changes[n]
-        lengths[n] = _length(counts, n)
+            changes[place[label], ALIKE] += alike[label]
+    for n in range(lengths.size):
+        if n > 0:
+            for k in range(changes.shape[1]):
+                changes[n, k] += changes[n - 1, k]
+        lengths[n] = _length(changes[n], n)
