@@ -163,7 +163,6 @@ def _groups(
     moments = workspace.empty("moments of groups", (groups.NORM + 1, block.size + most))
     label = workspace.empty("labels of groups", block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))
-    groups.sum_blocks(of_cells, block, white, constant, moments, label, readings)
     first = np.empty(several + 1, np.int32)
     groups.sum_groups(
         labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, white, constant,

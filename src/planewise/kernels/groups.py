@@ -78,45 +78,39 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def sum_blocks(cells, block, white, constant, moments, label, readings):  # type: ignore[no-untyped-def]
-    """Moments and labels of blocks with one label: sums over cells (12, rows, columns).
-
-    white: noise of the frame against its description; constant: ln(2 pi white / eps^2). Adds to
-    readings (N + 1,) those of every label.
-    """
+def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings):  # type: ignore[no-untyped-def]
+    """Moments and labels of row i of the blocks with one label: sums over cells."""
     rows, columns = cells.shape[1:]
     wide = block.shape[1]
-    line = np.zeros(3 * wide)
-    for i in range(block.shape[0]):
-        start = i * wide
-        for e in range(NORM):
-            scale = 1.0 if e == COUNT else 1.0 / white
+    start = i * wide
+    for e in range(NORM):
+        scale = 1.0 if e == COUNT else 1.0 / white
+        for j in range(columns):
+            line[j] = 0.0
+        for a in range(3 * i, min(3 * i + 3, rows)):
+            row = cells[e, a]
             for j in range(columns):
-                line[j] = 0.0
-            for a in range(3 * i, min(3 * i + 3, rows)):
-                row = cells[e, a]
-                for j in range(columns):
-                    line[j] += row[j]
-            out = moments[e, start : start + wide]
-            for j in range(wide):
-                out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
+                line[j] += row[j]
+        out = moments[e, start : start + wide]
         for j in range(wide):
-            g, one = start + j, block[i, j] >= 0
-            label[g] = block[i, j] if one else 0
-            if not one:
-                moments[COUNT, g] = 0.0
-                continue
-            readings[label[g]] += np.int64(moments[COUNT, g])
-            total, product, factors = 0.0, 1.0, 0
-            for a in range(3 * i, min(3 * i + 3, rows)):
-                for b in range(3 * j, min(3 * j + 3, columns)):
-                    product *= cells[PRODUCT, a, b]
-                    factors += 1
-                    if factors % 2 == 0:  # that of more cells may be too large for a double
-                        total += math.log(product)
-                        product = 1.0
-            total += math.log(product)
-            moments[NORM, g] = 0.5 * (constant * moments[COUNT, g] - total)
+            out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
+    for j in range(wide):
+        g, one = start + j, block[i, j] >= 0
+        label[g] = block[i, j] if one else 0
+        if not one:
+            moments[COUNT, g] = 0.0
+            continue
+        readings[label[g]] += np.int64(moments[COUNT, g])
+        total, product, factors = 0.0, 1.0, 0
+        for a in range(3 * i, min(3 * i + 3, rows)):
+            for b in range(3 * j, min(3 * j + 3, columns)):
+                product *= cells[PRODUCT, a, b]
+                factors += 1
+                if factors % 2 == 0:  # that of more cells may be too large for a double
+                    total += math.log(product)
+                    product = 1.0
+        total += math.log(product)
+        moments[NORM, g] = 0.5 * (constant * moments[COUNT, g] - total)
 
 
 @_compiled
@@ -149,12 +143,14 @@ def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def sum_groups(
+def sum_groups(  # type: ignore[no-untyped-def]
     labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label, readings
-):  # type: ignore[no-untyped-def]
-    """Moments and labels of the groups of blocks with several labels, after those of `sum_blocks`.
+):
+    """Moments and labels of all groups.
 
-    Writes first (blocks with several labels + 1,): where each of their groups begin, and the end.
+    cells (12, rows, columns): moments of cells; white: noise of the frame against its description;
+    constant: ln(2 pi white / eps^2). Writes first (blocks with several labels + 1,), where the
+    groups of each begin and end; adds to readings (N + 1,) those of every label.
     """
     height, width = labels.shape
     rows, columns = cell.shape
@@ -162,8 +158,10 @@ def sum_groups(
     sums = np.zeros((names.size, NORM + 2))
     for k in range(names.size):
         sums[k, CELL] = 1.0  # product of p w^4 in one cell
+    line = np.zeros(3 * block.shape[1])
     blocks, end = 0, block.size
     for i in range(block.shape[0]):
+        _sum_blocks(i, cells, block, white, constant, line, moments, label, readings)
         for j in range(block.shape[1]):
             if block[i, j] != SEVERAL:
                 continue
