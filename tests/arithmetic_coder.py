@@ -1,5 +1,7 @@
 """A real arithmetic coder and the spatial mask code in plain Python: sender and receiver."""
 
+import math
+
 import numpy as np
 
 
@@ -123,6 +125,24 @@ def encode(labels, there, planes):
                 coder.put(others.index(label), 1, len(others))
             model.saw(x, label)
     return coder.finish()
+
+
+def length(labels, there, planes):
+    """Nats of a label image in the model, no coder's rounding."""
+    model, total = Model(labels.shape, planes), 0.0
+    for y in range(labels.shape[0]):
+        model.row()
+        for x in range(labels.shape[1]):
+            if not there[y, x]:
+                model.skip(x)
+                continue
+            sizes, others = model.look(x)
+            label = int(labels[y, x])
+            known = label in model.order
+            total += math.log(sum(sizes) / sizes[model.order.index(label) if known else -1])
+            total += 0.0 if known else math.log(len(others))
+            model.saw(x, label)
+    return total
 
 
 def decode(bits, there, planes):

@@ -54,3 +54,43 @@ def phi(depth, rays, labels, planes, sigma, R, eps):
         total += delta**2 / (2 * sigma[i, j] ** 2)
         total += 0.5 * math.log(2 * math.pi * sigma[i, j] ** 2 / eps**2)
     return total
+
+
+def group_data(m, planes, shared, step, drift, per_metre, error, prior):
+    """Nats of groups on none and on a plane each: columns of moments and of planes with extents."""
+    near, slow, bent, bend, lateral = error
+    slope_prior, surface, coordinate = prior
+    t0, t1, t2, extent = planes
+    count, norm, mean = m[10], m[11], m[6] / m[0]
+    cx, cy = m[1] / m[0], m[2] / m[0]
+    xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
+    xw, yw, square = m[7] - cx * m[6], m[8] - cy * m[6], m[9] - mean * m[6]
+
+    def integrated_slopes(variance, xw, yw):
+        """What random slopes explain of chi^2, and ln det(I + variance A)."""
+        A = np.array([[xx, xy], [xy, yy]]).transpose(2, 0, 1)
+        matrix = np.eye(2) + variance[:, None, None] * A
+        b = np.column_stack((xw, yw))
+        explained = variance * np.einsum(
+            "gi,gi->g", b, np.linalg.solve(matrix, b[..., None])[..., 0]
+        )
+        return explained, np.linalg.slogdet(matrix)[1]
+
+    explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
+    smooth = surface + 0.5 * (square - explained + determinant) + norm
+    alone = math.log(2) + np.minimum(smooth, count * coordinate)
+
+    row = np.minimum(np.rint(per_metre / mean).astype(int), shared.size - 1)
+    off = mean - (t0 + t1 * cx + t2 * cy)
+    chi2 = square + m[0] * off**2 - 2 * (t1 * xw + t2 * yw)
+    chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
+    steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * m[0] / count
+    offset = steep * (near * (shared + step)[row] + slow * extent * drift[row])
+    tilt = steep * (bent * shared[row] + bend * drift[row])
+    explained, determinant = integrated_slopes(tilt, xw - t1 * xx - t2 * xy, yw - t1 * xy - t2 * yy)
+    spread = 1 + offset * m[0]
+    chi2 -= offset * (m[0] * off) ** 2 / spread + explained
+    on = math.log(2) + np.minimum(
+        0.5 * (chi2 + np.log(spread) + determinant) + norm, count * coordinate
+    )
+    return alone, -np.logaddexp(math.log(0.95) - on, math.log(0.05) - alone)

@@ -8,9 +8,9 @@ from numpy.testing import assert_array_equal
 
 from planewise import scenes
 from planewise.information import mask_information
-from planewise.mask_code import spatial_mask_information
+from planewise.mask_code import prefix_mask_information, spatial_mask_information
 
-from .arithmetic_coder import decode, encode
+from .arithmetic_coder import decode, encode, length
 
 
 def check(labels, there, planes, slack):
@@ -38,6 +38,38 @@ def test_any_mask_is_sent_and_received(seed, height, width, planes, share):
     rng = np.random.default_rng(seed)
     labels = rng.integers(0, planes + 1, (height, width))
     check(labels, rng.random((height, width)) < share, planes, 2)
+
+
+def check_prefixes(labels, there, planes, rng):
+    """All lengths of one pass are those of the plain code, planes taken away one by one."""
+    labels = np.where(there, labels, 0).astype(np.uint16)
+    place = np.append(0, 1 + rng.permutation(planes)).astype(np.uint16)
+    readings = np.bincount(labels[there], minlength=planes + 1)
+    lengths = prefix_mask_information(labels, there.astype(np.float32), place, readings)
+    for n in range(planes + 1):
+        kept = np.where(place[labels] <= n, place[labels], 0)
+        assert lengths[n] == pytest.approx(length(kept, there, n), rel=1e-9, abs=1e-9)
+        assert spatial_mask_information(place[labels], there, n) == pytest.approx(lengths[n])
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    height=st.integers(1, 12),
+    width=st.integers(1, 24),
+    planes=st.integers(0, 6),
+    share=st.floats(0, 1),
+    size=st.integers(1, 5),
+)
+def test_all_shorter_lists_of_planes_in_one_pass(seed, height, width, planes, share, size):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, planes + 1, (height, width)).repeat(size, 0).repeat(size, 1)
+    check_prefixes(labels, rng.random(labels.shape) < share, planes, rng)
+
+
+def test_all_shorter_lists_of_planes_of_a_room():
+    scene = scenes.room(2, size=(90, 120))
+    check_prefixes(scene.labels, scene.depth > 0, len(scene.planes), np.random.default_rng(0))
 
 
 def test_without_planes_there_is_nothing_to_say():

@@ -9,8 +9,10 @@ import pytest
 import planewise as pw
 from planewise.cells import TILT, cells_of
 from planewise.frame import frame_of
+from planewise.frame_error import FrameError
 from planewise.mask_code import spatial_mask_information
 from planewise.spatial_information import GROUP_SIDE, ledger
+from planewise.workspace import Workspace
 
 PARTS = pw.noise.ErrorParts(
     white=pw.noise.constant(0.003),
@@ -28,7 +30,8 @@ def normal_nats(values, covariance):
 
 def oracle(frame, error, affine, labels, R, eps, pixel_size):
     L = math.log(R / eps)
-    p = frame.p / error.white
+    images = [image.astype(float) for image in (frame.w, frame.x, frame.y)]
+    p = frame.p.astype(float) / error.white
     total = len(affine) * 3 * L
     total += spatial_mask_information(labels, frame.p > 0, len(affine))
     height, width = labels.shape
@@ -40,8 +43,8 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 mine = (labels[window] == label) & (p[window] > 0)
                 if not mine.any():
                     continue
-                w, v = frame.w[window][mine], 1 / p[window][mine]
-                x, y = frame.x[window][mine], frame.y[window][mine]
+                w, x, y = (image[window][mine] for image in images)
+                v = 1 / p[window][mine]
                 cx, cy = np.average(x, weights=1 / v), np.average(y, weights=1 / v)
                 J = np.column_stack((np.ones_like(x), x - cx, y - cy))
                 # density of z, not of w: dz = z^2 dw, in steps of eps
@@ -53,15 +56,14 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 nats = math.log(2) + min(smooth, w.size * L)
                 if label:
                     t = affine[label - 1]
-                    shared, step, drift = (
-                        image[window][mine].mean()
-                        for image in (frame.shared, frame.step, error.drift * frame.drift)
-                    )
+                    row, table = frame.table.rows(mean), frame.table
+                    shared, step = table.shared[row], table.step[row]
+                    drift = error.drift * table.drift[row]
                     q = np.mean(1 / v) * (t[1] ** 2 + t[2] ** 2) / 100**2
                     steep = 1 + error.lateral * q
                     extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
                     offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
-                    tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.08 * drift)
+                    tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
                     C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
                     fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
                     fitted = math.log(2) + min(fitted, w.size * L)
@@ -70,27 +72,88 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
     return total
 
 
-def test_the_ledger_is_exact(roof, camera):
+@pytest.fixture
+def scene(roof, camera):
+    """A frame, the planes as w = t . (1, x, y), and labels: holes, a box on the table, a patch."""
     depth, planes, labels = roof
     depth, labels = depth.copy(), labels.astype(np.int32)
     depth[5:12, 8:20] = 0
     depth[30:36, 40:44] = 5.0
     labels[28:40, 36:50] = 0
+    labels[14:25, 20:31] = 3
     labels[depth == 0] = 0
     observation = pw.observe(depth, camera, SENSOR)
-    frame = frame_of(observation)
-    error = cells_of(frame, observation.pixel_size).error
-    error = replace(error, near=0.5, bent=0.7, lateral=0.4, drift=0.6)
     du, dv = observation.pixel_size
+    planes = np.vstack((planes, planes[0]))
     theta = -planes[:, :3] / planes[:, 3:]
     affine = np.column_stack((theta[:, 2], theta[:, 0] * du * 100, theta[:, 1] * dv * 100))
-    book = ledger(frame, error, affine, labels, 8, 0.001, observation.pixel_size)
-    place = np.zeros(3, np.int32)
-    place[book.order + 1] = [1, 2]
-    for n in range(3):
-        kept = np.where(place[labels] <= n, place[labels], 0).astype(np.int32)
+    return observation, affine, labels
+
+
+def cropped(frame, labels, shape):
+    rows, columns = shape
+    images = {name: np.ascontiguousarray(getattr(frame, name)[:rows, :columns]) for name in "wpxy"}
+    return replace(frame, **images), labels[:rows, :columns]
+
+
+@pytest.mark.parametrize("shape", [(48, 64), (45, 61), (7, 64)])
+def test_the_ledger_is_exact(scene, shape):
+    observation, affine, labels = scene
+    size = observation.pixel_size
+    whole = cells_of(frame_of(observation), size).error
+    frame, labels = cropped(frame_of(observation), labels, shape)
+    cells = cells_of(frame, size)
+    error = replace(whole, near=0.5, bent=0.7, lateral=0.4, drift=0.6)
+    book = ledger(frame, replace(cells, error=error), affine, labels, 8, 0.001, size)
+    place = np.zeros(4, np.int32)
+    place[book.order + 1] = [1, 2, 3]
+    for n in range(4):
+        kept = np.where(place[labels] <= n, place[labels], 0)
         best = affine[book.order[:n]]
-        expected = oracle(frame, error, best, kept, 8, 0.001, observation.pixel_size)
+        expected = oracle(frame, error, best, kept, 8, 0.001, size)
         assert book.curve[n] == pytest.approx(expected, rel=1e-9)
+    assert (np.diff(book.worth) >= 0).all()
+
+
+def test_what_pays_is_ranked_first(scene):
+    observation, affine, labels = scene
+    labels = np.where(labels == 3, 0, labels)
+    frame = frame_of(observation)
+    cells = cells_of(frame, observation.pixel_size)
+    book = ledger(frame, cells, affine[:2], labels, 8, 0.001, observation.pixel_size)
     assert book.worth[0] <= book.worth[1] < 0
     assert book.curve[2] < book.curve[1] < book.curve[0]
+
+
+def test_moments_are_had_where_no_cell_has_a_plane(scene):
+    observation, affine, labels = scene
+    frame, size = frame_of(observation), observation.pixel_size
+    book = ledger(frame, None, affine, labels, 8, 0.001, size)
+    ranked = np.argsort(np.append(-1, book.order))[labels]
+    expected = oracle(frame, FrameError(), affine[book.order], ranked, 8, 0.001, size)
+    assert book.curve[-1] == pytest.approx(expected, rel=1e-9)
+
+
+def test_without_planes_all_is_on_none(scene):
+    observation, affine, labels = scene
+    frame, size = frame_of(observation), observation.pixel_size
+    book = ledger(frame, None, affine[:0], 0 * labels, 8, 0.001, size)
+    expected = oracle(frame, FrameError(), affine[:0], 0 * labels, 8, 0.001, size)
+    assert book.curve == pytest.approx([expected], rel=1e-9)
+
+
+def test_memory_may_be_reused(scene):
+    observation, affine, labels = scene
+    workspace, size = Workspace(), observation.pixel_size
+    frame = frame_of(observation)
+    cells = cells_of(frame, size)
+    books = [
+        ledger(frame, cells, affine, part.astype(dtype), 8, 0.001, size, workspace)
+        for part in (labels, np.where(labels == 2, 1, labels), labels)
+        for dtype in (np.int32, np.uint16)
+    ]
+    held = workspace.nbytes
+    assert (books[0].curve == books[1].curve).all()
+    assert (books[0].curve == books[-1].curve).all()
+    ledger(frame, cells, affine, labels, 8, 0.001, size, workspace)
+    assert workspace.nbytes == held

@@ -201,33 +201,6 @@ def test_marginalise(noise):
         assert_array_equal(row[10:], [len(part[0]), 0, 0])
 
 
-def test_groups_are_the_readings_of_one_cell_and_label():
-    rng = np.random.default_rng(5)
-    label = quilt(rng, (19, 21), 3).astype(np.int32)
-    images = readings(rng, PLANES, label, holes=0.3)
-    p = images[1]
-    p[:8, :8] = 0
-    extra = rng.normal(size=(4, *label.shape))
-    place = np.empty((9, 4), np.int32)
-    found = cells.label_groups(label, p, 8, 3, 3, place)
-    moments = np.full((found, 15), 9.0)
-    cells.group_moments(label, *images, extra, 8, 3, place, moments)
-    number = 0
-    for cell in range(9):
-        for n in range(4):
-            at = np.zeros(label.shape, bool)
-            at[cell // 3 * 8 :, cell % 3 * 8 :][:8, :8] = True
-            at &= (p > 0) & (label == n)
-            if not at.any():
-                assert place[cell, n] == -1
-                continue
-            assert place[cell, n] == number
-            expected = [*oracles.moments(*(image[at] for image in images)), *extra[:, at].sum(1)]
-            assert_allclose(moments[number], expected, rtol=1e-9)
-            number += 1
-    assert number == found
-
-
 # Segments
 
 

@@ -6,8 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
+from planewise.camera import PinholeCamera
 from planewise.evaluate import FEWEST_PARTS, Assignment, Evaluator, part_count
+from planewise.frame import Frame
 from planewise.kernels import readings as kernels
+from planewise.kernels.cells import UNIT
+from planewise.kernels.plane_sums import plane_sums
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation
 from planewise.problem import Problem, Solution
@@ -142,6 +146,47 @@ def describe(
         _plane(row, covariances[j], total[j], box[j] if image else None)
         for j, row in enumerate(rows)
     ]
+
+
+def describe_image(
+    frame: Frame,
+    camera: PinholeCamera,
+    affine: Array,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.uint16],
+) -> list[Plane]:
+    """`describe` for a depth image in inverse depth, without its readings one by one.
+
+    Inverse depth and coordinates are in single precision there: lengths agree to 1e-6 of the depth.
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings.
+    camera : PinholeCamera
+        That took them.
+    affine : ndarray, shape (N, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, the planes that residuals are taken to.
+    rows : ndarray, shape (N, 4)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, 4, 4)
+        Of the rows.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none and where there is no reading, j for row j - 1.
+
+    Returns
+    -------
+    list of Plane
+        Their information is left 0.
+    """
+    sums = np.empty((len(rows), 7))
+    boxes = np.empty((len(rows), 4), np.int64)
+    one = np.array([[1.0 / (camera.fx * camera.fy)]])
+    solid = camera.pixel_area(labels.shape) if any(camera.distortion) else one
+    plane_sums(labels, frame.w, frame.x, frame.y, affine, solid, sums, boxes)
+    sums[:, 4:6] *= UNIT / camera.fx, UNIT / camera.fy
+    return [_plane(row, covariances[j], sums[j], boxes[j]) for j, row in enumerate(rows)]
 
 
 def _plane(row: Array, covariance: Array, sums: Array, box: NDArray[np.int64] | None) -> Plane:

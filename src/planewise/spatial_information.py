@@ -2,11 +2,11 @@
 
     Phi = mask + N * 3 ln(R / eps) + sum over groups of their data
 
-A group is the readings of one label in one cell of 8 x 8 pixels. Its data are normal with the white
-variance of each reading, and
+A group is the readings of one label in one block of 9 x 9 pixels, 3 x 3 of the finest cells. Its
+data are normal with the white variance of each reading, and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
-  with these integrated out,
+  with these integrated out, their variances those at the group's mean inverse depth,
 - on none, on a smooth surface whose depth there takes ln(R / eps) nats and whose slopes are drawn
   from a broad prior,
 - in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
@@ -19,25 +19,26 @@ Both are closed forms of the group's moments. The mask is the adaptive code of `
 
 from __future__ import annotations
 
-import builtins
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT
+from planewise.cells import TILT, Cells
 from planewise.frame import Frame
 from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
-from planewise.mask_code import spatial_mask_information
+from planewise.kernels import group_data as loops
+from planewise.kernels import groups
+from planewise.mask_code import prefix_mask_information
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-GROUP_SIDE = 8  # pixels of a cell whose readings share an offset and a tilt
-_APART = 0.05  # probability that a group labelled with a plane is a surface of its own
+GROUP_SIDE = groups.BLOCK  # pixels of a block whose readings share an offset and a tilt
+_SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
-_NORM, _NEAR, _DRIFT, _SHARED = (kernels.MOMENTS + i for i in range(4))
 
 
 @dataclass(frozen=True)
@@ -63,12 +64,13 @@ class Ledger:
 
 def ledger(
     frame: Frame,
-    error: FrameError,
+    cells: Cells | None,
     affine: Array,
-    labels: NDArray[np.int32],
+    labels: NDArray[np.integer],
     range: float,
     resolution: float,
     pixel_size: tuple[float, float],
+    workspace: Workspace | None = None,
 ) -> Ledger:
     """Rank planes, with exact Phi of them all and of every shorter list of the best.
 
@@ -76,143 +78,98 @@ def ledger(
     ----------
     frame : Frame
         The readings.
-    error : FrameError
-        Size of the frame's error against the sensor's description.
+    cells : Cells, optional
+        Of the frame; ``None`` if no cell has a plane.
     affine : ndarray, shape (N, 3)
         (t0, t1, t2) of w = t0 + t1 x + t2 y.
-    labels : ndarray of int32, shape (H, W)
+    labels : ndarray of int, shape (H, W)
         0 for none, j for row j - 1.
     range, resolution : float
         R and eps in metres.
     pixel_size : (float, float)
         Of a pixel on the plane z = 1, in metres.
+    workspace : Workspace, optional
+        Memory to work in.
+
+    Returns
+    -------
+    Ledger
     """
-    planes, there = len(affine), frame.p > 0
-    coordinate = coordinate_information(range, resolution)
-    moments, cell, label = _groups(frame, error, labels, planes, resolution)
-    slope_prior = (kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR) ** 2
-
-    def on_none(m: Array) -> Array:
-        return _surface_data(m, slope_prior, coordinate)
-
-    on_plane = label > 0
-    data = on_none(moments)
-    alone = data[on_plane].copy()
-    extent = np.sqrt(np.bincount(labels[there], minlength=planes + 1)) / kernels.UNIT
-    on = _plane_data(
-        moments[on_plane],
-        affine[label[on_plane] - 1],
-        extent[label[on_plane]],
-        error.lateral,
-        coordinate,
+    workspace, planes = workspace or Workspace(), len(affine)
+    error = FrameError() if cells is None else cells.error
+    mask = np.ascontiguousarray(labels, np.uint16)
+    readings = np.zeros(planes + 1, np.int64)
+    moments, label, first = _groups(
+        frame, cells, error.white, mask, resolution, readings, workspace
     )
-    data[on_plane] = -np.logaddexp(np.log(1 - _APART) - on, np.log(_APART) - alone)
-    worth = np.bincount(label[on_plane], data[on_plane] - alone, planes + 1)[1:]
-    order: NDArray[np.intp] = np.argsort(worth, kind="stable")
-    place = np.zeros(planes + 1, np.int32)
+    by_label = np.zeros((4, planes + 1))
+    by_label[:3, 1:], by_label[3] = affine.T, np.sqrt(readings) / kernels.UNIT
+    # Random effects of groups: variances of what near readings share and of what drifts.
+    sizes = (
+        error.near,
+        error.drift * kernels.PLANE_RESIDUAL,
+        error.bent * TILT**2,
+        error.drift * kernels.PLANE_BEND[0] / (groups.BLOCK / kernels.UNIT),
+        error.lateral,
+    )
+    coordinate = coordinate_information(range, resolution)
+    slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2
+    prior = (slopes, _SURFACE * coordinate, coordinate)
+    alone, data = workspace.empty("nats of groups", (2, moments.shape[1]))
+    worth, leaving = np.zeros((2, planes + 1))
+    table = frame.table
+    total = loops.group_data(
+        moments, label, first, by_label, table.shared, table.step, table.drift, table.per_metre,
+        sizes, prior, alone, data, worth, leaving,
+    )  # fmt: skip
+    order: NDArray[np.intp] = np.argsort(worth[1:], kind="stable")
+    place = np.zeros(planes + 1, np.uint16)
     place[order + 1] = np.arange(1, planes + 1)
-    ranked = place[labels]
-
-    # Readings on none, cell by cell, while planes are taken away from the last on.
-    rest = np.zeros((int(cell.max(initial=-1)) + 1, moments.shape[1]))
-    rest[cell[~on_plane]] = moments[~on_plane]
-    total = float(data.sum())
-    curve = [total]
-    for plane in order[::-1]:
-        mine = label == plane + 1
-        where = cell[mine]
-        occupied = rest[where, kernels.COUNT] > 0
-        before = float(on_none(rest[where][occupied]).sum())
-        rest[where] += moments[mine]
-        total += float(on_none(rest[where]).sum()) - before - float(data[mine].sum())
-        curve.append(total)
-    parameters = plane_information(3, range, resolution)
-    structure = [
-        n * parameters + spatial_mask_information(ranked, there, n)
-        for n in builtins.range(planes + 1)
-    ]
-    phi = np.array(curve[::-1]) + np.array(structure)
-    return Ledger(order=order, worth=np.asarray(worth[order]), curve=phi)
+    loops.groups_left(moments, label, first, place, prior, data, leaving)
+    curve = np.full(planes + 1, total)
+    # Planes are taken away from the last on.
+    curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
+    curve += np.arange(planes + 1) * plane_information(3, range, resolution)
+    curve += prefix_mask_information(mask, frame.p, place, readings)
+    return Ledger(order=order, worth=worth[1:][order], curve=curve)
 
 
 def _groups(
     frame: Frame,
-    error: FrameError,
-    labels: NDArray[np.int32],
-    planes: int,
+    cells: Cells | None,
+    white: float,
+    labels: NDArray[np.uint16],
     resolution: float,
-) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Moments of every group, its cell and its label."""
-    height, width = labels.shape
-    rows, columns = -(-height // GROUP_SIDE), -(-width // GROUP_SIDE)
-    p = frame.p / error.white
-    place = np.empty((rows * columns, planes + 1), np.int32)
-    found = kernels.label_groups(labels, p, GROUP_SIDE, columns, planes, place)
-    # 1/2 ln(2 pi sigma_z^2 / eps^2) with sigma_z = sigma_w z^2
-    norm = np.zeros(labels.shape)
-    there = p > 0
-    w = frame.w[there].astype(np.float64)
-    norm[there] = 0.5 * np.log(2 * np.pi / (p[there] * w**4 * resolution**2))
-    row, table = frame.table.rows(w), frame.table
-    extra = np.zeros((4, *labels.shape))
-    extra[0] = norm
-    extra[1, there] = error.near * (table.shared + table.step)[row]
-    extra[2, there] = error.drift * table.drift[row]
-    extra[3, there] = error.bent * table.shared[row]
-    moments = np.empty((found, kernels.MOMENTS + len(extra)))
-    kernels.group_moments(
-        labels, frame.w, p, frame.x, frame.y, extra, GROUP_SIDE, columns, place, moments
-    )
-    cell, label = np.nonzero(place >= 0)
-    return moments, cell, label
+    readings: NDArray[np.int64],
+    workspace: Workspace,
+) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32]]:
+    """Moments and labels of groups, where those of each block with several begin.
 
-
-def _centred(m: Array) -> tuple[Array, ...]:
-    """Centroid, mean, and second moments about them."""
-    cx, cy, mean = m[:, 1] / m[:, 0], m[:, 2] / m[:, 0], m[:, 6] / m[:, 0]
-    xx, xy, yy = m[:, 3] - cx * m[:, 1], m[:, 4] - cx * m[:, 2], m[:, 5] - cy * m[:, 2]
-    xw, yw = m[:, 7] - cx * m[:, 6], m[:, 8] - cy * m[:, 6]
-    return cx, cy, mean, xx, xy, yy, xw, yw, m[:, 9] - mean * m[:, 6]
-
-
-def _integrated_slopes(
-    variance: Array, xx: Array, xy: Array, yy: Array, xw: Array, yw: Array
-) -> tuple[Array, Array]:
-    """What random slopes of a variance explain of chi^2, and ln det(I + variance A)."""
-    a, b, c = 1 + variance * xx, variance * xy, 1 + variance * yy
-    determinant = a * c - b * b
-    explained = variance * (c * xw * xw - 2 * b * xw * yw + a * yw * yw) / determinant
-    return explained, np.log(determinant)
-
-
-def _plane_data(m: Array, t: Array, extent: Array, lateral: float, coordinate: float) -> Array:
-    """Nats of groups on planes t, offset and tilt integrated out, or anything at all if shorter.
-
-    The offset's variance is what near readings share and what the drift leaves about a plane of an
-    extent in units of 100 pixels; both grow where the plane is steep.
+    Adds to readings those of every label.
     """
-    cx, cy, mean, xx, xy, yy, xw, yw, square = _centred(m)
-    off = mean - (t[:, 0] + t[:, 1] * cx + t[:, 2] * cy)
-    chi2 = square + m[:, 0] * off**2 - 2 * (t[:, 1] * xw + t[:, 2] * yw)
-    chi2 += t[:, 1] ** 2 * xx + 2 * t[:, 1] * t[:, 2] * xy + t[:, 2] ** 2 * yy
-    count = m[:, kernels.COUNT]
-    steep = 1 + lateral * (t[:, 1] ** 2 + t[:, 2] ** 2) / kernels.UNIT**2 * m[:, 0] / count
-    drift = steep * m[:, _DRIFT] / count
-    offset = steep * m[:, _NEAR] / count + kernels.PLANE_RESIDUAL * extent * drift
-    tilt = steep * TILT**2 * m[:, _SHARED] / count
-    tilt += kernels.PLANE_BEND[0] / (GROUP_SIDE / kernels.UNIT) * drift
-    slopes, determinant = _integrated_slopes(
-        tilt, xx, xy, yy, xw - t[:, 1] * xx - t[:, 2] * xy, yw - t[:, 1] * xy - t[:, 2] * yy
-    )
-    spread = 1 + offset * m[:, 0]
-    chi2 -= offset * (m[:, 0] * off) ** 2 / spread + slopes
-    fitted = 0.5 * (chi2 + np.log(spread) + determinant) + m[:, _NORM]
-    return np.asarray(np.log(2) + np.minimum(fitted, m[:, kernels.COUNT] * coordinate))
+    shape = _tiles(labels.shape, groups.SIDE)
+    if cells is None:
+        of_cells = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
+        kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, groups.SIDE, of_cells)
+    else:
+        of_cells = cells.moments
+    cell = workspace.empty("labels of cells", shape, np.int32)
+    block = workspace.empty("labels of blocks", _tiles(labels.shape, groups.BLOCK), np.int32)
+    work = np.empty((6, groups.BLOCK * block.shape[1]), np.uint16)
+    groups.label_cells(labels, frame.p, cell, block, work)
+    several = int(np.count_nonzero(block == groups.SEVERAL))
+    # Of the cells of a block, each with one label adds at most one group.
+    most = groups.SIDE**2 * (several + int(np.count_nonzero(cell == groups.SEVERAL)))
+    moments = workspace.empty("moments of groups", (groups.NORM + 1, block.size + most))
+    label = workspace.empty("labels of groups", block.size + most, np.uint16)
+    constant = float(np.log(2 * np.pi * white / resolution**2))
+    first = np.empty(several + 1, np.int32)
+    groups.sum_groups(
+        labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, white, constant,
+        first, moments, label, readings,
+    )  # fmt: skip
+    return moments, label, first
 
 
-def _surface_data(m: Array, slope_prior: float, coordinate: float) -> Array:
-    """Nats of groups on none: a smooth surface or anything at all, whichever is shorter."""
-    _, _, mean, xx, xy, yy, xw, yw, square = _centred(m)
-    slopes, determinant = _integrated_slopes(slope_prior * mean**2, xx, xy, yy, xw, yw)
-    smooth = coordinate + 0.5 * (square - slopes + determinant) + m[:, _NORM]
-    return np.asarray(np.log(2) + np.minimum(smooth, m[:, kernels.COUNT] * coordinate))
+def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:
+    return -(-shape[0] // side), -(-shape[1] // side)

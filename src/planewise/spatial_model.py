@@ -10,11 +10,9 @@ import numpy as np
 from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
-from planewise.frame_error import FrameError
-from planewise.kernels.readings import square_ray_residuals
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
-from planewise.rank import describe
+from planewise.rank import describe_image
 from planewise.spatial import segment
 from planewise.spatial_information import ledger
 from planewise.stages import stage
@@ -72,12 +70,13 @@ def spatial_model(
     with stage("ledger"):
         book = ledger(
             frame,
-            FrameError() if cells is None else cells.error,
+            cells,
             found.affine,
             found.labels,
             observation.range,
             observation.resolution,
             size,
+            workspace,
         )
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
     best = int(np.argmin(book.curve))
@@ -95,11 +94,10 @@ def spatial_model(
     covariances = np.array(
         [covariance_of_plane(theta[j], found.covariance[k]) for j, k in enumerate(order)]
     ).reshape(-1, 4, 4)
-    marks = labels.reshape(-1)[observation.index]
     with stage("describe"):
-        square = np.empty(observation.count)
-        square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
-        planes = describe(observation, rows, covariances, marks, np.zeros(len(marks)), square)
+        planes = describe_image(
+            frame, observation.camera, found.affine[order], rows, covariances, labels
+        )
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
         reason = (

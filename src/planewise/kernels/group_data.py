@@ -1,0 +1,164 @@
+"""Loops over groups: their nats on planes and on none, as closed forms of their moments."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.groups import NORM
+
+APART = 0.05  # probability that a group labelled with a plane is a surface of its own
+_BATCH = 256
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-untyped-def]
+    """chi^2 with random slopes of a variance integrated out, and det(I + variance A)."""
+    a, b, c = 1.0 + variance * xx, variance * xy, 1.0 + variance * yy
+    determinant = a * c - b * b
+    explained = c * xw * xw - 2.0 * b * xw * yw + a * yw * yw
+    return square - variance * explained / determinant, determinant
+
+
+@_compiled
+def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untyped-def]
+    """Nats of a group on none: a smooth surface or anything at all, whichever is shorter.
+
+    prior: variance of a surface's slopes at w = 1, nats of its depth, and of any reading's.
+    """
+    smooth = prior[1] + 0.5 * (misfit + math.log(determinant)) + norm
+    return math.log(2.0) + min(smooth, count * prior[2])
+
+
+@_compiled
+def group_data(  # type: ignore[no-untyped-def]
+    moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
+    worth, leaving,
+):  # fmt: skip
+    """Nats of every group on none and as labelled.
+
+    moments (12, .), label (.), first (.): `kernels.groups`; planes (4, N + 1): t0, t1, t2 of every
+    label, and the side of a square as large as the plane, in units of 100 pixels; shared, step,
+    drift (L,): variances by depth, per_metre rows a metre. error: factors of shared and of slow
+    variance of a group's offset, of both of its tilt, and the lateral variance. prior: `_on_none`.
+
+    Writes alone and data (.). Adds data - alone to worth (N + 1,), and to leaving (N + 1,) what
+    blocks that are all on a plane have more without it. Returns the sum of data.
+    """
+    blocks, groups = first[0], first[-1]
+    near, slow, bent, bend, lateral = error
+    last = np.float64(shared.size - 1)
+    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
+    # One piece of memory: then no row of it can hide behind another, and loops are vector code.
+    work = np.empty((23, _BATCH))
+    m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
+    m6, m7, m8, m9, count, norm = work[6], work[7], work[8], work[9], work[10], work[11]
+    t0, t1, t2, extent, common, fine = work[12], work[13], work[14], work[15], work[16], work[17]
+    wander, smooth, spread, fitted, turned = work[18], work[19], work[20], work[21], work[22]
+    total = 0.0
+    for start in range(0, groups, _BATCH):
+        stop = min(start + _BATCH, groups)
+        n = stop - start
+        for e in range(NORM + 1):
+            row = moments[e, start:stop]
+            for k in range(n):
+                work[e, k] = row[k]
+        for k in range(n):
+            j = label[start + k]
+            t0[k], t1[k], t2[k], extent[k] = planes[0, j], planes[1, j], planes[2, j], planes[3, j]
+            if count[k] > 0.0:
+                at = np.uint32(min(per_metre * m0[k] / m6[k] + 0.5, last))
+                common[k], fine[k], wander[k] = shared[at], step[at], drift[at]
+        for k in range(n):
+            scale = 1.0 / m0[k]
+            cx, cy, mean = scale * m1[k], scale * m2[k], scale * m6[k]
+            xx, xy, yy = m3[k] - cx * m1[k], m4[k] - cx * m2[k], m5[k] - cy * m2[k]
+            xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
+            square = m9[k] - mean * m6[k]
+            smooth[k], spread[k] = _without_slopes(
+                prior[0] * mean * mean, square, xx, xy, yy, xw, yw
+            )
+
+            a, b = t1[k], t2[k]
+            off = mean - (t0[k] + a * cx + b * cy)
+            steep = 1.0 + lateral * (a * a + b * b) / UNIT**2 * m0[k] / count[k]
+            offset = steep * (near * (common[k] + fine[k]) + slow * extent[k] * wander[k])
+            tilt = steep * (bent * common[k] + bend * wander[k])
+            # chi^2 about the plane: the part that an offset explains apart
+            square += a * a * xx + 2.0 * a * b * xy + b * b * yy - 2.0 * (a * xw + b * yw)
+            xw, yw = xw - a * xx - b * xy, yw - a * xy - b * yy
+            chi2, determinant = _without_slopes(tilt, square, xx, xy, yy, xw, yw)
+            wide = 1.0 + offset * m0[k]
+            fitted[k] = chi2 + m0[k] * off * off / wide
+            turned[k] = determinant * wide
+        for k in range(n):
+            g, j = start + k, label[start + k]
+            if not count[k] > 0.0:
+                alone[g] = data[g] = 0.0
+                continue
+            nats = _on_none(smooth[k], spread[k], norm[k], count[k], prior)
+            alone[g] = nats
+            if j > 0:
+                on = 0.5 * (fitted[k] + math.log(turned[k])) + norm[k]
+                on = math.log(2.0) + min(on, count[k] * prior[2])
+                # -ln(0.95 exp(-on) + 0.05 exp(-alone))
+                odds = (on_its_own - nats) - (in_common - on)
+                if odds > 0.0:
+                    nats -= on_its_own + math.log1p(math.exp(-odds))
+                else:
+                    nats = on - in_common - math.log1p(math.exp(odds))
+                worth[j] += nats - alone[g]
+                if g < blocks:
+                    leaving[j] += alone[g] - nats
+            data[g] = nats
+            total += nats
+    return total
+
+
+@_compiled
+def groups_left(moments, label, first, place, prior, data, leaving):  # type: ignore[no-untyped-def]
+    """Add what blocks with several labels have more when a plane goes, after those behind it.
+
+    Readings of a plane that is gone join those on none in their block, so place (N + 1,), 1 ... N
+    of every plane, says in which order. Adds to leaving (N + 1,), of every label.
+    """
+    m = np.empty(NORM + 1)
+    for b in range(first.size - 1):
+        for e in range(NORM + 1):
+            m[e] = 0.0
+        paid = 0.0
+        behind = np.int64(place.size)
+        for g in range(first[b], first[b + 1]):
+            if label[g] == 0:
+                for e in range(NORM + 1):
+                    m[e] = moments[e, g]
+                paid = data[g]
+        while True:
+            gone, at = np.int64(0), 0
+            for g in range(first[b], first[b + 1]):
+                rank = np.int64(place[label[g]])
+                if gone < rank < behind:
+                    gone, at = rank, g
+            if gone == 0:
+                break
+            for e in range(NORM + 1):
+                m[e] += moments[e, at]
+            cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
+            misfit, determinant = _without_slopes(
+                prior[0] * mean * mean,
+                m[9] - mean * m[6],
+                m[3] - cx * m[1],
+                m[4] - cx * m[2],
+                m[5] - cy * m[2],
+                m[7] - cx * m[6],
+                m[8] - cy * m[6],
+            )
+            now = _on_none(misfit, determinant, m[NORM], m[COUNT], prior)
+            leaving[label[at]] += now - paid - data[at]
+            paid, behind = now, gone

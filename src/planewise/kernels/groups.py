@@ -1,0 +1,198 @@
+"""Loops over groups: the readings of one label in one square block of cells.
+
+Where a block has one label its moments are those of its cells. Elsewhere the readings of cells with
+several labels are added up one by one. Groups are columns of an array of moments (`kernels.cells`)
+whose last entry is the sum of 1/2 ln(2 pi sigma_z^2 / eps^2): first one for every block, empty
+where the block has several labels, then those of blocks with several.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.cells import COUNT, PRODUCT
+
+SIDE = 3  # pixels of a cell; written out, threes of pixels or cells are taken by vector code
+BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
+NORM, CELL = PRODUCT, PRODUCT + 1
+NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block
+_LAST = np.uint16(65535)
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def _thirds(least, most, low, high):  # type: ignore[no-untyped-def]
+    """Smallest and largest of every three labels."""
+    for j in range(low.size):
+        low[j] = min(least[3 * j], min(least[3 * j + 1], least[3 * j + 2]))
+        high[j] = max(most[3 * j], max(most[3 * j + 1], most[3 * j + 2]))
+
+
+@_compiled
+def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
+    """Label of all readings of every cell and of every block, NONE or SEVERAL.
+
+    labels (H, W) uint16, p (H, W) float32. Writes cell (rows, columns) and block, a third as large;
+    works in work (6, 9 * columns of block) uint16.
+    """
+    height, width = labels.shape
+    rows, columns = cell.shape
+    wide = block.shape[1]
+    least, most = work[0], work[1]
+    low, high, lows, highs = (
+        work[2, : 3 * wide],
+        work[3, : 3 * wide],
+        work[4, : 3 * wide],
+        work[5, : 3 * wide],
+    )
+    for i in range(block.shape[0]):
+        for j in range(lows.size):
+            lows[j], highs[j] = _LAST, 0
+        for a in range(3 * i, min(3 * i + 3, rows)):
+            for x in range(least.size):
+                least[x], most[x] = _LAST, 0
+            for y in range(SIDE * a, min(SIDE * (a + 1), height)):
+                row, weight = labels[y], p[y]
+                for x in range(width):
+                    label, smallest = row[x], least[x]
+                    least[x] = min(smallest, label if weight[x] > 0.0 else _LAST)
+                for x in range(width):
+                    label, largest = row[x], most[x]
+                    most[x] = max(largest, label if weight[x] > 0.0 else np.uint16(0))
+            _thirds(least, most, low, high)
+            for j in range(low.size):
+                lows[j], highs[j] = min(lows[j], low[j]), max(highs[j], high[j])
+            out = cell[a]
+            for j in range(columns):
+                one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
+                out[j] = NONE if low[j] > high[j] else one
+        _thirds(lows, highs, low[:wide], high[:wide])
+        for j in range(wide):
+            one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
+            block[i, j] = NONE if low[j] > high[j] else one
+
+
+@_compiled
+def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings):  # type: ignore[no-untyped-def]
+    """Moments and labels of row i of the blocks with one label: sums over cells."""
+    rows, columns = cells.shape[1:]
+    wide = block.shape[1]
+    start = i * wide
+    for e in range(NORM):
+        scale = 1.0 if e == COUNT else 1.0 / white
+        for j in range(columns):
+            line[j] = 0.0
+        for a in range(3 * i, min(3 * i + 3, rows)):
+            row = cells[e, a]
+            for j in range(columns):
+                line[j] += row[j]
+        out = moments[e, start : start + wide]
+        for j in range(wide):
+            out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
+    for j in range(wide):
+        g, one = start + j, block[i, j] >= 0
+        label[g] = block[i, j] if one else 0
+        if not one:
+            moments[COUNT, g] = 0.0
+            continue
+        readings[label[g]] += np.int64(moments[COUNT, g])
+        total, product, factors = 0.0, 1.0, 0
+        for a in range(3 * i, min(3 * i + 3, rows)):
+            for b in range(3 * j, min(3 * j + 3, columns)):
+                product *= cells[PRODUCT, a, b]
+                factors += 1
+                if factors % 2 == 0:  # that of more cells may be too large for a double
+                    total += math.log(product)
+                    product = 1.0
+        total += math.log(product)
+        moments[NORM, g] = 0.5 * (constant * moments[COUNT, g] - total)
+
+
+@_compiled
+def _place(names, found, label):  # type: ignore[no-untyped-def]
+    """Place of a label among those found in a block; the next one if it is not yet."""
+    for k in range(found):
+        if names[k] == label:
+            return k
+    names[found] = label
+    return found
+
+
+@_compiled
+def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
+    """Add a reading of inverse depth w at (a, b) to a row of moments and a product of p w^4."""
+    weight, v = np.float64(p), np.float64(w)
+    pa, pb, pv = weight * a, weight * b, weight * v
+    m[0] += weight
+    m[1] += pa
+    m[2] += pb
+    m[3] += pa * a
+    m[4] += pa * b
+    m[5] += pb * b
+    m[6] += pv
+    m[7] += pv * a
+    m[8] += pv * b
+    m[9] += pv * v
+    m[COUNT] += 1.0
+    m[CELL] *= weight * v * v * v * v
+
+
+@_compiled
+def sum_groups(  # type: ignore[no-untyped-def]
+    labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label, readings
+):
+    """Moments and labels of all groups.
+
+    cells (12, rows, columns): moments of cells; white: noise of the frame against its description;
+    constant: ln(2 pi white / eps^2). Writes first (blocks with several labels + 1,), where the
+    groups of each begin and end; adds to readings (N + 1,) those of every label.
+    """
+    height, width = labels.shape
+    rows, columns = cell.shape
+    names = np.empty(BLOCK * BLOCK, np.int32)
+    sums = np.zeros((names.size, NORM + 2))
+    for k in range(names.size):
+        sums[k, CELL] = 1.0  # product of p w^4 in one cell
+    line = np.zeros(3 * block.shape[1])
+    blocks, end = 0, block.size
+    for i in range(block.shape[0]):
+        _sum_blocks(i, cells, block, white, constant, line, moments, label, readings)
+        for j in range(block.shape[1]):
+            if block[i, j] != SEVERAL:
+                continue
+            found = 0
+            for a in range(3 * i, min(3 * i + 3, rows)):
+                for b in range(3 * j, min(3 * j + 3, columns)):
+                    if cell[a, b] >= 0:
+                        k = _place(names, found, cell[a, b])
+                        found = max(found, k + 1)
+                        for e in range(NORM):
+                            sums[k, e] += cells[e, a, b]
+                        sums[k, NORM] += math.log(cells[PRODUCT, a, b])
+                    elif cell[a, b] == SEVERAL:
+                        for v in range(SIDE * a, min(SIDE * (a + 1), height)):
+                            for u in range(SIDE * b, min(SIDE * (b + 1), width)):
+                                if p[v, u] > 0.0:
+                                    k = _place(names, found, np.int32(labels[v, u]))
+                                    found = max(found, k + 1)
+                                    _add_reading(sums[k], p[v, u], x[v, u], y[v, u], w[v, u])
+                        for k in range(found):
+                            sums[k, NORM] += math.log(sums[k, CELL])
+                            sums[k, CELL] = 1.0
+            first[blocks] = end
+            blocks += 1
+            for k in range(found):
+                moments[NORM, end] = 0.5 * (constant * sums[k, COUNT] - sums[k, NORM])
+                sums[k, NORM] = 0.0
+                for e in range(NORM):
+                    moments[e, end] = sums[k, e] if e == COUNT else sums[k, e] / white
+                    sums[k, e] = 0.0
+                label[end] = names[k]
+                readings[names[k]] += np.int64(moments[COUNT, end])
+                end += 1
+    first[blocks] = end

@@ -1,0 +1,79 @@
+"""Sums over the readings of every plane of a label image, run by run."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_STEP = 16  # pixels that are compared with a run's label at a time
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def _end_of_run(row, start):  # type: ignore[no-untyped-def]
+    """First pixel after `start` in a row of labels that has another label."""
+    label, end = row[start], start + 1
+    while end + _STEP <= row.size:
+        apart = 0
+        for j in range(end, end + _STEP):
+            apart |= row[j] != label
+        if apart:
+            break
+        end += _STEP
+    while end < row.size and row[end] == label:
+        end += 1
+    return end
+
+
+@_compiled
+def plane_sums(labels, w, x, y, planes, solid, sums, boxes):  # type: ignore[no-untyped-def]
+    """Sums over the readings of every plane w = t0 + t1 x + t2 y.
+
+    labels (H, W) uint16, 0 where there is no reading; w, x, y (H, W) float32; planes (N, 3); solid:
+    area of every pixel on z = 1, (H, W), or of them all, (1, 1). Writes sums (N, 7): count, 0,
+    delta^2, z^3 solid, z x, z y, z, with z = 1 / w and delta = z - 1 / (t . (1, x, y)); and boxes
+    (N, 4): first row and column, last row and column + 1.
+    """
+    sums[:] = 0.0
+    boxes[:, :2] = max(labels.shape)
+    boxes[:, 2:] = 0
+    for i in range(labels.shape[0]):
+        row, stop = labels[i], 0
+        while stop < row.size:
+            start, stop = stop, _end_of_run(row, stop)
+            if row[start] == 0:
+                continue
+            j = row[start] - 1
+            t0, t1, t2 = planes[j, 0], planes[j, 1], planes[j, 2]
+            v, a, b = w[i, start:stop], x[i, start:stop], y[i, start:stop]
+            square = cube = across = down = along = 0.0
+            for k in range(v.size):
+                inverse, c, d = np.float64(v[k]), np.float64(a[k]), np.float64(b[k])
+                q = t0 + t1 * c + t2 * d
+                r = 1.0 / (inverse * q)
+                z = q * r
+                delta = (q - inverse) * r
+                square += delta * delta
+                cube += z * z * z
+                across += z * c
+                down += z * d
+                along += z
+            if solid.size > 1:
+                area = solid[i, start:stop]
+                cube = 0.0
+                for k in range(v.size):
+                    z = 1.0 / np.float64(v[k])
+                    cube += z * z * z * area[k]
+            else:
+                cube *= solid[0, 0]
+            total, box = sums[j], boxes[j]
+            total[0] += v.size
+            total[2] += square
+            total[3] += cube
+            total[4] += across
+            total[5] += down
+            total[6] += along
+            box[0], box[1] = min(box[0], i), min(box[1], start)
+            box[2], box[3] = i + 1, max(box[3], stop)

@@ -1,0 +1,111 @@
+"""Groups and their nats against plain NumPy versions."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planewise import cells as cells_module
+from planewise.kernels import group_data, groups
+from planewise.kernels.cells import COUNT, cell_moments
+
+from . import oracles, spatial_oracles
+
+SIGMA, EPS, WHITE = 1e-3, 1e-3, 1.7
+PLANES = np.array([[0.0, 0, 0], [0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]])
+
+
+def patches(rng, shape):
+    """Labels 0 ... 3 in patches, and w, p, x, y near their planes, with holes."""
+    tall, wide = -(-shape[0] // 5), -(-shape[1] // 13)
+    labels = np.repeat(np.repeat(rng.integers(0, 4, (tall, wide)), 5, 0), 13, 1)
+    labels = labels[: shape[0], : shape[1]].astype(np.uint16)
+    i, j = np.indices(shape)
+    x, y = (j - 0.4 * shape[1]) / 100, (i - 0.7 * shape[0]) / 100
+    t = PLANES[np.where(labels == 0, 1, labels)]
+    w = t[..., 0] + t[..., 1] * x + t[..., 2] * y + rng.normal(0, SIGMA, shape)
+    p = rng.uniform(0.7, 1.4, shape) / SIGMA**2
+    hole = rng.random(shape) < 0.1
+    hole[:9, :9] = hole[10:16, 18:30] = True
+    p[hole], w[hole], labels[hole] = 0, 0, 0
+    return labels, [np.float32(image) for image in (w, p, x, y)]
+
+
+def grouped(labels, images):
+    """Moments and label of every group, and where those of blocks with several begin."""
+    w, p, x, y = images
+    shape, half = ([-(-n // side) for n in labels.shape] for side in (3, 9))
+    of_cells = np.full((12, *shape), 9.0)
+    cell_moments(w, p, x, y, 3, of_cells)
+    cell, block = np.full(shape, 9, np.int32), np.full(half, 9, np.int32)
+    groups.label_cells(labels, p, cell, block, np.empty((6, 9 * half[1]), np.uint16))
+    several = (block == groups.SEVERAL).sum()
+    moments = np.full((12, block.size + 81 * several), 9.0)
+    label, first = np.full(moments.shape[1], 9, np.uint16), np.full(several + 1, 9, np.int32)
+    constant, readings = np.log(2 * np.pi * WHITE / EPS**2), np.zeros(4, np.int64)
+    groups.sum_groups(
+        labels, w, p, x, y, of_cells, cell, block, WHITE, constant, first, moments, label, readings
+    )
+    assert_array_equal(readings, np.bincount(labels[p > 0], minlength=4))
+    return moments, label, first
+
+
+@pytest.mark.parametrize("shape", [(27, 45), (31, 50), (5, 64)])
+def test_groups_are_the_readings_of_one_block_and_label(shape):
+    labels, images = patches(np.random.default_rng(5), shape)
+    moments, label, first = grouped(labels, images)
+    blocks = [(i, j) for i in range(0, shape[0], 9) for j in range(0, shape[1], 9)]
+    assert first[0] == len(blocks)
+    several = 0
+    for b, (i, j) in enumerate(blocks):
+        part = spatial_oracles.block([*images, labels], i, j, 9)
+        w, p, x, y, mine = (np.float64(values) for values in part)
+        names = list(dict.fromkeys(mine))
+        if len(names) == 1:
+            at = [b]
+        else:
+            assert moments[COUNT, b] == 0
+            at = np.arange(first[several], first[several + 1]) if names else []
+            several += bool(names)
+        assert sorted(label[at]) == sorted(names)
+        for g in at:
+            on = mine == label[g]
+            exact = spatial_oracles.moments(w[on], p[on] / WHITE, x[on], y[on])
+            assert_allclose(moments[:11, g], exact, rtol=1e-9)
+            norm = 0.5 * np.log(2 * np.pi * WHITE / (p[on] * w[on] ** 4 * EPS**2)).sum()
+            assert moments[11, g] == pytest.approx(norm, rel=1e-9)
+    assert several == len(first) - 1 > 0
+
+
+def test_cells_are_those_of_the_search():
+    assert groups.SIDE == cells_module.SIDE
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-3, 0.02])
+def test_nats_of_groups(off):
+    """Readings on their planes, a little off, and so far that they are surfaces of their own."""
+    labels, images = patches(np.random.default_rng(6), (90, 120))
+    moments, label, first = grouped(labels, images)
+    end = first[-1]
+    planes = np.vstack((PLANES.T, [0.0, 0.4, 0.3, 0.5]))  # and the side of a square as large
+    planes[0] += off
+    rng = np.random.default_rng(7)
+    table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
+    error, prior = (0.8, 0.1, 60.0, 9.0, 0.3), (0.05, 8.0, 9.0)
+    alone, data = np.empty((2, moments.shape[1]))
+    worth, leaving = np.full((2, 4), 5.0)
+    arguments = (*table, 120.0, error, prior)
+    total = group_data.group_data(
+        moments, label, first, planes, *arguments, alone, data, worth, leaving
+    )
+    there = np.flatnonzero(moments[COUNT, :end] > 0)
+    m, name = moments[:, there], label[there]
+    expected_alone, expected = oracles.group_data(m, planes[:, name], *arguments)
+    expected = np.where(name > 0, expected, expected_alone)
+    assert_allclose(alone[there], expected_alone, rtol=1e-9)
+    assert_allclose(data[there], expected, rtol=1e-9)
+    assert total == pytest.approx(expected.sum(), rel=1e-12)
+    saved = np.bincount(name, expected - expected_alone, 4) * [0, 1, 1, 1]
+    assert_allclose(worth, 5 + saved, rtol=1e-9)
+    whole = there < first[0]
+    lost = np.bincount(name[whole], (expected_alone - expected)[whole], 4) * [0, 1, 1, 1]
+    assert_allclose(leaving, 5 + lost, rtol=1e-9)

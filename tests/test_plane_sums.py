@@ -1,0 +1,59 @@
+"""Planes described from images in inverse depth, against the readings one by one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import planewise as pw
+from planewise.frame import frame_of
+from planewise.kernels.cells import UNIT
+from planewise.kernels.readings import square_ray_residuals
+from planewise.rank import describe, describe_image
+
+PLANES = np.array([[0.4, 0.02, -0.05], [0.6, -0.03, 0.01], [0.5, 0.0, 0.0], [0.7, 0.1, 0.1]])
+SENSOR = pw.Sensor(max_depth=10, noise=0.003)
+
+
+def random_frame(rng, camera, shape):
+    """Depth near labelled planes with holes, and labels in runs of all lengths, none on plane 3."""
+    label = np.repeat(rng.integers(0, 4, shape), rng.integers(1, 40, shape[1]), axis=1)
+    label = label[:, : shape[1]].copy()
+    label[label == 3] = 4
+    label[1:3] = label[1, 0]
+    rays = camera.rays(shape)
+    du, dv = 1 / camera.fx, 1 / camera.fy
+    t = PLANES[np.maximum(label, 1) - 1]
+    w = t[..., 0] + (t[..., 1] * rays[..., 0] / du + t[..., 2] * rays[..., 1] / dv) / UNIT
+    depth = 1 / w + rng.normal(0, 0.004, shape)
+    depth[rng.random(shape) < 0.1] = 0
+    depth[:5, :7] = 0
+    label[depth == 0] = 0
+    return depth, label.astype(np.uint16)
+
+
+@pytest.mark.parametrize("distortion", [(), (0.05, -0.02, 0.001, 0.0)])
+@pytest.mark.parametrize("shape", [(40, 61), (20, 200)])
+def test_planes_are_described_as_by_their_readings(shape, distortion):
+    camera = pw.PinholeCamera(fx=180, fy=170, cx=33, cy=18, distortion=distortion)
+    depth, labels = random_frame(np.random.default_rng(shape[1]), camera, shape)
+    observation = pw.observe(depth, camera, SENSOR)
+    theta = PLANES[:, [1, 2, 0]] * [camera.fx / UNIT, camera.fy / UNIT, 1]
+    length = np.linalg.norm(theta, axis=1, keepdims=True)
+    rows = np.hstack((-theta / length, 1 / length))
+    covariances = np.zeros((4, 4, 4))
+    marks = labels.reshape(-1)[observation.index]
+    square = np.empty(marks.size)
+    square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
+    slow = describe(observation, rows, covariances, marks, np.zeros(marks.size), square)
+    frame = frame_of(observation)
+    fast = describe_image(frame, camera, PLANES, rows, covariances, labels)
+    assert fast[2].count == 0
+    for a, b in zip(fast, slow, strict=True):
+        assert a.count == b.count
+        assert a.information == 0
+        far = 10.0  # metres: no reading is farther
+        assert_allclose(a.centroid, b.centroid, rtol=0, atol=1e-6 * far)
+        assert_allclose(a.rms, b.rms, rtol=0, atol=1e-6 * far)
+        assert_allclose(a.area, b.area, rtol=3e-6)
+        if a.count:
+            assert a.bounding_box == b.bounding_box
