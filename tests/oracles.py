@@ -80,13 +80,14 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     smooth = surface + 0.5 * (square - explained + determinant) + norm
     alone = math.log(2) + np.minimum(smooth, count * coordinate)
 
-    row = np.minimum(np.rint(per_metre / mean).astype(int), shared.size - 1)
+    rows = np.arange(shared.size)
+    shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
     off = mean - (t0 + t1 * cx + t2 * cy)
     chi2 = square + m[0] * off**2 - 2 * (t1 * xw + t2 * yw)
     chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
     steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * m[0] / count
-    offset = steep * (near * (shared + step)[row] + slow * extent * drift[row])
-    tilt = steep * (bent * shared[row] + bend * drift[row])
+    offset = steep * (near * (shared + step) + slow * extent * drift)
+    tilt = steep * (bent * shared + bend * drift)
     explained, determinant = integrated_slopes(tilt, xw - t1 * xx - t2 * xy, yw - t1 * xy - t2 * yy)
     spread = 1 + offset * m[0]
     chi2 -= offset * (m[0] * off) ** 2 / spread + explained

@@ -61,7 +61,7 @@ def told(z, sensor):
     image = frame_of(seen)
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
-    drift = image.table.drift[image.table.rows(image.w[image.p > 0])]
+    drift = image.table.at(image.w[image.p > 0])[2]
     return found.error, float(np.median(drift)) / cells._SATURATION
 
 

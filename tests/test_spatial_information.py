@@ -56,9 +56,8 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 nats = math.log(2) + min(smooth, w.size * L)
                 if label:
                     t = affine[label - 1]
-                    row, table = frame.table.rows(mean), frame.table
-                    shared, step = table.shared[row], table.step[row]
-                    drift = error.drift * table.drift[row]
+                    _, shared, drift, step = frame.table.at(mean)
+                    drift = error.drift * drift
                     q = np.mean(1 / v) * (t[1] ** 2 + t[2] ** 2) / 100**2
                     steep = 1 + error.lateral * q
                     extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100

@@ -147,10 +147,9 @@ def _without_shared_error(
     Returns their drift, which of them are whole squares and where, and the size of the error.
     Parts of the error are those at the mean depth of each unit.
     """
-    w, count, table = planes[2], units[:, kernels.COUNT], frame.table
-    row = table.rows(w)
-    shared, drift, step = table.shared[row], table.drift[row], table.step[row]
-    coarse = _shared_step(step, white * (table.white[row] + step) - step)
+    w, count = planes[2], units[:, kernels.COUNT]
+    new, shared, drift, step = frame.table.at(w)
+    coarse = _shared_step(step, white * (new + step) - step)
     half = size * SIDE / 2 / kernels.UNIT
     lateral, steep = lateral_variance(units, planes, size == 2)
     offset, tilt = steep * (shared + coarse), steep * (TILT**2 * shared + coarse / half**2)

@@ -21,14 +21,12 @@ _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's,
 
 @dataclass(frozen=True)
 class ErrorTable:
-    """Variances of inverse depth, in 1 / m^2, by depth.
-
-    A row between depths that occur is that of the next nearer one.
+    """Variances of inverse depth, in 1 / m^2, by depth; linear between the depths that occur.
 
     Attributes
     ----------
     per_metre : float
-        Rows per metre of depth: the row of inverse depth w is round(per_metre / w).
+        Rows per metre of depth: inverse depth w lies at row per_metre / w.
     white, shared, drift, step : ndarray, shape (L,)
         What is new in every reading, quantisation apart; what near readings share; how far that
         drifts over 100 pixels; and quantisation.
@@ -40,10 +38,16 @@ class ErrorTable:
     drift: Array
     step: Array
 
-    def rows(self, w: NDArray[np.floating]) -> NDArray[np.intp]:
-        """Row of every inverse depth w > 0."""
-        place = np.rint(self.per_metre / np.asarray(w, np.float64)).astype(np.intp)
-        return np.asarray(np.minimum(place, len(self.step) - 1))
+    def at(self, w: NDArray[np.floating]) -> tuple[Array, Array, Array, Array]:
+        """White, shared, drift and step at inverse depths w > 0."""
+        row = np.minimum(self.per_metre / np.asarray(w, np.float64), len(self.step) - 2)
+        below = row.astype(np.intp)
+        row -= below
+        white, shared, drift, step = (
+            part[below] + row * (part[below + 1] - part[below])
+            for part in (self.white, self.shared, self.drift, self.step)
+        )
+        return white, shared, drift, step
 
 
 @dataclass(frozen=True)
@@ -93,13 +97,24 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
     p: Image = workspace.empty("p", image.shape, np.float32)
     image.spread(1.0 / (by_level[0] + by_level[3]), w, p)
 
-    # Rows up to the second level are those of the first one.
-    ends = np.append(image.levels[1:], image.levels[-1] + 2)
-    table = np.repeat(by_level, np.diff(ends, prepend=0), axis=1)
+    table = _between(image.levels, by_level)
     x, y = _pixel_coordinates(observation.camera, image.shape)
     return Frame(
         w, p, x, y, ErrorTable(image.per_metre, *table), parts is not None, observation.resolution
     )
+
+
+def _between(levels: NDArray[np.int64], values: Array) -> Array:
+    """Values (E, n) at levels, at every level from 0 to the last: linear between, constant beyond.
+
+    The last one comes twice, so that there is something to go on to.
+    """
+    gaps = np.diff(levels, append=levels[-1] + 2)
+    level = np.repeat(np.arange(levels.size), gaps)
+    share = (np.arange(level.size) - (levels - levels[0])[level]) / gaps[level]
+    rise = np.diff(values, append=values[:, -1:])
+    inside = values[:, level] + share * rise[:, level]
+    return np.hstack((np.repeat(values[:, :1], levels[0], axis=1), inside))
 
 
 @lru_cache(maxsize=4)

@@ -150,7 +150,7 @@ def _groups(
     shape = _tiles(labels.shape, groups.SIDE)
     if cells is None:
         of_cells = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
-        kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, groups.SIDE, of_cells)
+        kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, of_cells)
     else:
         of_cells = cells.moments
     cell = workspace.empty("labels of cells", shape, np.int32)

@@ -58,7 +58,8 @@ def label_planes(
     table = frame.table
     by_depth = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
     slow = np.zeros(frame.w.shape)
-    slow[frame.p > 0] = by_depth[table.rows(frame.w[frame.p > 0])]
+    row = np.rint(table.per_metre / frame.w[frame.p > 0]).astype(np.intp)
+    slow[frame.p > 0] = by_depth[np.minimum(row, by_depth.size - 1)]
     null = float(np.log(observation.range / observation.resolution))
     arguments = (frame.p / error.white, frame.x, frame.y, slow)
     label_loops.label_pixels(

@@ -45,15 +45,16 @@ def group_data(  # type: ignore[no-untyped-def]
 
     moments (12, .), label (.), first (.): `kernels.groups`; planes (4, N + 1): t0, t1, t2 of every
     label, and the side of a square as large as the plane, in units of 100 pixels; shared, step,
-    drift (L,): variances by depth, per_metre rows a metre. error: factors of shared and of slow
-    variance of a group's offset, of both of its tilt, and the lateral variance. prior: `_on_none`.
+    drift (L,): variances by depth, per_metre rows a metre, linear between. error: factors of shared
+    and of slow variance of a group's offset, of both of its tilt, and the lateral variance. prior:
+    `_on_none`.
 
     Writes alone and data (.). Adds data - alone to worth (N + 1,), and to leaving (N + 1,) what
     blocks that are all on a plane have more without it. Returns the sum of data.
     """
     blocks, groups = first[0], first[-1]
     near, slow, bent, bend, lateral = error
-    last = np.float64(shared.size - 1)
+    last = np.float64(shared.size - 2)
     in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
     work = np.empty((23, _BATCH))
@@ -73,8 +74,13 @@ def group_data(  # type: ignore[no-untyped-def]
             j = label[start + k]
             t0[k], t1[k], t2[k], extent[k] = planes[0, j], planes[1, j], planes[2, j], planes[3, j]
             if count[k] > 0.0:
-                at = np.uint32(min(per_metre * m0[k] / m6[k] + 0.5, last))
-                common[k], fine[k], wander[k] = shared[at], step[at], drift[at]
+                # Linear between rows of the table.
+                row = min(per_metre * m0[k] / m6[k], last)
+                at = np.uint32(row)
+                part = row - at
+                common[k] = shared[at] + part * (shared[at + 1] - shared[at])
+                fine[k] = step[at] + part * (step[at + 1] - step[at])
+                wander[k] = drift[at] + part * (drift[at + 1] - drift[at])
         for k in range(n):
             scale = 1.0 / m0[k]
             cx, cy, mean = scale * m1[k], scale * m2[k], scale * m6[k]
