@@ -22,7 +22,7 @@ from planewise.observation import RayObservation
 from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
 
 Array = NDArray[np.float64]
-Labels = NDArray[np.int32]
+Labels = NDArray[np.uint16]
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
@@ -44,7 +44,7 @@ class Segmentation:
         theta . x = 1 for the points of each plane.
     covariance : ndarray, shape (N, 3, 3)
         Of theta, the error that near readings share included.
-    labels : ndarray of int32, shape (H, W)
+    labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1.
     significance : ndarray, shape (N,)
         Nats that each plane saves against a smooth surface, all its costs paid.
@@ -248,7 +248,7 @@ def _compact(
     """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
     count = np.bincount(labels.reshape(-1), minlength=len(planes) + 1)[1:]
     keep = np.flatnonzero(count)
-    place = np.zeros(len(planes) + 1, np.int32)
+    place = np.zeros(len(planes) + 1, np.uint16)
     place[keep + 1] = np.arange(1, len(keep) + 1)
     labels, affine = place[labels], affine_planes(planes[keep])
     du, dv = pixel_size
@@ -268,7 +268,7 @@ def _nothing(shape: tuple[int, ...]) -> Segmentation:
     return Segmentation(
         theta=np.empty((0, 3)),
         covariance=np.empty((0, 3, 3)),
-        labels=np.zeros(shape, np.int32),
+        labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
         residual_correlation=np.empty(0),
