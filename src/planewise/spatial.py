@@ -19,7 +19,12 @@ from planewise.information import plane_information
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
-from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.spatial_labels import (
+    affine_planes,
+    label_planes,
+    planes_seen,
+    residual_correlation,
+)
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -246,11 +251,12 @@ def _compact(
     cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
     """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
-    count = np.bincount(labels.reshape(-1), minlength=len(planes) + 1)[1:]
-    keep = np.flatnonzero(count)
-    place = np.zeros(len(planes) + 1, np.uint16)
-    place[keep + 1] = np.arange(1, len(keep) + 1)
-    labels, affine = place[labels], affine_planes(planes[keep])
+    keep = planes_seen(cells, labels, len(planes))
+    if len(keep) < len(planes):
+        place = np.zeros(len(planes) + 1, np.uint16)
+        place[keep + 1] = np.arange(1, len(keep) + 1)
+        labels = place[labels]
+    affine = affine_planes(planes[keep])
     du, dv = pixel_size
     turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
     matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
