@@ -21,12 +21,17 @@ from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
-from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.spatial_labels import (
+    affine_planes,
+    label_planes,
+    planes_seen,
+    residual_correlation,
+)
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
-Labels = NDArray[np.int32]
+Labels = NDArray[np.uint16]
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
@@ -50,7 +55,7 @@ class Segmentation:
         theta . x = 1 for the points of each plane.
     covariance : ndarray, shape (N, 3, 3)
         Of theta, the error that near readings share included.
-    labels : ndarray of int32, shape (H, W)
+    labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1.
     significance : ndarray, shape (N,)
         Nats that each plane saves against a smooth surface, all its costs paid.
@@ -117,7 +122,7 @@ def segment(
         return _nothing(observation.shape)
     with stage("labels"):
         rows, labels = label_planes(
-            frame, cells, segments.of_unit, accepted, planes, owner, observation
+            frame, cells, segments.of_unit, accepted, planes, owner, observation, workspace
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
@@ -132,7 +137,7 @@ class Segments:
 
     Attributes
     ----------
-    rows, forms : ndarray, shapes (n, 13) and (n, 10)
+    rows, forms : ndarray, shapes (n, 13) and (n, 12)
         What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
     drift, offset_prior, slope_prior : ndarray, shape (n,)
         As of `cells.Cells`.
@@ -284,11 +289,12 @@ def _compact(
     cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
     """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
-    count = np.bincount(labels.reshape(-1), minlength=len(planes) + 1)[1:]
-    keep = np.flatnonzero(count)
-    place = np.zeros(len(planes) + 1, np.int32)
-    place[keep + 1] = np.arange(1, len(keep) + 1)
-    labels, affine = place[labels], affine_planes(planes[keep])
+    keep = planes_seen(cells, labels, len(planes))
+    if len(keep) < len(planes):
+        place = np.zeros(len(planes) + 1, np.uint16)
+        place[keep + 1] = np.arange(1, len(keep) + 1)
+        labels = place[labels]
+    affine = affine_planes(planes[keep])
     du, dv = pixel_size
     turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
     matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
@@ -306,7 +312,7 @@ def _nothing(shape: tuple[int, ...]) -> Segmentation:
     return Segmentation(
         theta=np.empty((0, 3)),
         covariance=np.empty((0, 3, 3)),
-        labels=np.zeros(shape, np.int32),
+        labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
         residual_correlation=np.empty(0),

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.cells import Cells
 from planewise.frame import Frame
+from planewise.kernels import creases as crease_loops
 from planewise.kernels import labels as label_loops
-from planewise.kernels.cells import SIDE, UNIT
+from planewise.kernels import units as unit_loops
+from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
-Labels = NDArray[np.int32]
+Labels = NDArray[np.uint16]
 
 _DIFFERING = 1.0  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
+_SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look
 _CREASE_REACH = 5  # pixels beside a border where the two planes are compared
 _CREASE_BAND = 4  # pixels about a border that are looked at
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
@@ -34,6 +40,42 @@ def affine_planes(rows: Array) -> Array:
     return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])
 
 
+@dataclass(frozen=True)
+class _Marks:
+    """Images with a margin of a pixel in which labels change (`kernels.labels`).
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (H + 2, M)
+        With `kernels.labels.NONE`.
+    state : ndarray of uint8, shape (H + 2, M)
+        Whether a pixel waits for a look, or is fixed.
+    busy, seen : ndarray of bool, shape (H + 2, M / CHUNK)
+        Chunks of a row that hold pixels that wait, and that held some or lay beside a change.
+    """
+
+    label: NDArray[np.int16]
+    state: NDArray[np.uint8]
+    busy: NDArray[np.bool_]
+    seen: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], workspace: Workspace) -> _Marks:
+        """Arbitrary labels, every margin set."""
+        chunks = -(-(shape[1] + 1 + SIDE) // label_loops.CHUNK)
+        whole, parts = (shape[0] + 2, chunks * label_loops.CHUNK), (shape[0] + 2, chunks)
+        marks = cls(
+            label=workspace.empty("labels with a margin", whole, np.int16),
+            state=workspace.empty("states of pixels", whole, np.uint8),
+            busy=workspace.empty("chunks that wait", parts, np.bool_),
+            seen=workspace.empty("chunks seen", parts, np.bool_),
+        )
+        for edge in (0, -1):
+            marks.label[edge], marks.state[edge] = label_loops.NONE, label_loops.FIXED
+        marks.busy[:] = False
+        return marks
+
+
 def label_planes(
     frame: Frame,
     cells: Cells,
@@ -42,82 +84,169 @@ def label_planes(
     planes: Array,
     owner: NDArray[np.int64],
     observation: RayObservation,
+    workspace: Workspace | None = None,
 ) -> tuple[Array, Labels]:
     """Give every pixel near a border its label, refit the planes, put creases in their place.
 
-    Returns the rows of the refitted planes and the labels.
+    Parameters
+    ----------
+    frame, cells
+        The readings.
+    root : ndarray of int, shape (units,)
+        Segment of every unit.
+    accepted, owner : ndarray of int
+        Segments that are part of a plane, and its row in `planes`, -1 for none.
+    planes : ndarray, shape (N, 13)
+        Rows of segments (`kernels.cells`).
+    observation : RayObservation
+        For range and resolution.
+    workspace : Workspace, optional
+        Memory to work in; the labels returned are part of it.
+
+    Returns
+    -------
+    planes : ndarray, shape (N, 13)
+        Rows of the refitted planes.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
     """
-    height, width = frame.w.shape
-    number = np.zeros(len(cells.rows) + 1, np.int32)
-    number[accepted] = owner + 1
-    coarse = np.where(cells.grid >= 0, number[root[cells.grid]], 0).astype(np.int32)
-    labels = np.repeat(np.repeat(coarse, SIDE, 0), SIDE, 1)[:height, :width].copy()
-    labels[frame.p == 0] = 0
-    affine = np.vstack((np.zeros((1, 3)), affine_planes(planes)))
-    error = cells.error
-    table = frame.table
-    by_depth = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
-    slow = np.zeros(frame.w.shape)
-    row = np.rint(table.per_metre / frame.w[frame.p > 0]).astype(np.intp)
-    slow[frame.p > 0] = by_depth[np.minimum(row, by_depth.size - 1)]
+    workspace = workspace or Workspace()
+    marks = _Marks.of(frame.w.shape, workspace)
+    labels: Labels = workspace.empty("labels", frame.w.shape, np.uint16)
+    segment = np.zeros(len(cells.rows), np.int16)
+    segment[accepted] = owner + 1
     null = float(np.log(observation.range / observation.resolution))
-    arguments = (frame.p / error.white, frame.x, frame.y, slow)
-    label_loops.label_pixels(
-        labels,
-        _settled(coarse),
-        SIDE,
+    variance, slow = _variances(frame, cells)
+    _label_pixels(frame, cells, segment[root], planes, variance, null, marks, workspace)
+    label_loops.without_margin(marks.label, labels)
+    planes = _refit(cells, labels, planes)
+    if _put_creases(frame, cells, planes, variance, slow, marks, labels, workspace):
+        label_loops.without_margin(marks.label, labels)
+    return planes, labels
+
+
+def _label_pixels(
+    frame: Frame,
+    cells: Cells,
+    number: NDArray[np.int16],
+    planes: Array,
+    variance: Array,
+    null: float,
+    marks: _Marks,
+    workspace: Workspace,
+) -> None:
+    """Labels of pixels, from those of units, `number`."""
+    rows, columns = cells.grid.shape
+    coarse = workspace.empty("labels of cells", (rows + 2, columns + 2), np.int16)
+    apart = workspace.empty("cells beside another label", (rows, columns), np.bool_)
+    count, affine = cells.moments[COUNT], _with_none(affine_planes(planes))
+    label_loops.lay_out(
+        cells.grid, number, count, frame.p, SIDE, coarse, apart, marks.label, marks.state
+    )
+    label_loops.find_waiting(
+        coarse,
+        apart,
         frame.w,
-        *arguments,
+        frame.p,
+        frame.x,
+        frame.y,
+        affine,
+        _SURE * cells.error.white * null,
+        SIDE,
+        marks.state,
+        marks.busy,
+    )
+    marks.seen[:] = marks.busy
+    label_loops.label_pixels(
+        marks.label.reshape(-1),
+        marks.state.reshape(-1),
+        marks.busy.reshape(-1),
+        marks.seen.reshape(-1),
+        marks.label.shape[1],
+        frame.w.reshape(-1),
+        frame.x.reshape(-1),
+        frame.y.reshape(-1),
+        frame.w.shape[1],
+        variance,
+        frame.table.per_metre,
         affine,
         _lateral(cells, affine),
         null,
         _DIFFERING,
         _SWEEPS,
     )
-    planes = _refit(cells, _units_inside(cells, labels), planes)
-    affine = np.vstack((np.zeros((1, 3)), affine_planes(planes)))
-    kinds = np.zeros((len(affine), len(affine)), np.int8)
-    label_loops.crease_kinds(labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, kinds)
-    if kinds.any():
-        offset = np.empty((len(affine), len(affine)))
-        label_loops.crease_offsets(
-            labels,
-            affine,
-            kinds,
-            frame.w,
-            *arguments,
-            _lateral(cells, affine),
-            UNIT,
-            _CREASE_BAND,
-            _CREASE_SIGMA,
-            offset,
-        )
-        band = np.empty(labels.shape, np.bool_)
-        label_loops.crease_band(labels, kinds, _CREASE_BAND, band)
-        label_loops.snap_creases(
-            labels,
-            band,
-            affine,
-            kinds,
-            offset,
-            *arguments,
-            UNIT,
-            _CREASE_HIDDEN,
-            _CREASE_FAR,
-            2 * _CREASE_BAND,
-        )
-    return planes, labels
 
 
-def _settled(coarse: Labels) -> NDArray[np.bool_]:
-    """Cells on a plane whose neighbours are on it too: their pixels need no look."""
-    padded = np.pad(coarse, 1, mode="edge")
-    rows, columns = coarse.shape
-    same = coarse > 0
-    for i in range(3):
-        for j in range(3):
-            same &= padded[i : i + rows, j : j + columns] == coarse
-    return same
+def _put_creases(
+    frame: Frame,
+    cells: Cells,
+    planes: Array,
+    variance: Array,
+    slow: Array,
+    marks: _Marks,
+    labels: Labels,
+    workspace: Workspace,
+) -> bool:
+    """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
+    affine = _with_none(affine_planes(planes))
+    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
+    borders = workspace.empty("borders", (most, 3), np.int32)
+    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+    borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
+    crease = np.empty((len(affine), len(affine)), np.int32)
+    lines = np.empty((len(affine) * len(planes) // 2, 4))
+    images, per_metre = (frame.w, frame.x, frame.y), frame.table.per_metre
+    found = crease_loops.find_creases(
+        borders, labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, UNIT, crease, lines
+    )
+    if not found:
+        return False
+    offset = np.empty(found)
+    crease_loops.crease_offsets(
+        borders,
+        labels,
+        crease,
+        lines,
+        affine,
+        *images,
+        variance,
+        per_metre,
+        _lateral(cells, affine),
+        _CREASE_BAND,
+        _CREASE_SIGMA,
+        offset,
+    )
+    marks.state[:], marks.busy[:] = 0, False
+    crease_loops.snap_creases(
+        borders,
+        marks.label,
+        crease,
+        lines,
+        offset,
+        *images,
+        variance,
+        slow,
+        per_metre,
+        _CREASE_BAND,
+        _CREASE_HIDDEN,
+        _CREASE_FAR,
+        2 * _CREASE_BAND,
+        marks.state,
+        marks.busy,
+    )
+    return True
+
+
+def _with_none(affine: Array) -> Array:
+    """Planes by label: a row of zeros for none before them."""
+    return np.vstack((np.zeros((1, 3)), affine))
+
+
+def _variances(frame: Frame, cells: Cells) -> tuple[Array, Array]:
+    """Variance of a reading about its plane by depth, and the part of it that readings share."""
+    table, error = frame.table, cells.error
+    slow = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
+    return error.white * (table.white + table.step) + slow, slow
 
 
 def _lateral(cells: Cells, affine: Array) -> Array:
@@ -129,16 +258,23 @@ def _lateral(cells: Cells, affine: Array) -> Array:
 def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
     """Label of every unit that lies wholly inside one, 0 of the others."""
     inside = np.empty(len(cells.rows), np.int32)
-    label_loops.units_inside(labels, cells.grid.reshape(-1), SIDE, cells.grid.shape[1], inside)
+    unit_loops.units_inside(labels, cells.grid, SIDE, inside)
     return inside
 
 
-def _refit(cells: Cells, of_unit: NDArray[np.int32], planes: Array) -> Array:
+def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
     """Rows of the planes once more, from the units that lie wholly inside their label."""
-    sums = np.zeros((len(planes) + 1, cells.rows.shape[1]))
-    np.add.at(sums, of_unit, cells.rows)
-    enough = np.bincount(of_unit, minlength=len(planes) + 1)[1:] >= _FEWEST_PURE
-    return np.where(enough[:, None], sums[1:], planes)
+    sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
+    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    return np.where(count[1:, None] >= _FEWEST_PURE, sums[1:], planes)
+
+
+def planes_seen(cells: Cells, labels: Labels, count: int) -> NDArray[np.intp]:
+    """Which of `count` planes have pixels."""
+    seen = np.bincount(_units_inside(cells, labels), minlength=count + 1)[1:]
+    if not seen.all():
+        seen = np.bincount(labels.reshape(-1), minlength=count + 1)[1:]
+    return np.flatnonzero(seen)
 
 
 def residual_correlation(cells: Cells, labels: Labels, affine: Array) -> Array:
@@ -148,22 +284,9 @@ def residual_correlation(cells: Cells, labels: Labels, affine: Array) -> Array:
     the surface is a plane and the error white it is about 0; a surface that bends, or an error that
     drifts, brings it towards 1. NaN with fewer than ten pairs of cells.
     """
-    of_unit = _units_inside(cells, labels)
-    t = np.vstack((np.zeros((1, 3)), affine))[of_unit]
-    m = cells.rows
-    off = m[:, 6] - t[:, 0] * m[:, 0] - t[:, 1] * m[:, 1] - t[:, 2] * m[:, 2]
-    off /= np.sqrt(m[:, 0])
-    together, apart = np.zeros(len(affine) + 1), np.zeros(len(affine) + 1)
-    pairs = np.zeros(len(affine) + 1)
-    for cells_in_rows in (cells.grid, cells.grid.T):
-        a, b = cells_in_rows[:, :-1].reshape(-1), cells_in_rows[:, 1:].reshape(-1)
-        side = (a >= 0) & (b >= 0) & (a != b)
-        a, b = a[side], b[side]
-        label = of_unit[a]
-        on = (label > 0) & (label == of_unit[b])
-        a, b, label = a[on], b[on], label[on]
-        together += np.bincount(label, off[a] * off[b], len(together))
-        apart += np.bincount(label, 0.5 * (off[a] ** 2 + off[b] ** 2), len(together))
-        pairs += np.bincount(label, minlength=len(together))
+    sums = np.empty((len(affine) + 1, 3))
+    inside = _units_inside(cells, labels)
+    unit_loops.correlate(cells.grid, cells.rows, inside, _with_none(affine), sums)
+    together, apart, pairs = sums[1:].T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
-    return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told)[1:])
+    return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told))

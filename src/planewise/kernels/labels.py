@@ -1,8 +1,13 @@
-"""Loops over pixels: labels near the borders of segments, and the lines where planes meet.
+"""Loops over pixels near the borders of segments: which plane each of them is on.
 
-Planes are rows (t0, t1, t2) of inverse depth w = t0 + t1 x + t2 y; row 0 is no plane. w, p, x, y,
-slow (H, W): inverse depth, its weight (0 without a reading), coordinates, and the variance that
-readings share.
+Planes are rows (t0, t1, t2) of inverse depth w = t0 + t1 x + t2 y; row 0 is no plane. w, p, x, y
+(H, W): inverse depth, its weight (0 without a reading), coordinates. The variance of a reading is
+looked up by its depth: row round(per_metre / w) of a table.
+
+While they change, labels have a margin of a pixel and are `NONE` there and wherever there is no
+reading. An image of the same layout holds the pixels' states: 0, waiting for a look, `FIXED`, or
+both. A flag of `busy` or `seen` stands for `CHUNK` pixels of such a row. Unsigned indices spare the
+check for negative ones.
 """
 
 from __future__ import annotations
@@ -10,257 +15,236 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+NONE = np.int16(-1)
+CHUNK = 16
+
+FIXED = np.uint8(2)
+
+_WAITING = np.uint8(1)
+_CHUNK = np.uintp(CHUNK)
+_0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
+_ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
+
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
 @_compiled
-def label_pixels(label, settled, side, w, p, x, y, slow, planes, lateral, null, differing, sweeps):  # type: ignore[no-untyped-def]
-    """Sweeps of local moves over the pixels of cells that are not settled.
+def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type: ignore[no-untyped-def]
+    """Write every cell's label onto its pixels.
+
+    The label of a cell of side x side pixels is number[grid], 0 where grid is -1; count (rows,
+    columns): its readings. Writes coarse (rows + 2, columns + 2): these labels, those at the edge
+    twice; apart (rows, columns): cells beside another label; label (H + 2, at least W + 1 + side),
+    but for its first and last row; and state alike: fixed without a reading and on a plane, in a
+    cell among others of that plane, 0 elsewhere.
+    """
+    height, width = p.shape
+    rows, columns = grid.shape
+    for r in range(rows + 2):
+        row, cells = coarse[r], grid[min(max(r - 1, 0), rows - 1)]
+        for c in range(columns):
+            row[c + 1] = number[cells[c]] if cells[c] >= 0 else 0
+        row[0], row[columns + 1] = row[1], row[columns]
+    filled, fixed = np.empty(columns, np.int16), np.empty(columns, np.uint8)
+    for r in range(rows):
+        above, row, below = coarse[r], coarse[r + 1], coarse[r + 2]
+        readings, others = count[r], apart[r]
+        for c in range(columns):
+            mine = row[c + 1]
+            same = (row[c] == mine) & (row[c + 2] == mine)
+            same &= (above[c] == mine) & (above[c + 1] == mine) & (above[c + 2] == mine)
+            same &= (below[c] == mine) & (below[c + 1] == mine) & (below[c + 2] == mine)
+            others[c] = not same
+            there = readings[c] > 0.0
+            filled[c] = mine if there else NONE
+            fixed[c] = FIXED if (same & (mine > 0)) | (not there) else 0
+        top, bottom = r * side, min((r + 1) * side, height)
+        labels, states = label[top + 1], state[top + 1]
+        for k in range(side):
+            for c in range(columns):
+                labels[side * c + k + 1], states[side * c + k + 1] = filled[c], fixed[c]
+        labels[0], states[0] = NONE, FIXED
+        for j in range(width + 1, labels.size):
+            labels[j], states[j] = NONE, FIXED
+        for i in range(top + 2, bottom + 1):
+            copy, copied = label[i], state[i]
+            for j in range(labels.size):
+                copy[j], copied[j] = labels[j], states[j]
+        for c in range(columns):
+            if 0.0 < readings[c] < side * side:
+                for i in range(top, bottom):
+                    for j in range(c * side, min((c + 1) * side, width)):
+                        if p[i, j] <= 0.0:
+                            label[i + 1, j + 1], state[i + 1, j + 1] = NONE, FIXED
+
+
+@_compiled
+def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, state, busy):  # type: ignore[no-untyped-def]
+    """Let pixels wait for a look that lie beside a cell of another label, or off their own plane.
+
+    Those off it have (w - plane)^2 p / 2 > bound. coarse, apart, state as in `lay_out`; sets busy
+    for chunks that hold pixels that wait.
+    """
+    height, width = w.shape
+    rows, columns = apart.shape
+    listed = np.empty(columns, np.uintp)
+    for r in range(rows):
+        found, others = 0, apart[r]
+        for c in range(columns):
+            listed[found] = c
+            found += others[c]
+        top = r * side
+        for i in range(top, min(top + side, height)):
+            row = coarse[r + 1]
+            other = coarse[r + 2] if i == top + side - 1 else coarse[r] if i == top else row
+            ws, ps, xs, ys, states, flags = w[i], p[i], x[i], y[i], state[i + 1], busy[i + 1]
+            for n in range(found):
+                c = listed[n]
+                mine = row[c + _1]
+                t = np.uintp(mine)
+                t0, t1, t2 = planes[t, _0], planes[t, _1], planes[t, _2]
+                limit = bound if mine > 0 else np.inf
+                beyond = other[c + _1] != mine
+                left = beyond | (row[c] != mine) | (other[c] != mine)
+                right = beyond | (row[c + _2] != mine) | (other[c + _2] != mine)
+                start = c * np.uintp(side)
+                for k in range(min(side, width - np.intp(start))):
+                    j = start + np.uintp(k)
+                    e = ws[j] - t0 - t1 * xs[j] - t2 * ys[j]
+                    waits = left if k == 0 else right if k == side - 1 else beyond
+                    waits |= 0.5 * e * e * ps[j] > limit
+                    waits &= states[j + _1] != FIXED
+                    states[j + _1] = _WAITING if waits else states[j + _1]
+                    flags[(j + _1) // _CHUNK] |= waits
+
+
+@_compiled
+def _weight(label, straight, diagonal):  # type: ignore[no-untyped-def]
+    """What a label weighs among a pixel's neighbours, in tenths."""
+    n, e, s, w = straight
+    ne, se, sw, nw = diagonal
+    beside = (n == label) + (e == label) + (s == label) + (w == label)
+    across = (ne == label) + (se == label) + (sw == label) + (nw == label)
+    return 10 * beside + 7 * across
+
+
+@_compiled
+def label_pixels(  # type: ignore[no-untyped-def]
+    label, state, busy, seen, margin, w, x, y, width, variance, per_metre, planes, lateral, null,
+    differing, sweeps,
+):  # fmt: skip
+    """Sweeps of local moves over the pixels that wait, in raster order and backwards by turns.
 
     A pixel takes the label, among those of its eight neighbours and none, of least
 
-        (w - plane)^2 / (2 (1 / p + slow + lateral))  [null for none]
+        (w - plane)^2 / (2 (variance + lateral))  [null for none]
         + differing * (neighbours with another label, diagonal ones 0.7).
 
-    label (H, W) int32 is changed in place; settled (rows, columns) per cell; lateral (planes,):
-    variance of w by errors across the image. Returns the number of changes of the last sweep.
-    After the first sweep only pixels beside a change can change.
+    lateral (planes,): variance of w by errors across the image. label, state and busy as `lay_out`
+    leaves them; they are changed in place. Beside a change pixels wait again, but for those that
+    have the new label already: it has become cheaper for them, and no other has. Sets seen for
+    chunks beside a change. Returns the number of changes of the last sweep.
     """
-    height, width = label.shape
-    stirred = np.ones((height, width), np.bool_)
-    candidates = np.empty(10, np.int32)
-    weight = np.empty(10)
+    last = variance.size - 1
+    stride, chunks = np.uintp(margin), np.uintp(margin // CHUNK)
+    height = w.size // width
+    tenth = 0.1 * differing
     changed = 0
     for sweep in range(sweeps):
         changed = 0
-        for step_i in range(height):
-            i = step_i if sweep % 2 == 0 else height - 1 - step_i
-            for step_j in range(width):
-                j = step_j if sweep % 2 == 0 else width - 1 - step_j
-                if not stirred[i, j]:
+        ahead = sweep % 2 == 0
+        step = _1 if ahead else ~_0  # unsigned numbers wrap around
+        for n in range(height):
+            i = np.uintp(n + 1 if ahead else height - n)
+            anything = False
+            for k in range(chunks):
+                anything |= busy[i * chunks + np.uintp(k)]
+            if not anything:
+                continue
+            chunk = i * chunks + (_0 if ahead else chunks - _1) - step
+            for _ in range(chunks):
+                chunk += step
+                if not busy[chunk]:
                     continue
-                stirred[i, j] = False
-                if p[i, j] <= 0.0 or settled[i // side, j // side]:
-                    continue
-                mine = label[i, j]
-                # Distinct labels around, and how much each weighs there.
-                candidates[0], weight[0] = mine, 0.0
-                found, around = 1, 0.0
-                for a in range(max(i - 1, 0), min(i + 2, height)):
-                    for b in range(max(j - 1, 0), min(j + 2, width)):
-                        if (a == i and b == j) or p[a, b] <= 0.0:
-                            continue
-                        share = 1.0 if a == i or b == j else 0.7
-                        around += share
-                        n = 0
-                        while n < found and candidates[n] != label[a, b]:
-                            n += 1
-                        if n == found:
-                            candidates[n], weight[n] = label[a, b], 0.0
-                            found += 1
-                        weight[n] += share
-                if mine == 0 and found == 1:
-                    continue
-                n = 0
-                while n < found and candidates[n] != 0:
-                    n += 1
-                if n == found:
-                    candidates[n], weight[n] = 0, 0.0
-                    found += 1
-                best, lowest = mine, np.inf
-                for n in range(found):
-                    plane = candidates[n]
-                    if plane == 0:
-                        cost = null
-                    else:
-                        t = planes[plane]
-                        e = w[i, j] - t[0] - t[1] * x[i, j] - t[2] * y[i, j]
-                        cost = 0.5 * e * e / (1.0 / p[i, j] + slow[i, j] + lateral[plane])
-                    cost += differing * (around - weight[n])
-                    if cost < lowest - 1e-9:
-                        best, lowest = plane, cost
-                if best != mine:
-                    label[i, j] = best
-                    stirred[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2] = True
+                busy[chunk] = False
+                at = i * stride + (chunk - i * chunks) * _CHUNK
+                at += (_0 if ahead else _CHUNK - _1) - step
+                for _ in range(CHUNK):
+                    at += step
+                    if state[at] != _WAITING:
+                        continue
+                    state[at] = 0
+                    up, down = at - stride, at + stride
+                    straight = label[up], label[at + _1], label[down], label[at - _1]
+                    diagonal = label[up + _1], label[down + _1], label[down - _1], label[up - _1]
+                    mine, other = label[at], np.int16(0)
+                    for k in straight:
+                        other = max(other, k if k != mine else np.int16(0))
+                    for k in diagonal:
+                        other = max(other, k if k != mine else np.int16(0))
+                    if mine == 0 and other == 0:
+                        continue
+                    of_mine = _weight(mine, straight, diagonal)
+                    of_other = _weight(other, straight, diagonal) if other > 0 else 0
+                    around, of_none, several = _ALL, of_mine if mine == 0 else 0, False
+                    if of_mine + of_other != _ALL:
+                        around -= _weight(NONE, straight, diagonal)
+                        of_none = _weight(np.int16(0), straight, diagonal)
+                        several = of_other + of_none + (of_mine if mine > 0 else 0) != around
+
+                    j = at - i * stride
+                    r = (i - _1) * np.uintp(width) + j - _1
+                    value, xj, yj = np.float64(w[r]), np.float64(x[r]), np.float64(y[r])
+                    v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
+                    none = null + tenth * (around - of_none)
+                    t = np.uintp(mine)
+                    e = value - planes[t, _0] - planes[t, _1] * xj - planes[t, _2] * yj
+                    own = 0.5 * e * e / (v + lateral[t]) + tenth * (around - of_mine)
+                    best, lowest = mine, own if mine > 0 else none
+                    if several:
+                        for k in (
+                            diagonal[3], straight[0], diagonal[0], straight[3],
+                            straight[1], diagonal[2], straight[2], diagonal[1],
+                        ):  # fmt: skip
+                            if k <= 0 or k == mine:
+                                continue
+                            t = np.uintp(k)
+                            e = value - planes[t, _0] - planes[t, _1] * xj - planes[t, _2] * yj
+                            cost = 0.5 * e * e / (v + lateral[t])
+                            cost += tenth * (around - _weight(k, straight, diagonal))
+                            if cost < lowest - 1e-9:
+                                best, lowest = k, cost
+                    elif other > 0:
+                        t = np.uintp(other)
+                        e = value - planes[t, _0] - planes[t, _1] * xj - planes[t, _2] * yj
+                        cost = 0.5 * e * e / (v + lateral[t]) + tenth * (around - of_other)
+                        if cost < lowest - 1e-9:
+                            best, lowest = other, cost
+                    if none < lowest - 1e-9:
+                        best = np.int16(0)
+                    if best == mine:
+                        continue
+                    label[at] = best
                     changed += 1
+                    left, right = (j - _1) // _CHUNK, (j + _1) // _CHUNK
+                    corner, flag = up - _1, (i - _1) * chunks
+                    for _ in range(3):
+                        busy[flag + left] = busy[flag + right] = True
+                        seen[flag + left] = seen[flag + right] = True
+                        for k in range(3):
+                            near = corner + np.uintp(k)
+                            state[near] |= _WAITING if label[near] != best else 0
+                        corner, flag = corner + stride, flag + chunks
         if changed == 0:
             break
     return changed
 
 
 @_compiled
-def crease_kinds(label, planes, p, x, y, reach, kinds):  # type: ignore[no-untyped-def]
-    """How two planes that touch in the image meet: 1 convex, -1 concave, 0 they do not.
-
-    `reach` pixels on either side of their border, or less where there is no reading, on a convex
-    edge each side's plane is the nearer of the two, on a concave one the farther; where one surface
-    passes in front of the other, neither.
-    Writes kinds (planes, planes) int8.
-    """
-    height, width = label.shape
-    count = planes.shape[0]
-    votes, touching = np.zeros((count, count)), np.zeros((count, count))
-    for i in range(height):
-        for j in range(width):
-            here = label[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if here == 0 or row >= height or column >= width:
-                    continue
-                there = label[row, column]
-                if there == 0 or there == here:
-                    continue
-                # Differences of the two planes on this side and on the other.
-                back = min(reach, i if k == 1 else j)
-                while p[i - k * back, j - (1 - k) * back] <= 0.0:
-                    back -= 1
-                ia, ja = i - k * back, j - (1 - k) * back
-                on = min(reach, height - 1 - row if k == 1 else width - 1 - column)
-                while p[row + k * on, column + (1 - k) * on] <= 0.0:
-                    on -= 1
-                ib, jb = row + k * on, column + (1 - k) * on
-                s, t = planes[here], planes[there]
-                near = s[0] - t[0] + (s[1] - t[1]) * x[ia, ja] + (s[2] - t[2]) * y[ia, ja]
-                far = t[0] - s[0] + (t[1] - s[1]) * x[ib, jb] + (t[2] - s[2]) * y[ib, jb]
-                a, b = min(here, there), max(here, there)
-                touching[a, b] += 1.0
-                if near > 0.0 and far > 0.0:
-                    votes[a, b] += 1.0
-                elif near < 0.0 and far < 0.0:
-                    votes[a, b] -= 1.0
-    kinds[:] = 0
-    for a in range(count):
-        for b in range(a + 1, count):
-            if touching[a, b] >= 8.0 and abs(votes[a, b]) > 0.6 * touching[a, b]:
-                kinds[a, b] = kinds[b, a] = 1 if votes[a, b] > 0.0 else -1
-
-
-@_compiled
-def crease_band(label, kinds, radius, band):  # type: ignore[no-untyped-def]
-    """band (H, W): pixels within `radius` of a border between two planes that meet."""
-    height, width = label.shape
-    band[:] = False
-    for i in range(height):
-        for j in range(width):
-            here = label[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if here == 0 or row >= height or column >= width:
-                    continue
-                there = label[row, column]
-                if there > 0 and there != here and kinds[here, there] != 0:
-                    top, left = max(0, i - radius), max(0, j - radius)
-                    band[top : row + radius + 1, left : column + radius + 1] = True
-
-
-@_compiled
-def crease_offsets(label, planes, kinds, w, p, x, y, slow, lateral, unit, reach, sigma, offset):  # type: ignore[no-untyped-def]
-    """Where along its normal the border between two planes that meet most likely lies, in pixels.
-
-    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + t^2 / (2 sigma^2), s the distance to
-    the line of intersection, positive on a's side: slow errors of the planes move the line.
-    unit: pixels per unit of x and y. Writes offset (planes, planes) for a < b.
-    """
-    height, width = label.shape
-    count, bins = planes.shape[0], 10
-    length = 2 * reach * bins + 1
-    histogram = np.zeros((count, count, length))
-    for i in range(height):
-        for j in range(width):
-            here = label[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if here == 0 or row >= height or column >= width:
-                    continue
-                there = label[row, column]
-                if there == 0 or there == here or kinds[here, there] == 0:
-                    continue
-                a, b = min(here, there), max(here, there)
-                s, t = planes[a], planes[b]
-                slope = np.sqrt((s[1] - t[1]) ** 2 + (s[2] - t[2]) ** 2) / unit
-                for direction in range(2):
-                    for n in range(reach + 2):
-                        m = n + 1 if direction == 1 else -n
-                        r, c = i + k * m, j + (1 - k) * m
-                        if r < 0 or c < 0 or r >= height or c >= width:
-                            break
-                        if (label[r, c] != a and label[r, c] != b) or p[r, c] <= 0.0:
-                            break
-                        wa = s[0] + s[1] * x[r, c] + s[2] * y[r, c]
-                        wb = t[0] + t[1] * x[r, c] + t[2] * y[r, c]
-                        place = int(np.round((wa - wb) * kinds[a, b] / slope * bins)) + reach * bins
-                        if 0 <= place < length:
-                            v = 1.0 / p[r, c] + slow[r, c]
-                            cost_a = min(0.5 * (w[r, c] - wa) ** 2 / (v + lateral[a]), 8.0)
-                            cost_b = min(0.5 * (w[r, c] - wb) ** 2 / (v + lateral[b]), 8.0)
-                            histogram[a, b, place] += cost_a - cost_b
-    offset[:] = 0.0
-    for a in range(count):
-        for b in range(a + 1, count):
-            if kinds[a, b] == 0:
-                continue
-            cost, lowest = 0.0, np.inf
-            for place in range(length - 1, -1, -1):
-                shift = (place + 0.5 - reach * bins) / bins
-                total = cost + 0.5 * shift * shift / (sigma * sigma)
-                if total < lowest:
-                    lowest, offset[a, b] = total, shift
-                cost += histogram[a, b, place]
-
-
-@_compiled
-def snap_creases(label, band, planes, kinds, offset, p, x, y, slow, unit, reach, far, sweeps):  # type: ignore[no-untyped-def]
-    """Where two planes meet, make their line of intersection the border.
-
-    A pixel beside the other label goes to the side on which it lies, as long as it is less than
-    `far` pixels from the line, the two planes differ there by less than `reach` standard deviations
-    of a reading, and the slow error moves the line by less than a pixel.
-    """
-    height, width = label.shape
-    for sweep in range(sweeps):
-        changed = 0
-        for step_i in range(height):
-            i = step_i if sweep % 2 == 0 else height - 1 - step_i
-            for step_j in range(width):
-                j = step_j if sweep % 2 == 0 else width - 1 - step_j
-                here = label[i, j]
-                if here == 0 or not band[i, j] or p[i, j] <= 0.0:
-                    continue
-                for k in range(4):
-                    r, c = i + (k == 2) - (k == 3), j + (k == 0) - (k == 1)
-                    if r < 0 or c < 0 or r >= height or c >= width:
-                        continue
-                    there = label[r, c]
-                    if there == 0 or there == here or kinds[here, there] == 0:
-                        continue
-                    a, b = min(here, there), max(here, there)
-                    s, t = planes[a], planes[b]
-                    e = s[0] - t[0] + (s[1] - t[1]) * x[i, j] + (s[2] - t[2]) * y[i, j]
-                    slope = np.sqrt((s[1] - t[1]) ** 2 + (s[2] - t[2]) ** 2) / unit
-                    place = e * kinds[a, b] / slope - offset[a, b]
-                    wanted = a if place > 0.0 else b
-                    hidden = e * e < reach * reach * (1.0 / p[i, j] + slow[i, j])
-                    if wanted != here and abs(place) < far and slow[i, j] < slope**2 and hidden:
-                        label[i, j] = wanted
-                        changed += 1
-                        break
-        if changed == 0:
-            break
-
-
-@_compiled
-def units_inside(label, unit, side, columns, inside):  # type: ignore[no-untyped-def]
-    """Label of every unit whose pixels all have it, 0 of the others; unit as in `kernels.cells`."""
-    height, width = label.shape
-    inside[:] = -1
-    for i in range(height):
-        for j in range(width):
-            k = unit[(i // side) * columns + j // side]
-            if k >= 0:
-                if inside[k] < 0:
-                    inside[k] = label[i, j]
-                elif inside[k] != label[i, j]:
-                    inside[k] = 0
-    for k in range(inside.size):
-        inside[k] = max(inside[k], 0)
+def without_margin(label, out):  # type: ignore[no-untyped-def]
+    """Copy labels into out (H, W): without their margin, 0 for `NONE`."""
+    for i in range(out.shape[0]):
+        row, source = out[i], label[i + 1]
+        for j in range(row.size):
+            row[j] = max(source[j + 1], 0)

@@ -1,0 +1,257 @@
+"""Loops over the borders between two planes: whether they meet, and where.
+
+A border is a row (i, j, k): pixel (i, j) and the one to its right (k = 0) or below it (k = 1) are
+on different planes. label (H, W): 0 for no plane. Planes, w, p, x, y and variances by depth are
+those of `kernels.labels`. A line is a row (d0, d1, d2, slope): d0 + d1 x + d2 y is the distance in
+pixels to where planes a < b intersect, positive on a's side; slope: how fast their w part, per
+pixel. crease (planes, planes): row of the line in which two planes meet, -1 where they do not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from planewise.kernels.labels import CHUNK
+
+BINS = 10  # places per pixel at which a crease may lie
+
+_WAITING, _BORDER = np.uint8(1), np.uint8(2)
+_1, _CHUNK = np.uintp(1), np.uintp(CHUNK)
+_FEWEST = 8  # pixels of border between planes that meet
+_MAJORITY = 0.6  # of them that must agree
+_MOST = 8.0  # nats that a reading may say against a plane
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
+    """List the borders between two planes in raster order; returns how many there are.
+
+    label and seen are flattened images as `kernels.labels.label_pixels` has them, with a margin:
+    rows of `margin` labels. There are borders only in chunks that were seen.
+    """
+    stride, chunks = np.uintp(margin), margin // CHUNK
+    found = 0
+    for i in range(label.size // margin - 1):
+        start = np.uintp(i) * stride
+        for chunk in range(chunks):
+            if not seen[np.uintp(i * chunks + chunk)]:
+                continue
+            at, unlike = start + np.uintp(chunk) * _CHUNK, False
+            for n in range(CHUNK):
+                k = at + np.uintp(n)
+                unlike |= (label[k] != label[k + _1]) | (label[k] != label[k + stride])
+            if not unlike:
+                continue
+            for n in range(CHUNK):
+                k = at + np.uintp(n)
+                here, right, below = label[k], label[k + _1], label[k + stride]
+                if here <= 0 or ((right == here) & (below == here)):
+                    continue
+                for down in range(2):
+                    there = below if down == 1 else right
+                    if there > 0 and there != here:
+                        border = borders[found]
+                        border[0], border[1] = i - 1, chunk * CHUNK + n - 1
+                        border[2] = down
+                        found += 1
+    return found
+
+
+@_compiled
+def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
+    """Find pairs of planes that meet in the image, and the lines in which they do.
+
+    `reach` pixels on either side of their border, or less where there is no reading, on a convex
+    edge each side's plane is the nearer of the two, on a concave one the farther; where one surface
+    passes in front of the other, neither. unit: pixels per unit of x and y. Writes crease and
+    lines; returns the number of lines.
+    """
+    height, width = label.shape
+    count = planes.shape[0]
+    votes, touching = np.zeros((count, count), np.int32), np.zeros((count, count), np.int32)
+    for n in range(borders.shape[0]):
+        border = borders[n]
+        i, j, k = border[0], border[1], border[2]
+        row, column = i + k, j + 1 - k
+        here, there = label[i, j], label[row, column]
+        back = min(reach, i if k == 1 else j)
+        while p[i - k * back, j - (1 - k) * back] <= 0.0:
+            back -= 1
+        on = min(reach, height - 1 - row if k == 1 else width - 1 - column)
+        while p[row + k * on, column + (1 - k) * on] <= 0.0:
+            on -= 1
+        # Differences of the two planes on this side and on the other.
+        ia, ja = i - k * back, j - (1 - k) * back
+        ib, jb = row + k * on, column + (1 - k) * on
+        s, t = planes[here], planes[there]
+        d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
+        near, far = d0 + d1 * x[ia, ja] + d2 * y[ia, ja], -d0 - d1 * x[ib, jb] - d2 * y[ib, jb]
+        a, b = min(here, there), max(here, there)
+        touching[a, b] += 1
+        if near > 0.0 and far > 0.0:
+            votes[a, b] += 1
+        elif near < 0.0 and far < 0.0:
+            votes[a, b] -= 1
+    found = 0
+    for a in range(count):
+        for b in range(a, count):
+            crease[a, b] = crease[b, a] = -1
+            if touching[a, b] >= _FEWEST and abs(votes[a, b]) > _MAJORITY * touching[a, b]:
+                s, t = planes[a], planes[b]
+                d1, d2 = s[1] - t[1], s[2] - t[2]
+                slope = np.sqrt(d1 * d1 + d2 * d2) / unit
+                scale = (1.0 if votes[a, b] > 0 else -1.0) / slope
+                line = lines[found]
+                line[0], line[1] = scale * (s[0] - t[0]), scale * d1
+                line[2], line[3] = scale * d2, slope
+                crease[a, b] = crease[b, a] = found
+                found += 1
+    return found
+
+
+@_compiled
+def crease_offsets(  # type: ignore[no-untyped-def]
+    borders, label, crease, lines, planes, w, x, y, variance, per_metre, lateral,
+    reach, sigma, offset,
+):  # fmt: skip
+    """Where along its normal the border between two planes that meet most likely lies, in pixels.
+
+    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + t^2 / (2 sigma^2), s the distance to
+    the line of intersection: slow errors of the planes move the line. Costs are those of the
+    readings straight across the border, `reach` + 2 to either side as far as they belong to the
+    pair. Writes offset (lines,).
+    """
+    height, width = label.shape
+    last = variance.size - 1
+    middle = reach * BINS
+    histogram = np.zeros((offset.size, 2 * middle + 1))
+    for n in range(borders.shape[0]):
+        border = borders[n]
+        i, j, k = border[0], border[1], border[2]
+        here, there = label[i, j], label[i + k, j + 1 - k]
+        number = crease[here, there]
+        if number < 0:
+            continue
+        a, b = min(here, there), max(here, there)
+        a0, a1, a2, va = planes[a, 0], planes[a, 1], planes[a, 2], lateral[a]
+        b0, b1, b2, vb = planes[b, 0], planes[b, 1], planes[b, 2], lateral[b]
+        d0, d1, d2 = lines[number, 0], lines[number, 1], lines[number, 2]
+        places = histogram[number]
+        for direction in range(2):
+            r, c = i + k * direction, j + (1 - k) * direction
+            down, right = (k, 1 - k) if direction == 1 else (-k, k - 1)
+            for _ in range(reach + 2):
+                if r < 0 or c < 0 or r >= height or c >= width:
+                    break
+                if label[r, c] != a and label[r, c] != b:
+                    break
+                xr, yr, value = np.float64(x[r, c]), np.float64(y[r, c]), np.float64(w[r, c])
+                place = int(np.rint((d0 + d1 * xr + d2 * yr) * BINS)) + middle
+                if 0 <= place < places.size:
+                    v = variance[min(int(per_metre / value + 0.5), last)]
+                    ea, eb = value - a0 - a1 * xr - a2 * yr, value - b0 - b1 * xr - b2 * yr
+                    cost_a = min(0.5 * ea * ea / (v + va), _MOST)
+                    places[place] += cost_a - min(0.5 * eb * eb / (v + vb), _MOST)
+                r, c = r + down, c + right
+    for number in range(offset.size):
+        offset[number] = 0.0
+        cost, lowest = 0.0, np.inf
+        for place in range(2 * middle, -1, -1):
+            shift = (place + 0.5 - middle) / BINS
+            total = cost + 0.5 * shift * shift / (sigma * sigma)
+            if total < lowest:
+                lowest, offset[number] = total, shift
+            cost += histogram[number, place]
+
+
+@_compiled
+def snap_creases(  # type: ignore[no-untyped-def]
+    borders, label, crease, lines, offset, w, x, y, variance, slow, per_metre,
+    radius, reach, far, sweeps, state, busy,
+):  # fmt: skip
+    """Where two planes meet, make their line of intersection the border.
+
+    A pixel beside the other label and within `radius` of the old border goes to the side on which
+    it lies, as long as it is less than `far` pixels from the line, the two planes differ there by
+    less than `reach` standard deviations of a reading, and slow (by depth, as variance), the error
+    that readings share, moves the line by less than a pixel. Sweeps run in raster order and
+    backwards by turns. label has a margin and is changed in place; state and busy: zeros of the
+    shapes that `kernels.labels.lay_out` takes.
+    """
+    height, last = w.shape[0], variance.size - 1
+    for n in range(borders.shape[0]):
+        border = borders[n]
+        i, left, k = border[0] + 1, border[1] + 1, border[2]
+        below, right = i + k, left + 1 - k
+        if crease[label[i, left], label[below, right]] >= 0:
+            state[i, left] = state[below, right] = _WAITING | _BORDER
+            busy[i, left // CHUNK] = busy[below, right // CHUNK] = True
+    for sweep in range(sweeps):
+        changed = 0
+        ahead = sweep % 2 == 0
+        for step_i in range(1, height + 1):
+            i = step_i if ahead else height + 1 - step_i
+            flags, anything = busy[i], False
+            for n in range(flags.size):
+                anything |= flags[n]
+            if not anything:
+                continue
+            up, row, down, states = label[i - 1], label[i], label[i + 1], state[i]
+            for step_c in range(flags.size):
+                chunk = np.uintp(step_c if ahead else flags.size - 1 - step_c)
+                if not flags[chunk]:
+                    continue
+                flags[chunk] = False
+                for step_j in range(CHUNK):
+                    j = chunk * _CHUNK + np.uintp(step_j if ahead else CHUNK - 1 - step_j)
+                    if not states[j] & _WAITING:
+                        continue
+                    states[j] &= _BORDER
+                    here = row[j]
+                    for there in (row[j + _1], row[j - _1], down[j], up[j]):
+                        if there <= 0 or there == here:
+                            continue
+                        number = crease[np.uintp(here), np.uintp(there)]
+                        if number < 0:
+                            continue
+                        line = lines[np.uintp(number)]
+                        xj, yj = x[i - 1, j - _1], y[i - 1, j - _1]
+                        distance = line[0] + line[1] * xj + line[2] * yj
+                        place = distance - offset[np.uintp(number)]
+                        wanted = min(here, there) if place > 0.0 else max(here, there)
+                        if wanted == here or abs(place) >= far:
+                            continue
+                        depth = min(int(per_metre / np.float64(w[i - 1, j - _1]) + 0.5), last)
+                        difference = distance * line[3]
+                        if (
+                            slow[depth] < line[3] * line[3]
+                            and difference * difference < reach * reach * variance[depth]
+                            and _near_border(state, i, np.intp(j), radius)
+                        ):
+                            row[j] = wanted
+                            changed += 1
+                            states[j] |= _WAITING
+                            flags[chunk] = True
+                            for a, b in ((i, j - _1), (i, j + _1), (i - 1, j), (i + 1, j)):
+                                if label[a, b] > 0 and label[a, b] != wanted:
+                                    state[a, b] |= _WAITING
+                                    busy[a, b // _CHUNK] = True
+                            break
+        if changed == 0:
+            break
+
+
+@_compiled
+def _near_border(state, i, j, radius):  # type: ignore[no-untyped-def]
+    """Whether a pixel lies within `radius` of a border's, across and down."""
+    if state[i, j] & _BORDER:
+        return True
+    for a in range(max(i - radius, 0), min(i + radius + 1, state.shape[0])):
+        for b in range(max(j - radius, 0), min(j + radius + 1, state.shape[1])):
+            if state[a, b] & _BORDER:
+                return True
+    return False

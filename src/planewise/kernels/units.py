@@ -1,0 +1,103 @@
+"""Loops over the units of a frame (`cells.Cells`) once pixels have labels.
+
+label (H, W): 0 for no plane; grid (rows, columns): unit of every cell of side x side pixels, -1 for
+none; rows (units, 13): their segments (`kernels.cells`); inside (units,): label of every unit whose
+pixels all have it, 0 of the others. Unsigned indices spare the check for negative ones.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+_0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
+
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
+
+
+@_compiled
+def units_inside(label, grid, side, inside):  # type: ignore[no-untyped-def]
+    """Write inside."""
+    height, width = label.shape
+    rows, columns = grid.shape
+    # Whether pixels are like those above and below them in their cell, and the one to the right.
+    column, pair = np.ones(columns * side, np.bool_), np.ones(columns * side, np.bool_)
+    for k in range(inside.size):
+        inside[k] = -1
+    for r in range(rows):
+        top = label[r * side]
+        for j in range(width):
+            column[j] = True
+        for i in range(r * side + 1, min((r + 1) * side, height)):
+            row = label[i]
+            for j in range(width):
+                column[j] &= row[j] == top[j]
+        for j in range(width - 1):
+            pair[j] = column[j] & (top[j] == top[j + 1])
+        pair[width - 1] = column[width - 1]
+        units, at = grid[r], _0
+        for c in range(columns):
+            k, first, whole = units[c], np.int32(top[at]), True
+            for _ in range(side - 1):
+                whole &= pair[at]
+                at += _1
+            whole &= column[at]
+            at += _1
+            if k >= 0:
+                unit = np.uintp(k)
+                mine = first if whole else np.int32(0)
+                inside[unit] = mine if inside[unit] < 0 or inside[unit] == mine else 0
+
+
+@_compiled
+def sum_units(rows, inside, sums, count):  # type: ignore[no-untyped-def]
+    """Add the units' rows up by label: sums (labels, .) and how many there are, count (labels,)."""
+    for label in range(count.size):
+        count[label] = 0
+        for e in range(sums.shape[1]):
+            sums[label, e] = 0.0
+    for k in range(inside.size):
+        mine, row = np.uintp(inside[k]), rows[k]
+        for e in range(row.size):
+            sums[mine, np.uintp(e)] += row[e]
+        count[mine] += 1
+
+
+@_compiled
+def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
+    """Sums over units side by side inside the same label: writes out (labels, 3).
+
+    Of their residuals in standard deviations: the product, the mean square; and of pairs. planes
+    (labels, 3): (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    """
+    off = np.empty(inside.size)
+    for k in range(off.size):
+        m, mine = rows[k], np.uintp(inside[k])
+        t0, t1, t2 = planes[mine, _0], planes[mine, _1], planes[mine, _2]
+        off[k] = (m[6] - t0 * m[0] - t1 * m[1] - t2 * m[2]) / np.sqrt(m[0])
+    for n in range(out.shape[0]):
+        out[n, 0] = out[n, 1] = out[n, 2] = 0.0
+    height, width = grid.shape
+    grid = grid.reshape(-1)
+    current, product, square, pairs = np.int32(0), 0.0, 0.0, 0.0
+    for r in range(height):
+        for down in range(2 if r + 1 < height else 1):
+            at, step = np.uintp(r * width), np.uintp(width if down else 1)
+            for _ in range(width - 1 + down):
+                a, b = grid[at], grid[at + step]
+                at += _1
+                if a == b or min(a, b) < 0:
+                    continue
+                here, there = np.uintp(a), np.uintp(b)
+                label = inside[here]
+                if label > 0 and inside[there] == label:
+                    if label != current:
+                        out[current, 0], out[current, 1], out[current, 2] = product, square, pairs
+                        product, square, pairs = out[label, 0], out[label, 1], out[label, 2]
+                        current = label
+                    s, t = off[here], off[there]
+                    product += s * t
+                    square += 0.5 * (s * s + t * t)
+                    pairs += 1.0
+    out[current, 0], out[current, 1], out[current, 2] = product, square, pairs

@@ -1,0 +1,226 @@
+"""Plain NumPy versions of the kernels of the labels: every pixel looked at, nothing kept in lists.
+
+A plane is w = t0 + t1 x + t2 y; variance (H, W) is that of every reading.
+"""
+
+import itertools
+
+import numpy as np
+
+UNIT = 100.0  # pixels per unit of x and y
+BINS = 10  # places per pixel at which a crease may lie
+
+
+def cells_of(image, side):
+    """Pixels of every cell: (row, column, pixels)."""
+    rows, columns = -(-image.shape[0] // side), -(-image.shape[1] // side)
+    for r, c in itertools.product(range(rows), range(columns)):
+        yield r, c, image[r * side : (r + 1) * side, c * side : (c + 1) * side]
+
+
+def lay_out(grid, number, p, side):
+    """Labels of pixels (-1 without a reading), which are fixed, and cells beside another label."""
+    coarse = np.where(grid >= 0, number[grid], 0)
+    padded = np.pad(coarse, 1, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    apart = (windows != coarse[:, :, None, None]).any((2, 3))
+
+    def spread(of_cells):
+        return of_cells.repeat(side, 0).repeat(side, 1)[: p.shape[0], : p.shape[1]]
+
+    label = np.where(p > 0, spread(coarse), -1)
+    return label, (p <= 0) | spread(~apart & (coarse > 0)), apart
+
+
+def waiting(grid, number, fixed, w, p, x, y, planes, bound, side):
+    """Pixels beside a cell of another label, or off their plane."""
+    cell = np.where(grid >= 0, number[grid], 0)
+    mine = cell.repeat(side, 0).repeat(side, 1)[: p.shape[0], : p.shape[1]]
+    padded = np.pad(mine, 1, mode="edge")
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    beside = (windows != mine[:, :, None, None]).any((2, 3))
+    t = planes[mine]
+    e = w - t[..., 0] - t[..., 1] * x - t[..., 2] * y
+    return ~fixed & (beside | ((mine > 0) & (0.5 * e**2 * p > bound)))
+
+
+def units_inside(label, grid, side, units):
+    """Label of every unit whose pixels all have it, 0 of the others."""
+    found = [set() for _ in range(units)]
+    for r, c, pixels in cells_of(label, side):
+        if grid[r, c] >= 0:
+            found[grid[r, c]] |= set(pixels.ravel().tolist())
+    return np.array([labels.pop() if len(labels) == 1 else 0 for labels in found])
+
+
+def correlation_sums(grid, rows, inside, planes):
+    """Of units side by side inside the same label: product and mean square of residuals, pairs."""
+    t = planes[inside]
+    off = (rows[:, 6] - (t * rows[:, :3]).sum(1)) / np.sqrt(rows[:, 0])
+    sums = np.zeros((len(planes), 3))
+    for a, b in ((grid[:, :-1], grid[:, 1:]), (grid[:-1], grid[1:])):
+        side = (a >= 0) & (b >= 0) & (a != b)
+        a, b = a[side], b[side]
+        on = (inside[a] > 0) & (inside[a] == inside[b])
+        a, b = a[on], b[on]
+        each = np.column_stack(
+            (off[a] * off[b], 0.5 * (off[a] ** 2 + off[b] ** 2), np.ones(len(a)))
+        )
+        np.add.at(sums, inside[a], each)
+    return sums
+
+
+def costs(w, x, y, variance, planes, lateral, null):
+    """Data cost (labels, H, W) of every label at every pixel."""
+    model = planes[:, :1, None] + planes[:, 1:2, None] * x + planes[:, 2:, None] * y
+    cost = 0.5 * (w - model) ** 2 / (variance + lateral[:, None, None])
+    cost[0] = null
+    return cost
+
+
+def neighbours(there, i, j):
+    """Readings about a pixel, and what a differing label costs there."""
+    for a, b in itertools.product((i - 1, i, i + 1), (j - 1, j, j + 1)):
+        if (a, b) != (i, j) and 0 <= a < there.shape[0] and 0 <= b < there.shape[1] and there[a, b]:
+            yield a, b, 1.0 if a == i or b == j else 0.7
+
+
+def sweep_labels(label, free, cost, there, differing, backwards=False):
+    """One sweep in raster order: every free pixel takes the best label about it, or none."""
+    out = label.copy()
+    for i, j in np.argwhere(there & free)[:: -1 if backwards else 1]:
+        around = [(out[a, b], share) for a, b, share in neighbours(there, i, j)]
+
+        def total(n, here=cost[:, i, j], around=around):
+            return here[n] + differing * sum(share for other, share in around if other != n)
+
+        out[i, j] = min([out[i, j], *(other for other, _ in around), 0], key=total)
+    return out
+
+
+def energy(label, cost, there, differing):
+    """What the sweeps lower: data of every reading and every pair of unlike neighbours."""
+    total = np.take_along_axis(cost, label[None].astype(int), 0)[0][there].sum()
+    for (a, b), share in (
+        ((np.s_[:, 1:], np.s_[:, :-1]), 1.0),
+        ((np.s_[1:], np.s_[:-1]), 1.0),
+        ((np.s_[1:, 1:], np.s_[:-1, :-1]), 0.7),
+        ((np.s_[1:, :-1], np.s_[:-1, 1:]), 0.7),
+    ):
+        unlike = (label[a] != label[b]) & there[a] & there[b]
+        total += differing * share * unlike.sum()
+    return total
+
+
+def borders(label):
+    """(i, j, k, here, there): pixel, and the other plane to its right (k = 0) or below (k = 1)."""
+    height, width = label.shape
+    for k, i, j in itertools.product((0, 1), range(height), range(width)):
+        row, column = i + k, j + 1 - k
+        if row < height and column < width and 0 < label[i, j] != label[row, column] > 0:
+            yield i, j, k, label[i, j], label[row, column]
+
+
+def plane_value(t, x, y):
+    return t[0] + t[1] * x + t[2] * y
+
+
+def crease_kinds(label, planes, p, x, y, reach):
+    """Majority of the border's pixels, most of at least eight: nearer on its own side, or farther.
+
+    Votes are those of `reach` pixels to either side, or as far as there are readings.
+    """
+    height, width = label.shape
+
+    def reading(start, step):
+        """The farthest reading within reach of a pixel in a direction."""
+        steps = np.array(start) + np.arange(reach, -1, -1)[:, None] * step
+        inside = (steps >= 0).all(1) & (steps < (height, width)).all(1)
+        return next(tuple(at) for at in steps[inside] if p[tuple(at)] > 0)
+
+    votes = {}
+    for i, j, k, here, there in borders(label):
+        step = np.array((k, 1 - k))
+        mine = reading((i, j), -step)
+        other = reading(np.add((i, j), step), step)
+        nearer = [
+            plane_value(planes[own], x[at], y[at]) > plane_value(planes[alien], x[at], y[at])
+            for own, alien, at in ((here, there, mine), (there, here, other))
+        ]
+        vote = {2: 1, 1: 0, 0: -1}[sum(nearer)]
+        votes.setdefault((min(here, there), max(here, there)), []).append(vote)
+    kinds = np.zeros((len(planes), len(planes)), int)
+    for (a, b), cast in votes.items():
+        if len(cast) >= 8 and abs(np.mean(cast)) > 0.6:
+            kinds[a, b] = kinds[b, a] = np.sign(sum(cast))
+    return kinds
+
+
+def crease_band(label, kinds, radius):
+    """Within `radius` of a pixel of a border, on either side."""
+    i, j = np.indices(label.shape)
+    band = np.zeros(label.shape, bool)
+    for r, c, k, here, there in borders(label):
+        if kinds[here, there]:
+            r2, c2 = r + k, c + 1 - k
+            band |= (i >= r - radius) & (i <= r2 + radius) & (j >= c - radius) & (j <= c2 + radius)
+    return band
+
+
+def crease_distance(planes, kinds, a, b, x, y):
+    """Pixels to the line of intersection, positive on the side of a < b; and w per pixel."""
+    delta = planes[a] - planes[b]
+    slope = np.hypot(delta[1], delta[2]) / UNIT
+    return kinds[a, b] * plane_value(delta, x, y) / slope, slope
+
+
+def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma, pair):
+    """Places t at which the border of a pair may lie, and what each costs.
+
+    From every pixel of the border the readings are those straight across it, `reach` + 2 to either
+    side, as far as they belong to the pair.
+    """
+    a, b = pair
+    distance, excess = [], []
+    for i, j, k, here, there in borders(label):
+        if {here, there} != {a, b}:
+            continue
+        for steps in (range(0, -reach - 2, -1), range(1, reach + 3)):
+            for m in steps:
+                at = i + k * m, j + (1 - k) * m
+                inside = 0 <= at[0] < label.shape[0] and 0 <= at[1] < label.shape[1]
+                if not inside or label[at] not in pair:
+                    break
+                model = plane_value(planes[list(pair)].T, x[at], y[at])
+                error = 2 * (variance[at] + lateral[list(pair)])
+                cost = np.minimum((w[at] - model) ** 2 / error, 8)
+                distance.append(crease_distance(planes, kinds, a, b, x[at], y[at])[0])
+                excess.append(cost[0] - cost[1])
+    distance, excess = np.array(distance), np.array(excess)
+    places = (np.arange(-reach * BINS, reach * BINS + 1) + 0.5) / BINS
+    beyond = distance > places[:, None]
+    return places, beyond @ excess + places**2 / (2 * sigma**2)
+
+
+def snap_sweep(
+    label, band, planes, kinds, offset, x, y, variance, slow, reach, far, backwards=False
+):
+    """One sweep in raster order: a pixel beside its crease goes to the side on which it lies."""
+    out = label.copy()
+    height, width = label.shape
+    for i, j in np.argwhere(band & (label > 0))[:: -1 if backwards else 1]:
+        for r, c in ((i, j + 1), (i, j - 1), (i + 1, j), (i - 1, j)):
+            if not (0 <= r < height and 0 <= c < width) or out[r, c] in (0, out[i, j]):
+                continue
+            a, b = sorted((out[i, j], out[r, c]))
+            if not kinds[a, b]:
+                continue
+            distance, slope = crease_distance(planes, kinds, a, b, x[i, j], y[i, j])
+            place = distance - offset[a, b]
+            blurred = abs(distance) * slope < reach * np.sqrt(variance[i, j])
+            steady = np.sqrt(slow[i, j]) / slope < 1
+            wanted = a if place > 0 else b
+            if wanted != out[i, j] and abs(place) < far and blurred and steady:
+                out[i, j] = wanted
+                break
+    return out

@@ -1,0 +1,498 @@
+"""Every compiled loop of the labels against its plain NumPy version."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planewise.cells import SIDE
+from planewise.kernels import creases, labels, units
+from planewise.kernels.cells import UNIT
+
+from . import label_oracles as oracles
+
+SIGMA = 1e-3
+PLANES = np.array([[0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]])
+PER_METRE = 500.0
+NULL, DIFFERING = 9.0, 1.0
+
+
+def coordinates(shape):
+    """x and y of pixels, the principal point off the middle."""
+    i, j = np.indices(shape, dtype=np.float32)
+    return (j - np.float32(0.4 * shape[1])) / 100, (i - np.float32(0.7 * shape[0])) / 100
+
+
+def readings(rng, planes, label, holes=0.0):
+    """w, p, x, y of labelled planes with white noise; no reading at some pixels."""
+    x, y = coordinates(label.shape)
+    t = np.asarray(planes)[label]
+    p = rng.uniform(0.7, 1.4, label.shape).astype(np.float32) / np.float32(SIGMA**2)
+    p[rng.random(label.shape) < holes] = 0
+    w = t[..., 0] + t[..., 1] * x + t[..., 2] * y + rng.normal(0, SIGMA, label.shape)
+    return np.where(p > 0, w, 0).astype(np.float32), p, x, y
+
+
+def quilt(rng, shape, planes, pieces=5):
+    """Labels 0 ... planes - 1 of some random convex pieces of an image."""
+    seeds = rng.uniform(0, shape, (pieces, 2))
+    place = np.indices(shape).reshape(2, 1, -1)
+    nearest = np.linalg.norm(place - seeds.T[:, :, None], axis=0).argmin(axis=0)
+    return (nearest % planes).reshape(shape)
+
+
+def by_depth(rng, w, low, high):
+    """A table of variances by depth, and those of the readings in it; the last row is too near."""
+    table = SIGMA**2 * rng.uniform(low, high, int(PER_METRE / w[w > 0].min()))
+    row = np.rint(PER_METRE / np.where(w > 0, w, 1).astype(np.float64)).astype(int)
+    return table, table[np.minimum(row, len(table) - 1)]
+
+
+class Marks:
+    """Labels with a margin, where all free pixels wait."""
+
+    def __init__(self, label, there, free=None):
+        height, width = label.shape
+        chunks = -(-(width + 1 + SIDE) // labels.CHUNK)
+        self.inner = np.s_[1 : height + 1, 1 : width + 1]
+        self.label = np.full((height + 2, chunks * labels.CHUNK), labels.NONE)
+        self.label[self.inner] = np.where(there, label, labels.NONE)
+        self.state = np.full(self.label.shape, labels.FIXED)
+        free = there if free is None else there & free
+        self.state[self.inner] = np.where(free, 1, labels.FIXED)
+        self.busy = np.ones((height + 2, chunks), np.bool_)
+        self.seen = np.ones((height + 2, chunks), np.bool_)
+
+    @property
+    def flat(self):
+        return [image.reshape(-1) for image in (self.label, self.state, self.busy, self.seen)]
+
+    def labels(self):
+        out = np.full((self.inner[0].stop - 1, self.inner[1].stop - 1), 9, np.uint16)
+        labels.without_margin(self.label, out)
+        return out
+
+
+# Labels
+
+
+def scattered_cells(rng, seed):
+    """Cells of some labels, readings on their planes, some far off and some not there."""
+    shape = (50 + seed, 61 - seed)
+    cells = -(-shape[0] // SIDE), -(-shape[1] // SIDE)
+    grid = np.arange(cells[0] * cells[1], dtype=np.int32).reshape(cells)
+    number = quilt(rng, cells, 4).reshape(-1).astype(np.int16)
+    grid[rng.random(cells) < 0.05] = -1
+    truth = number.reshape(cells).repeat(SIDE, 0).repeat(SIDE, 1)[: shape[0], : shape[1]]
+    table = np.vstack((np.zeros((1, 3)), PLANES))
+    w, p, x, y = readings(rng, np.array([[0.5, 0, 0], *PLANES]), truth, holes=0.03)
+    p[20:30, 20:30] = 0
+    w = w + np.float32(20 * SIGMA) * (rng.random(shape) < 0.02)
+    return grid, number, (np.where(p > 0, w, 0).astype(np.float32), p, x, y), table
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_pixels_laid_out_and_those_that_wait(seed):
+    rng = np.random.default_rng(seed)
+    grid, number, (w, p, x, y), table = scattered_cells(rng, seed)
+    marks = Marks(np.zeros(p.shape), p > 0)
+    label, fixed, apart = oracles.lay_out(grid, number, p, SIDE)
+    marks.label[1:-1], marks.state[1:-1] = 7, 7
+    coarse = np.empty((grid.shape[0] + 2, grid.shape[1] + 2), np.int16)
+    beside, count = np.empty(grid.shape, np.bool_), np.zeros(grid.shape)
+    for r, c, pixels in oracles.cells_of(p, SIDE):
+        count[r, c] = (pixels > 0).sum()
+    labels.lay_out(grid, number, count, p, SIDE, coarse, beside, marks.label, marks.state)
+    assert_array_equal(beside, apart)
+    assert_array_equal(marks.label[marks.inner], label)
+    assert_array_equal(marks.state[marks.inner], np.where(fixed, labels.FIXED, 0))
+    margin = np.ones(marks.label.shape, bool)
+    margin[marks.inner] = False
+    assert (marks.label[margin] == labels.NONE).all()
+    assert (marks.state[margin] == labels.FIXED).all()
+
+    marks.busy[:] = False
+    labels.find_waiting(coarse, beside, w, p, x, y, table, NULL, SIDE, marks.state, marks.busy)
+    exact = oracles.waiting(grid, number, fixed, w, p, x, y, table, NULL, SIDE)
+    assert_array_equal(marks.state[marks.inner] == 1, exact)
+    assert 0 < exact.sum() < (p > 0).sum()
+    chunks = (marks.state == 1).reshape(*marks.busy.shape, labels.CHUNK).any(2)
+    assert (marks.busy >= chunks).all()
+    # No other pixel changes but beside a change.
+    table_by_depth, variance = by_depth(rng, w, 1.5, 2.5)
+    label = np.maximum(label, 0)
+    cost = oracles.costs(w, x, y, variance, table, np.zeros(4), NULL)
+    swept = oracles.sweep_labels(label, ~fixed, cost, p > 0, DIFFERING)
+    images = [image.reshape(-1) for image in (w, x, y)]
+    costs = (table_by_depth, PER_METRE, table, np.zeros(4), NULL, DIFFERING, 1)
+    labels.label_pixels(*marks.flat, marks.label.shape[1], *images, w.shape[1], *costs)
+    assert_array_equal(marks.labels(), swept)
+    assert (swept != label).any()
+
+
+def wavy(rng, shape=(26, 31), planes=4, pieces=14):
+    """Labels of random pieces with ragged borders, 0 among them, and readings with holes."""
+    label = quilt(rng, shape, planes, pieces)
+    stray = rng.random(shape) < 0.1
+    label[stray] = rng.integers(0, planes, shape)[stray]
+    table = np.array([[0.5, 0, 0], *PLANES])[:planes]
+    images = readings(rng, table, quilt(rng, shape, planes, pieces), holes=0.08)
+    label[images[1] == 0] = 0
+    return label, images, np.vstack((np.zeros((1, 3)), table[1:]))
+
+
+def labelling(seed):
+    rng = np.random.default_rng(seed)
+    label, (w, p, x, y), planes = wavy(rng)
+    table, variance = by_depth(rng, w, 1, 2)
+    lateral = SIGMA**2 * rng.uniform(0, 1, len(planes))
+    free = rng.random((9, 11)).repeat(3, 0).repeat(3, 1)[: label.shape[0], : label.shape[1]] > 0.3
+    cost = oracles.costs(w, x, y, variance, planes, lateral, NULL)
+
+    def swept(start, sweeps):
+        marks = Marks(start, p > 0, free)
+        images = [image.reshape(-1) for image in (w, x, y)]
+        costs = (table, PER_METRE, planes, lateral, NULL, DIFFERING, sweeps)
+        changed = labels.label_pixels(
+            *marks.flat, marks.label.shape[1], *images, w.shape[1], *costs
+        )
+        return marks.labels(), changed
+
+    return label, swept, free, cost, p > 0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sweeps_over_pixels_that_wait_are_those_over_all(seed):
+    label, swept, free, cost, there = labelling(seed)
+    exact = label
+    for sweep in range(6):
+        before = exact
+        exact = oracles.sweep_labels(before, free, cost, there, DIFFERING, sweep % 2 == 1)
+        out, changed = swept(label, sweep + 1)
+        assert_array_equal(out, exact)
+        assert changed >= (exact != before).sum()
+    assert (exact != label).any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sweeps_of_labels_never_cost_more_and_settle(seed):
+    label, swept, free, cost, there = labelling(seed)
+    paid = [oracles.energy(label, cost, there, DIFFERING)]
+    for sweeps in range(1, 8):
+        out = swept(label, sweeps)[0]
+        paid.append(oracles.energy(out, cost, there, DIFFERING))
+        assert_array_equal(out[~free | ~there], label[~free | ~there])
+    assert paid[1] < paid[0]
+    assert (np.diff(paid) <= 1e-9).all()
+    settled, changed = swept(label, 50)
+    assert changed == 0
+    again, changed = swept(settled, 1)
+    assert changed == 0
+    assert_array_equal(again, settled)
+
+
+def test_borders_lie_in_chunks_that_were_seen():
+    rng = np.random.default_rng(0)
+    label = quilt(rng, (40, 90), 4)
+    w, p, x, y = readings(rng, np.array([[0.5, 0, 0], *PLANES]), quilt(rng, (40, 90), 4, 9))
+    marks = Marks(label, p > 0)
+    marks.seen[:] = False
+    images = [image.reshape(-1) for image in (w, x, y)]
+    table, _ = by_depth(rng, w, 1, 2)
+    costs = (
+        table,
+        PER_METRE,
+        np.vstack((np.zeros((1, 3)), PLANES)),
+        np.zeros(4),
+        NULL,
+        DIFFERING,
+        6,
+    )
+    labels.label_pixels(*marks.flat, marks.label.shape[1], *images, 90, *costs)
+    swept = marks.labels().astype(int)
+    changed = swept != label
+    assert changed.any()
+    chunk = (np.arange(90) + 1) // labels.CHUNK
+    for i, j, k, *_ in oracles.borders(swept):
+        ends = (i, j), (i + k, j + 1 - k)
+        if any(changed[end] for end in ends):
+            assert all(marks.seen[r + 1, chunk[c]] for r, c in ends)
+
+
+# Units
+
+
+def random_units(seed, shape=(40, 47), planes=4):
+    """Labels of pixels, and units of one cell and of four."""
+    rng = np.random.default_rng(seed)
+    label = quilt(rng, shape, planes).astype(np.uint16)
+    rows, columns = (-(-n // SIDE) for n in shape)
+    grid, count = np.full((rows, columns), -1, np.int32), 0
+    for r in range(0, rows, 2):
+        for c in range(0, columns, 2):
+            whole = rng.random() < 0.5
+            for i in range(r, min(r + 2, rows)):
+                for j in range(c, min(c + 2, columns)):
+                    if rng.random() < 0.9:
+                        grid[i, j] = count
+                        count += not whole
+            count += whole
+    grid = np.where(grid >= 0, np.unique(grid, return_inverse=True)[1].reshape(grid.shape) - 1, -1)
+    segments = rng.uniform(0.5, 2, (grid.max() + 1, 13))
+    return label, grid.astype(np.int32), segments
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_units_inside_labels_their_sums_and_correlations(seed):
+    label, grid, rows = random_units(seed)
+    inside = np.full(len(rows), 9, np.int32)
+    units.units_inside(label, grid, SIDE, inside)
+    assert_array_equal(inside, oracles.units_inside(label, grid, SIDE, len(rows)))
+    assert len(np.unique(inside)) == 4
+
+    sums, count = np.full((4, 13), 9.0), np.full(4, 9)
+    units.sum_units(rows, inside, sums, count)
+    for n in range(4):
+        assert_allclose(sums[n], rows[inside == n].sum(0), rtol=1e-12)
+    assert_array_equal(count, np.bincount(inside))
+
+    table, out = np.vstack((np.zeros((1, 3)), PLANES)), np.full((4, 3), 9.0)
+    units.correlate(grid, rows, inside, table, out)
+    assert_allclose(out, oracles.correlation_sums(grid, rows, inside, table), rtol=1e-9)
+    assert (out[1:, 2] > 0).all()
+
+
+# Creases
+
+
+def roof(ridge, convex=True, shape=(30, 40), slope=4e-4, tilt=2e-4):
+    """Two planes that meet in a line: readings without noise, planes, labels.
+
+    slope, tilt: of w per pixel. The line leans by a pixel in 2 slope / tilt rows.
+    """
+    x, y = coordinates(shape)
+    middle = x[0, 0] + ridge / 100
+    s, t = 100 * slope, 100 * tilt
+    planes = np.array([[0, 0, 0], [0.5 - s * middle, s, t], [0.5 + s * middle, -s, 0]])
+    sides = planes[1:, :1, None] + planes[1:, 1:2, None] * x + planes[1:, 2:, None] * y
+    nearest = sides.argmax(axis=0) + 1 if convex else sides.argmin(axis=0) + 1
+    w = np.take_along_axis(sides, nearest[None] - 1, 0)[0]
+    p = np.full(shape, 1 / SIGMA**2, np.float32)
+    return (w.astype(np.float32), p, x, y), planes, nearest
+
+
+def borders_of(label):
+    marks = Marks(label, np.ones(label.shape, bool))
+    out = np.empty((2 * label.size, 3), np.int32)
+    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+    return out[: creases.find_borders(*flat, marks.label.shape[1], out)]
+
+
+def creases_of(label, planes, x, y, reach=5, p=None):
+    """Borders, which planes meet, and in which lines."""
+    p = np.ones(label.shape, np.float32) if p is None else p.astype(np.float32)
+    borders, count = borders_of(label), len(planes)
+    crease, lines = np.full((count, count), 9, np.int32), np.empty((count**2, 4))
+    found = creases.find_creases(
+        borders, label.astype(np.uint16), planes, p, x, y, reach, UNIT, crease, lines
+    )
+    return borders, crease, lines[:found]
+
+
+def kinds_of(planes, crease, lines):
+    """1 for a convex crease, -1 for a concave one, 0 for none: d0 = kind (a0 - b0) / slope."""
+    kinds = np.zeros(crease.shape, int)
+    for a, b in np.argwhere(crease >= 0):
+        if a < b:
+            line = lines[crease[a, b]]
+            kinds[a, b] = kinds[b, a] = np.sign(line[1:3] @ (planes[a] - planes[b])[1:])
+    return kinds
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (17, 16), (40, 50)])
+def test_borders(shape):
+    label = quilt(np.random.default_rng(shape[0]), shape, 4)
+    label[0, 0] = label[-1, -1] = 3
+    expected = sorted((i, j, k) for i, j, k, *_ in oracles.borders(label))
+    assert_array_equal(borders_of(label), np.reshape(expected, (-1, 3)))
+
+
+@pytest.mark.parametrize(("convex", "kind"), [(True, 1), (False, -1)])
+def test_a_roof_is_convex_and_a_valley_concave(convex, kind):
+    (_, _, x, y), planes, label = roof(20, convex)
+    assert set(np.unique(label)) == {1, 2}
+    kinds = np.zeros((3, 3))
+    kinds[1, 2] = kinds[2, 1] = kind
+    _, crease, lines = creases_of(label, planes, x, y)
+    assert_array_equal(kinds_of(planes, crease, lines), kinds)
+    distance, slope = oracles.crease_distance(planes, kinds, 1, 2, x, y)
+    assert_allclose(lines[0, 0] + lines[0, 1] * x + lines[0, 2] * y, distance, atol=1e-4)
+    assert lines[0, 3] == pytest.approx(slope)
+    across = (np.ascontiguousarray(image.T) for image in (x, y))
+    _, crease, lines = creases_of(np.ascontiguousarray(label.T), planes, *across)
+    assert_array_equal(kinds_of(planes, crease, lines), kinds)
+
+
+def test_a_surface_in_front_of_another_does_not_meet_it():
+    (_, _, x, y), planes, label = roof(20)
+    planes[1, 0] += 0.1
+    _, crease, lines = creases_of(label, planes, x, y)
+    assert_array_equal(crease, -1)
+    assert len(lines) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_which_planes_meet(seed):
+    rng = np.random.default_rng(seed)
+    x, y = coordinates((40, 50))
+    planes = np.vstack((np.zeros((1, 3)), rng.normal((0.5, 0, 0), (0.005, 0.05, 0.05), (5, 3))))
+    values = planes[1:, :1, None] + planes[1:, 1:2, None] * x + planes[1:, 2:, None] * y
+    label = (values.argmax(0) if seed % 2 else np.argsort(values, 0)[1]) + 1
+    label[rng.random(label.shape) < 0.02] = 0
+    p = ((label > 0) & (rng.random(label.shape) < 0.9)).astype(float)
+    label = np.where(p > 0, label, 0)
+    _, crease, lines = creases_of(label, planes, x, y, 3, p)
+    kinds = oracles.crease_kinds(label, planes, p, x, y, 3)
+    assert_array_equal(kinds_of(planes, crease, lines), kinds)
+    assert_array_equal(crease >= 0, kinds != 0)
+    assert len(lines) == np.count_nonzero(kinds) // 2 > 0
+
+
+def test_a_crease_beside_missing_readings_is_one():
+    (_, _, x, y), planes, label = roof(20)
+    ridge = np.flatnonzero(np.diff(label[0]))[0]
+    hole = np.zeros(label.shape, bool)
+    hole[:, ridge - 6 : ridge - 3] = True
+    p = np.where(hole, 0.0, 1.0)
+    x, y, holed = (np.where(hole, 0, image) for image in (x, y, label))
+    _, crease, lines = creases_of(holed, planes, x, y, 5, p)
+    assert kinds_of(planes, crease, lines)[1, 2] == 1
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_crease_offsets(seed):
+    rng = np.random.default_rng(seed)
+    (w, p, x, y), planes, label = roof(20.0, convex=seed % 2 == 0, slope=2e-3, tilt=5e-4)
+    _, crease, lines = creases_of(label, planes, x, y)
+    kinds = kinds_of(planes, crease, lines)
+    # The border lies up to as far from the line as is looked across it.
+    away = seed - 6
+    label[:, :away] = label[:, -away:].copy()
+    # One plane is a little off, so that the readings tell another line than that of intersection.
+    wrong = planes.copy()
+    wrong[1, 0] += rng.uniform(-3, 3) * SIGMA
+    lines[0, 0] += kinds[1, 2] * (wrong[1, 0] - planes[1, 0]) / lines[0, 3]
+    w = (w + rng.normal(0, SIGMA, w.shape)).astype(np.float32)
+    label[rng.random(p.shape) < 0.05] = 0
+    table, variance = by_depth(rng, w, 1, 1.2)
+    lateral = SIGMA**2 * np.array([0, 0.1, 0.2])
+    reach, sigma = 4, (0.5, 5.0)[seed % 2]
+    offset = np.empty(1)
+    arguments = (crease, lines, wrong, w, x, y, table, PER_METRE, lateral, reach, sigma, offset)
+    creases.crease_offsets(borders_of(label), label.astype(np.uint16), *arguments)
+    places, cost = oracles.crease_costs(
+        label, wrong, kinds, w, x, y, variance, lateral, reach, sigma, (1, 2)
+    )
+    at = np.argmin(abs(places - offset[0]))
+    assert offset[0] == pytest.approx(places[at])
+    assert cost[at] == pytest.approx(cost.min())
+
+
+def snapped(label, planes, crease, lines, offset, images, slow, sweeps=8, **limits):
+    """Labels after sweeps of snapping, slow and variance of all readings alike."""
+    w, _, x, y = images
+    there = label >= 0
+    marks = Marks(label, there)
+    marks.state[:], marks.busy[:] = 0, False
+    limits = {"radius": 40, "reach": 4.0, "far": 8.0} | limits
+    slow = np.full(1, slow)
+    creases.snap_creases(
+        borders_of(label),
+        marks.label,
+        crease,
+        lines,
+        np.full(len(lines), offset),
+        w,
+        x,
+        y,
+        SIGMA**2 + slow,
+        slow,
+        PER_METRE,
+        *limits.values(),
+        sweeps,
+        marks.state,
+        marks.busy,
+    )
+    return marks.labels()
+
+
+@pytest.mark.parametrize("convex", [True, False])
+def test_a_ragged_border_becomes_the_line_of_intersection(convex):
+    images, planes, label = roof(20.3, convex)
+    x, y = images[2:]
+    _, crease, lines = creases_of(label, planes, x, y)
+    rng = np.random.default_rng(8)
+    ragged = label.copy()
+    for row, moved in zip(ragged, rng.integers(-3, 4, len(ragged)), strict=True):
+        row[:] = np.roll(row, moved)
+        row[:5], row[-5:] = row[6], row[-6]
+    assert (ragged != label).sum() > 20
+    assert_array_equal(snapped(ragged, planes, crease, lines, 0.0, images, 0.0), label)
+    # A line that lies two pixels further on the side of plane 1 leaves it less.
+    moved = snapped(ragged, planes, crease, lines, 2.0, images, 0.0)
+    kinds = kinds_of(planes, crease, lines)
+    distance = oracles.crease_distance(planes, kinds, 1, 2, x, y)[0]
+    assert_array_equal(moved, np.where(distance > 2, 1, 2))
+
+
+def test_a_border_stays_where_the_line_may_not_be():
+    images, planes, label = roof(20.3, tilt=0.0)
+    _, crease, lines = creases_of(label, planes, *images[2:])
+    shifted = np.roll(label, 12, axis=1)
+    shifted[:, :12] = label[:, :1]
+    assert_array_equal(snapped(shifted, planes, crease, lines, 0.0, images, 0.0), shifted)
+    near = np.roll(label, 3, axis=1)
+    near[:, :3] = label[:, :1]
+    whole = (near, planes, crease, lines, 0.0, images)
+    assert_array_equal(snapped(*whole, 0.0), label)
+    # Unlike planes, a line that the slow error moves by pixels, no crease, beyond the radius.
+    assert_array_equal(snapped(*whole, 0.0, reach=0.1), near)
+    assert_array_equal(snapped(*whole, 1e-6), near)
+    assert_array_equal(snapped(near, planes, 0 * crease - 1, lines, 0.0, images, 0.0), near)
+    part = snapped(*whole, 0.0, radius=1)
+    assert 0 < (part != near).sum() < (label != near).sum()
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_sweeps_of_snapping_are_those_over_all_pixels(seed):
+    rng = np.random.default_rng(seed)
+    label, (w, p, x, y), planes = wavy(rng)
+    kinds = np.zeros((4, 4), np.int8)
+    kinds[1, 2] = kinds[2, 1] = 1
+    kinds[1, 3] = kinds[3, 1] = -1
+    crease, lines = np.full((4, 4), -1, np.int32), np.empty((2, 4))
+    for number, (a, b) in enumerate(((1, 2), (1, 3))):
+        crease[a, b] = crease[b, a] = number
+        difference = planes[a] - planes[b]
+        slope = np.hypot(difference[1], difference[2]) / UNIT
+        lines[number] = *(kinds[a, b] * difference / slope), slope
+    shift = rng.uniform(-1, 1, 2)
+    offset = np.zeros((4, 4))
+    offset[1, 2], offset[1, 3] = shift
+    table, variance = by_depth(rng, w, 1, 3)
+    slow = table - SIGMA**2
+    radius, reach, far = seed % 3, 40.0, 20.0
+    band = oracles.crease_band(label, kinds, radius)
+    exact = label
+    for sweep in range(5):
+        exact = oracles.snap_sweep(
+            exact, band, planes, kinds, offset, x, y, variance, variance - SIGMA**2,
+            reach, far, sweep % 2 == 1,
+        )  # fmt: skip
+        marks = Marks(label, p > 0)
+        marks.state[:], marks.busy[:] = 0, False
+        creases.snap_creases(
+            borders_of(label), marks.label, crease, lines, shift, w, x, y, table, slow, PER_METRE,
+            radius, reach, far, sweep + 1, marks.state, marks.busy,
+        )  # fmt: skip
+        assert_array_equal(marks.labels(), exact)
+    assert (exact != label).any()
