@@ -35,7 +35,7 @@ def grouped(labels, images):
     w, p, x, y = images
     shape, half = ([-(-n // side) for n in labels.shape] for side in (3, 9))
     of_cells = np.full((12, *shape), 9.0)
-    cell_moments(w, p, x, y, 3, of_cells)
+    cell_moments(w, p, x, y, of_cells)
     cell, block = np.full(shape, 9, np.int32), np.full(half, 9, np.int32)
     groups.label_cells(labels, p, cell, block, np.empty((6, 9 * half[1]), np.uint16))
     several = (block == groups.SEVERAL).sum()

@@ -172,11 +172,15 @@ def evaluator(observation: Observation, tau: Array, threads: int = 1) -> Evaluat
 
 
 def covariance_of_plane(theta: Array, covariance: Array) -> Array:
-    """Covariance of theta carried over to (normal, distance) = (-theta, 1) / |theta|."""
-    size = np.linalg.norm(theta)
-    unit = theta / size
-    jacobian = np.vstack((-(np.eye(3) - np.outer(unit, unit)) / size, -unit[None] / size**2))
-    return np.asarray(jacobian @ covariance @ jacobian.T)
+    """Covariance of theta carried over to (normal, distance) = (-theta, 1) / |theta|.
+
+    theta (..., 3) and covariance (..., 3, 3) to (..., 4, 4).
+    """
+    size = np.linalg.norm(theta, axis=-1)[..., None, None]
+    unit = theta[..., None, :] / size
+    across = np.eye(3) - np.swapaxes(unit, -1, -2) * unit
+    jacobian = np.concatenate((-across / size, -unit / size**2), axis=-2)
+    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))
 
 
 def assigned(

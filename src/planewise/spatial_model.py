@@ -86,14 +86,12 @@ def spatial_model(
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)
     place[order + 1] = np.arange(1, best + 1)
-    labels, phi = place[found.labels], book.curve[: best + 1]
+    labels, phi = np.take(place, found.labels, mode="clip"), book.curve[: best + 1]
 
     theta = found.theta[order]
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))
-    covariances = np.array(
-        [covariance_of_plane(theta[j], found.covariance[k]) for j, k in enumerate(order)]
-    ).reshape(-1, 4, 4)
+    covariances = covariance_of_plane(theta, found.covariance[order])
     with stage("describe"):
         planes = describe_image(
             frame, observation.camera, found.affine[order], rows, covariances, labels

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,8 @@ class Workspace:
         shape, dtype
             As of `numpy.empty`.
         """
-        dtype, size = np.dtype(dtype), int(np.prod(shape))
+        dtype = np.dtype(dtype)
+        size = shape if isinstance(shape, int) else math.prod(shape)
         held = self._held.get(name)
         if held is None or held.size < size or held.dtype != dtype:
             held = self._held[name] = np.empty(size, dtype)
