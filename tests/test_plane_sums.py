@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise.frame import frame_of
@@ -46,7 +46,13 @@ def test_planes_are_described_as_by_their_readings(shape, distortion):
     square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
     slow = describe(observation, rows, covariances, marks, np.zeros(marks.size), square)
     frame = frame_of(observation)
-    fast = describe_image(frame, camera, PLANES, rows, covariances, labels)
+    place = np.array([0, 2, 0, 4, 1, 3], np.uint16)
+    unranked = np.array([0, 4, 1, 5, 3], np.uint16)[labels]
+    unranked[(labels == 0) & (depth > 0) & (np.arange(shape[1]) % 3 > 0)] = 2
+    before = unranked.copy()
+    fast, ranked = describe_image(frame, camera, PLANES, rows, covariances, unranked, place)
+    assert_array_equal(ranked, labels)
+    assert_array_equal(unranked, before)
     assert fast[2].count == 0
     for a, b in zip(fast, slow, strict=True):
         assert a.count == b.count

@@ -155,7 +155,8 @@ def describe_image(
     rows: Array,
     covariances: Array,
     labels: NDArray[np.uint16],
-) -> list[Plane]:
+    place: NDArray[np.uint16],
+) -> tuple[list[Plane], NDArray[np.uint16]]:
     """`describe` for a depth image in inverse depth, without its readings one by one.
 
     Inverse depth and coordinates are in single precision there: lengths agree to 1e-6 of the depth.
@@ -173,20 +174,26 @@ def describe_image(
     covariances : ndarray, shape (N, 4, 4)
         Of the rows.
     labels : ndarray of uint16, shape (H, W)
-        0 for none and where there is no reading, j for row j - 1.
+        In any order, 0 for none and where there is no reading.
+    place : ndarray of uint16
+        What becomes of each label: j for row j - 1, 0 for none.
 
     Returns
     -------
-    list of Plane
+    planes : list of Plane
         Their information is left 0.
+    labels : ndarray of uint16, shape (H, W)
+        A new image of the labels' places.
     """
+    ranked = np.empty_like(labels)
     sums = np.empty((len(rows), 7))
     boxes = np.empty((len(rows), 4), np.int64)
     one = np.array([[1.0 / (camera.fx * camera.fy)]])
     solid = camera.pixel_area(labels.shape) if any(camera.distortion) else one
-    plane_sums(labels, frame.w, frame.x, frame.y, affine, solid, sums, boxes)
+    plane_sums(labels, place, frame.w, frame.x, frame.y, affine, solid, ranked, sums, boxes)
     sums[:, 4:6] *= UNIT / camera.fx, UNIT / camera.fy
-    return [_plane(row, covariances[j], sums[j], boxes[j]) for j, row in enumerate(rows)]
+    planes = [_plane(row, covariances[j], sums[j], boxes[j]) for j, row in enumerate(rows)]
+    return planes, ranked
 
 
 def _plane(row: Array, covariance: Array, sums: Array, box: NDArray[np.int64] | None) -> Plane:

@@ -21,12 +21,7 @@ from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
-from planewise.spatial_labels import (
-    affine_planes,
-    label_planes,
-    planes_seen,
-    residual_correlation,
-)
+from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -126,9 +121,8 @@ def segment(
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
-    return replace(
-        _compact(cells, rows, labels, np.asarray(total), observation.pixel_size), left_out=left_out
-    )
+    found = _segmentation(cells, rows, labels, np.asarray(total), observation.pixel_size)
+    return replace(found, left_out=left_out)
 
 
 @dataclass(frozen=True)
@@ -285,24 +279,19 @@ def _most_significant(
     return planes[keep], place[owner]
 
 
-def _compact(
+def _segmentation(
     cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
-    """Leave out planes that lost all their pixels, and turn w = t . (1, x, y) into theta . r."""
-    keep = planes_seen(cells, labels, len(planes))
-    if len(keep) < len(planes):
-        place = np.zeros(len(planes) + 1, np.uint16)
-        place[keep + 1] = np.arange(1, len(keep) + 1)
-        labels = place[labels]
-    affine = affine_planes(planes[keep])
+    """Turn w = t . (1, x, y) into theta . r."""
+    affine = affine_planes(planes)
     du, dv = pixel_size
     turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
-    matrix = planes[keep][:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    matrix = planes[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return Segmentation(
         theta=affine @ turn.T,
         covariance=turn @ np.linalg.inv(matrix) @ turn.T,
         labels=labels,
-        significance=worth[keep],
+        significance=worth,
         affine=affine,
         residual_correlation=residual_correlation(cells, labels, affine),
     )

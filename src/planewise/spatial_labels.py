@@ -269,14 +269,6 @@ def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
     return np.where(count[1:, None] >= _FEWEST_PURE, sums[1:], planes)
 
 
-def planes_seen(cells: Cells, labels: Labels, count: int) -> NDArray[np.intp]:
-    """Which of `count` planes have pixels."""
-    seen = np.bincount(_units_inside(cells, labels), minlength=count + 1)[1:]
-    if not seen.all():
-        seen = np.bincount(labels.reshape(-1), minlength=count + 1)[1:]
-    return np.flatnonzero(seen)
-
-
 def residual_correlation(cells: Cells, labels: Labels, affine: Array) -> Array:
     """Correlation of the residuals of cells side by side on every plane, shape (N,).
 

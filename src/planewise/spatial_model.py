@@ -86,15 +86,15 @@ def spatial_model(
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)
     place[order + 1] = np.arange(1, best + 1)
-    labels, phi = np.take(place, found.labels, mode="clip"), book.curve[: best + 1]
+    phi = book.curve[: best + 1]
 
     theta = found.theta[order]
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))
     covariances = covariance_of_plane(theta, found.covariance[order])
     with stage("describe"):
-        planes = describe_image(
-            frame, observation.camera, found.affine[order], rows, covariances, labels
+        planes, labels = describe_image(
+            frame, observation.camera, found.affine[order], rows, covariances, found.labels, place
         )
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
