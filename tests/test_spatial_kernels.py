@@ -31,25 +31,28 @@ def readings(rng, planes, label, holes=0.0):
 
 
 def cells_of(images):
-    """Moments and misfits of cells, (12, rows, columns) and (rows, columns)."""
-    shape = tuple(-(-n // cells.SIDE) for n in images[0].shape)
-    moments, misfits = np.full((12, *shape), 9.0), np.full(shape, 9.0)
-    cells.cell_moments(*images, moments)
-    cells.own_misfits(moments, misfits)
-    return moments, misfits
+    """Moments and misfits of cells, and of blocks of 2 x 2 cells."""
+    rows, columns = (-(-n // cells.SIDE) for n in images[0].shape)
+    halved = -(-rows // 2), -(-columns // 2)
+    out = [
+        np.full(shape, 9.0)
+        for shape in (
+            (rows, 12, columns),
+            (rows, columns),
+            (halved[0], 11, halved[1]),
+            halved,
+        )
+    ]
+    cells.cell_moments(*images, *out)
+    return out
 
 
 def merge(images):
-    moments, misfits = cells_of(images)
-    shape = misfits.shape
-    blocks = np.full((11, *(-(-n // 2) for n in shape)), 9.0)
-    cells.block_moments(moments, blocks)
-    together = np.empty(blocks.shape[1:])
-    cells.own_misfits(blocks, together)
-    unit, units = np.empty(shape, np.int32), np.empty((unit_count := misfits.size, 11))
-    size = np.empty(unit_count)
-    arguments = (moments, misfits, blocks, together, *MERGING.values(), unit, units, size)
-    found = cells.merge_quarters(*arguments)
+    statistics = cells_of(images)
+    misfits = statistics[1]
+    unit, units = np.empty(misfits.shape, np.int32), np.empty((misfits.size, 11))
+    size = np.empty(misfits.size)
+    found = cells.merge_quarters(*statistics, *MERGING.values(), unit, units, size)
     return unit, units[:found], size[:found]
 
 
@@ -85,7 +88,8 @@ def quilt(rng, shape, planes, pieces=5):
 def test_cell_moments_and_their_misfits(shape, dtype):
     rng = np.random.default_rng(0)
     images = [i.astype(dtype) for i in readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)]
-    moments, misfits = cells_of(images)
+    moments, misfits, _, _ = cells_of(images)
+    moments = moments.transpose(1, 0, 2)
     exact = oracles.cell_moments(*(image.astype(float) for image in images), 3)
     assert_allclose(moments[:11].reshape(11, -1).T, exact, rtol=1e-12)
     for c, row in enumerate(exact):
@@ -100,17 +104,20 @@ def test_cell_moments_and_their_misfits(shape, dtype):
 def test_block_moments(shape):
     rng = np.random.default_rng(1)
     images = readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)
-    moments, _ = cells_of(images)
-    blocks = np.full((11, *(-(-n // 6) for n in shape)), 9.0)
-    cells.block_moments(moments, blocks)
+    _, _, blocks, together = cells_of(images)
     exact = oracles.cell_moments(*images, 6)
-    assert_allclose(blocks.reshape(11, -1).T, exact, rtol=1e-12)
+    assert_allclose(blocks.transpose(1, 0, 2).reshape(11, -1).T, exact, rtol=1e-12)
+    for c, (row, misfit) in enumerate(zip(exact, together.flat, strict=True)):
+        if row[10] > 10:
+            columns = together.shape[1]
+            part = oracles.block(images, c // columns * 6, c % columns * 6, 6)
+            assert misfit == pytest.approx(oracles.misfit(*part), rel=1e-5)
 
 
-def test_a_cell_without_readings_has_no_misfit():
-    misfits = np.full((1, 2), 9.0)
-    cells.own_misfits(np.zeros((12, 1, 2)), misfits)
-    assert_array_equal(misfits, 0)
+def test_cells_without_readings_have_no_misfit():
+    images = np.zeros((4, 9, 12))
+    for out in cells_of(images)[1::2]:
+        assert_array_equal(out, 0)
 
 
 def test_the_plane_of_a_unit():

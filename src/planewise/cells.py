@@ -40,7 +40,7 @@ class Cells:
     ----------
     grid : ndarray of int32, shape (rows, columns)
         Unit of every cell of `SIDE` pixels, -1 where there is no plane.
-    moments : ndarray, shape (12, rows, columns)
+    moments : ndarray, shape (rows, 12, columns)
         Of the readings of every cell (`kernels.cells`), with the precision that the sensor says.
     rows : ndarray, shape (units, 13)
         Segment row of every unit (`kernels.cells`).
@@ -67,24 +67,32 @@ class Cells:
     error: FrameError
 
 
+def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
+    """Moments of cells and chi^2 of their planes, and the same of blocks of 2 x 2 cells.
+
+    Shapes (rows, 12, columns), (rows, columns), (rows / 2, 11, columns / 2) and (rows / 2, columns
+    / 2), rounded up.
+    """
+    rows, columns = (-(-n // SIDE) for n in frame.w.shape)
+    halved = -(-rows // 2), -(-columns // 2)
+    moments = workspace.empty("moments of cells", (rows, kernels.MOMENTS + 1, columns))
+    misfits = workspace.empty("misfits of cells", (rows, columns))
+    blocks = workspace.empty("moments of blocks", (halved[0], kernels.MOMENTS, halved[1]))
+    together = workspace.empty("misfits of blocks", halved)
+    out = moments, misfits, blocks, together
+    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, *out)
+    return out
+
+
 def cells_of(
     frame: Frame, pixel_size: tuple[float, float], workspace: Workspace | None = None
 ) -> Cells | None:
     """Cells that have a plane, their random effects integrated out; ``None`` if no cell has one."""
     workspace = workspace or Workspace()
-    height, width = frame.w.shape
-    shape = -(-height // SIDE), -(-width // SIDE)
-    moments = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
-    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, moments)
-    misfits = workspace.empty("misfits of cells", shape)
-    kernels.own_misfits(moments, misfits)
-    halved = -(-shape[0] // 2), -(-shape[1] // 2)
-    blocks = workspace.empty("moments of blocks", (kernels.MOMENTS, *halved))
-    kernels.block_moments(moments, blocks)
-    together = workspace.empty("misfits of blocks", halved)
-    kernels.own_misfits(blocks, together)
+    moments, misfits, blocks, together = moments_of(frame, workspace)
+    shape = misfits.shape
     # A quarter of the cells stands for the frame.
-    full = moments[kernels.COUNT, ::2, ::2] == SIDE * SIDE
+    full = moments[::2, kernels.COUNT, ::2] == SIDE * SIDE
     white = white_factor(misfits[::2, ::2][full], SIDE * SIDE - 3)
 
     most = shape[0] * shape[1]

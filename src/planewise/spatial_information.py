@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT, Cells
+from planewise.cells import TILT, Cells, moments_of
 from planewise.frame import Frame
 from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
@@ -148,11 +148,7 @@ def _groups(
     Adds to readings those of every label.
     """
     shape = _tiles(labels.shape, groups.SIDE)
-    if cells is None:
-        of_cells = workspace.empty("moments of cells", (kernels.MOMENTS + 1, *shape))
-        kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, of_cells)
-    else:
-        of_cells = cells.moments
+    of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
     cell = workspace.empty("labels of cells", shape, np.int32)
     block = workspace.empty("labels of blocks", _tiles(labels.shape, groups.BLOCK), np.int32)
     work = np.empty((6, groups.BLOCK * block.shape[1]), np.uint16)

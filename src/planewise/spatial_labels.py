@@ -139,7 +139,7 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty("labels of cells", (rows + 2, columns + 2), np.int16)
     apart = workspace.empty("cells beside another label", (rows, columns), np.bool_)
-    count, affine = cells.moments[COUNT], _with_none(affine_planes(planes))
+    count, affine = cells.moments[:, COUNT], _with_none(affine_planes(planes))
     label_loops.lay_out(
         cells.grid, number, count, frame.p, SIDE, coarse, apart, marks.label, marks.state
     )

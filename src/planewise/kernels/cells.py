@@ -35,71 +35,100 @@ _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
 @_compiled
-def cell_moments(w, p, x, y, moments):  # type: ignore[no-untyped-def]
-    """Moments of every cell of 3 x 3 pixels; w, p, x, y (H, W), p = 0 without a reading.
+def _row_moments(w, p, x, y, row, sums, out):  # type: ignore[no-untyped-def]
+    """Moments (12, columns) of a row of cells.
 
-    Writes moments (12, rows, columns). The pixels of a row of cells are added up column by column
-    first, a few sums at a time, so that every loop is one vector expression.
+    Pixels are added up column by column first, a few sums at a time, so that every loop is one
+    vector expression. sums (12, 3 columns) is room to work in.
     """
     height, width = w.shape
-    columns = moments.shape[2]
-    sums = np.zeros((MOMENTS + 1, SIDE * columns))
-    for row in range(moments.shape[1]):
-        sums[:] = 0.0
-        sums[PRODUCT] = 1.0
-        for i in range(row * SIDE, min((row + 1) * SIDE, height)):
-            weight, a, b, value = p[i], x[i], y[i], w[i]
-            s, t, u = sums[0], sums[1], sums[2]
-            for j in range(width):
-                q = np.float64(weight[j])
-                s[j] += q
-                t[j] += q * a[j]
-                u[j] += q * b[j]
-            s, t, u = sums[3], sums[4], sums[5]
-            for j in range(width):
-                q, qa = np.float64(weight[j]), np.float64(weight[j]) * a[j]
-                s[j] += qa * a[j]
-                t[j] += qa * b[j]
-                u[j] += q * b[j] * b[j]
-            s, t, u = sums[6], sums[7], sums[8]
-            for j in range(width):
-                q = np.float64(weight[j]) * value[j]
-                s[j] += q
-                t[j] += q * a[j]
-                u[j] += q * b[j]
-            s, t, u = sums[9], sums[COUNT], sums[PRODUCT]
-            for j in range(width):
-                v = np.float64(value[j])
-                q = weight[j] * v * v
-                s[j] += q
-                t[j] += 1.0 if weight[j] > 0.0 else 0.0
-                u[j] *= q * v * v if weight[j] > 0.0 else 1.0
-        for e in range(MOMENTS):
-            s, out = sums[e], moments[e, row]
-            for k in range(columns):
-                out[k] = s[SIDE * k] + s[SIDE * k + 1] + s[SIDE * k + 2]
-        s, out = sums[PRODUCT], moments[PRODUCT, row]
-        for k in range(columns):
-            out[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
+    sums[:] = 0.0
+    sums[PRODUCT] = 1.0
+    for i in range(row * SIDE, min((row + 1) * SIDE, height)):
+        weight, a, b, value = p[i], x[i], y[i], w[i]
+        s, t, u = sums[0], sums[1], sums[2]
+        for j in range(width):
+            q = np.float64(weight[j])
+            s[j] += q
+            t[j] += q * a[j]
+            u[j] += q * b[j]
+        s, t, u = sums[3], sums[4], sums[5]
+        for j in range(width):
+            q, qa = np.float64(weight[j]), np.float64(weight[j]) * a[j]
+            s[j] += qa * a[j]
+            t[j] += qa * b[j]
+            u[j] += q * b[j] * b[j]
+        s, t, u = sums[6], sums[7], sums[8]
+        for j in range(width):
+            q = np.float64(weight[j]) * value[j]
+            s[j] += q
+            t[j] += q * a[j]
+            u[j] += q * b[j]
+        s, t, u = sums[9], sums[COUNT], sums[PRODUCT]
+        for j in range(width):
+            v = np.float64(value[j])
+            q = weight[j] * v * v
+            s[j] += q
+            t[j] += 1.0 if weight[j] > 0.0 else 0.0
+            u[j] *= q * v * v if weight[j] > 0.0 else 1.0
+    for e in range(MOMENTS):
+        s, m = sums[e], out[e]
+        for k in range(m.size):
+            m[k] = s[SIDE * k] + s[SIDE * k + 1] + s[SIDE * k + 2]
+    s, m = sums[PRODUCT], out[PRODUCT]
+    for k in range(m.size):
+        m[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
 
 
 @_compiled
-def block_moments(moments, blocks):  # type: ignore[no-untyped-def]
-    """Moments (12, rows, columns) of cells to those of blocks of 2 x 2 of them, without product."""
-    _, rows, columns = moments.shape
+def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
+    """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, columns)."""
+    columns = upper.shape[1]
     for e in range(MOMENTS):
-        for i in range(blocks.shape[1]):
-            upper, out = moments[e, 2 * i], blocks[e, i]
-            for k in range(columns // 2):
-                out[k] = upper[2 * k] + upper[2 * k + 1]
-            if columns % 2:
-                out[columns // 2] = upper[columns - 1]
-            if 2 * i + 1 < rows:
-                lower = moments[e, 2 * i + 1]
-                for k in range(columns // 2):
-                    out[k] += lower[2 * k] + lower[2 * k + 1]
-                if columns % 2:
-                    out[columns // 2] += lower[columns - 1]
+        a, b, m = upper[e], lower[e], out[e]
+        for k in range(columns // 2):
+            m[k] = a[2 * k] + a[2 * k + 1] + b[2 * k] + b[2 * k + 1]
+        if columns % 2:
+            m[columns // 2] = a[columns - 1] + b[columns - 1]
+
+
+@_compiled
+def _row_misfits(m, out):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of every cell of a row, from its moments (11 or 12, columns)."""
+    m0, m1, m2, m3, m4, m5 = m[0], m[1], m[2], m[3], m[4], m[5]
+    m6, m7, m8, m9 = m[6], m[7], m[8], m[9]
+    for k in range(out.size):
+        there = m0[k] > 0.0
+        scale = 1.0 / (m0[k] if there else 1.0)
+        cx, cy, mean = m1[k] * scale, m2[k] * scale, m6[k] * scale
+        xx, xy, yy = m3[k] - cx * m1[k], m4[k] - cx * m2[k], m5[k] - cy * m2[k]
+        xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
+        square = m9[k] - mean * m6[k]
+        determinant = xx * yy - xy * xy
+        plane = there and determinant > 1e-9 * xx * yy
+        fitted = (yy * xw * xw - 2.0 * xy * xw * yw + xx * yw * yw) / (
+            determinant if plane else 1.0
+        )
+        out[k] = max(square - (fitted if plane else 0.0), 0.0)
+
+
+@_compiled
+def cell_moments(w, p, x, y, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+    """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
+
+    w, p, x, y (H, W), p = 0 without a reading. Writes moments (rows, 12, columns) and misfits
+    (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns /
+    2), rounded up.
+    """
+    rows, columns = misfits.shape
+    sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
+    for top in range(0, rows, 2):
+        for row in range(top, min(top + 2, rows)):
+            _row_moments(w, p, x, y, row, sums, moments[row])
+            _row_misfits(moments[row], misfits[row])
+        lower = moments[top + 1] if top + 1 < rows else nothing
+        _pair_up(moments[top], lower, blocks[top // 2])
+        _row_misfits(blocks[top // 2], together[top // 2])
 
 
 @_compiled
@@ -118,49 +147,26 @@ def _own_plane(m):  # type: ignore[no-untyped-def]
 
 
 @_compiled
-def own_misfits(moments, out):  # type: ignore[no-untyped-def]
-    """chi^2 of the best plane of every cell: moments (12, rows, columns), out (rows, columns)."""
-    for i in range(out.shape[0]):
-        m, o = moments[:, i], out[i]
-        m0, m1, m2, m3, m4, m5, m6, m7, m8, m9 = (
-            m[0], m[1], m[2], m[3], m[4], m[5], m[6], m[7], m[8], m[9],
-        )  # fmt: skip
-        for k in range(o.size):
-            there = m0[k] > 0.0
-            scale = 1.0 / (m0[k] if there else 1.0)
-            cx, cy, mean = m1[k] * scale, m2[k] * scale, m6[k] * scale
-            xx, xy, yy = m3[k] - cx * m1[k], m4[k] - cx * m2[k], m5[k] - cy * m2[k]
-            xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
-            square = m9[k] - mean * m6[k]
-            determinant = xx * yy - xy * xy
-            plane = there and determinant > 1e-9 * xx * yy
-            fitted = (yy * xw * xw - 2.0 * xy * xw * yw + xx * yw * yw) / (
-                determinant if plane else 1.0
-            )
-            o[k] = max(square - (fitted if plane else 0.0), 0.0)
-
-
-@_compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
     moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
 ):
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
-    moments (12, rows, columns), misfits (rows, columns): of cells; blocks, together: of 2 x 2 of
+    moments (rows, 12, columns), misfits (rows, columns): of cells; blocks, together: of 2 x 2 of
     them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
     planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
     is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
     of every cell or -1; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or
     1. Returns the number of units, or -1 if they are more than n.
     """
-    _, rows, columns = moments.shape
+    rows, _, columns = moments.shape
     full = float(SIDE * SIDE)
     found = 0
-    for row in range(blocks.shape[1]):
+    for row in range(blocks.shape[0]):
         for column in range(blocks.shape[2]):
             top, left = 2 * row, 2 * column
             bottom, right = min(top + 2, rows), min(left + 2, columns)
-            freedom = blocks[COUNT, row, column] - 3.0
+            freedom = blocks[row, COUNT, column] - 3.0
             chi2 = together[row, column]
             whole = freedom + 3.0 >= 4 * filled * full and chi2 <= hopeless * white * freedom
             if whole and chi2 > white * freedom:
@@ -176,12 +182,12 @@ def merge_quarters(  # type: ignore[no-untyped-def]
             if whole:
                 out = units[found]
                 for e in range(COUNT):
-                    out[e] = blocks[e, row, column] / white
-                out[COUNT] = blocks[COUNT, row, column]
+                    out[e] = blocks[row, e, column] / white
+                out[COUNT] = blocks[row, COUNT, column]
                 size[found] = 2.0
             for i in range(top, bottom):
                 for j in range(left, right):
-                    count = moments[COUNT, i, j]
+                    count = moments[i, COUNT, j]
                     unit[i, j] = -1
                     if whole:
                         if count > 0.0:
@@ -192,7 +198,7 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                         unit[i, j] = found
                         out = units[found]
                         for e in range(COUNT):
-                            out[e] = moments[e, i, j] / white
+                            out[e] = moments[i, e, j] / white
                         out[COUNT] = count
                         size[found] = 1.0
                         found += 1

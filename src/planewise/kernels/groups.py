@@ -80,7 +80,7 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
 @_compiled
 def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings):  # type: ignore[no-untyped-def]
     """Moments and labels of row i of the blocks with one label: sums over cells."""
-    rows, columns = cells.shape[1:]
+    rows, _, columns = cells.shape
     wide = block.shape[1]
     start = i * wide
     for e in range(NORM):
@@ -88,7 +88,7 @@ def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings
         for j in range(columns):
             line[j] = 0.0
         for a in range(3 * i, min(3 * i + 3, rows)):
-            row = cells[e, a]
+            row = cells[a, e]
             for j in range(columns):
                 line[j] += row[j]
         out = moments[e, start : start + wide]
@@ -104,7 +104,7 @@ def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings
         total, product, factors = 0.0, 1.0, 0
         for a in range(3 * i, min(3 * i + 3, rows)):
             for b in range(3 * j, min(3 * j + 3, columns)):
-                product *= cells[PRODUCT, a, b]
+                product *= cells[a, PRODUCT, b]
                 factors += 1
                 if factors % 2 == 0:  # that of more cells may be too large for a double
                     total += math.log(product)
@@ -148,7 +148,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
 ):
     """Moments and labels of all groups.
 
-    cells (12, rows, columns): moments of cells; white: noise of the frame against its description;
+    cells (rows, 12, columns): moments of cells; white: noise of the frame against its description;
     constant: ln(2 pi white / eps^2). Writes first (blocks with several labels + 1,), where the
     groups of each begin and end; adds to readings (N + 1,) those of every label.
     """
@@ -172,8 +172,8 @@ def sum_groups(  # type: ignore[no-untyped-def]
                         k = _place(names, found, cell[a, b])
                         found = max(found, k + 1)
                         for e in range(NORM):
-                            sums[k, e] += cells[e, a, b]
-                        sums[k, NORM] += math.log(cells[PRODUCT, a, b])
+                            sums[k, e] += cells[a, e, b]
+                        sums[k, NORM] += math.log(cells[a, PRODUCT, b])
                     elif cell[a, b] == SEVERAL:
                         for v in range(SIDE * a, min(SIDE * (a + 1), height)):
                             for u in range(SIDE * b, min(SIDE * (b + 1), width)):
