@@ -8,15 +8,14 @@ where there is none.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.jit import in_order
 
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
-@_compiled
+@in_order
 def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: ignore[no-untyped-def]
     """chi^2 per degree of freedom by steepness.
 
@@ -44,7 +43,7 @@ def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: igno
                 seen += 1
 
 
-@_compiled
+@in_order
 def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # type: ignore[no-untyped-def]
     """w_middle - t w_left - (1 - t) w_right of three cells in a row, `lag` cells apart.
 
@@ -75,7 +74,7 @@ def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # ty
     return found
 
 
-@_compiled
+@in_order
 def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  # type: ignore[no-untyped-def]
     """Disagreement of cells side by side: in slope, and where they meet, half-way between them.
 
@@ -119,7 +118,7 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
     return found
 
 
-@_compiled
+@in_order
 def bisect(square, own, added, share, reference, low, high, steps):  # type: ignore[no-untyped-def]
     """The factor at which a quantile of square / (own + factor added) is the reference.
 

@@ -6,12 +6,11 @@ Depths are told apart by their level: the raw value of integer depth, round(per_
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+from planewise.kernels.jit import in_order
 
 
-@_compiled
+@in_order
 def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
     """seen[v] = 1 for every value low <= v <= high of raw (H, W).
 
@@ -29,7 +28,7 @@ def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
     return count, present
 
 
-@_compiled
+@in_order
 def mark_depths(z, low, high, per_metre, reading):  # type: ignore[no-untyped-def]
     """Write one depth of every level into reading.
 
@@ -48,7 +47,7 @@ def mark_depths(z, low, high, per_metre, reading):  # type: ignore[no-untyped-de
     return count, present, negative
 
 
-@_compiled
+@in_order
 def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-def]
     """Inverse depth w and its precision p (H, W) from tables by level, 0 for no reading."""
     last = precision.size - 1
@@ -60,7 +59,7 @@ def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-de
             p[i, j] = precision[level]
 
 
-@_compiled
+@in_order
 def look_up_depths(z, low, high, per_metre, precision, w, p):  # type: ignore[no-untyped-def]
     """`look_up_levels` for metres, of which low <= z <= high are readings."""
     for i in range(z.shape[0]):

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, inlined
 
 _STEP = 16  # pixels that are compared with a run's label at a time
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@inlined
 def _end_of_run(row, start):  # type: ignore[no-untyped-def]
     """First pixel after `start` in a row of labels that has another label."""
     label, end = row[start], start + 1
@@ -27,7 +25,7 @@ def _end_of_run(row, start):  # type: ignore[no-untyped-def]
     return end
 
 
-@_compiled
+@compiled
 def plane_sums(labels, place, w, x, y, planes, solid, ranked, sums, boxes):  # type: ignore[no-untyped-def]
     """Rank labels, and sum over the readings of every plane w = t0 + t1 x + t2 y.
 

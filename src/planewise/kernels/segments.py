@@ -6,19 +6,17 @@ A segment is a row as `kernels.cells` lays it out; joining segments is adding ro
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
 from planewise.kernels.forms import FORM, W, compare_forms, discord_of, write_form
+from planewise.kernels.jit import compiled, internal
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
-@_compiled
+@internal
 def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     """Enter an item into a heap whose top is the largest key; returns the new size."""
     i = size
@@ -29,14 +27,14 @@ def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     return size + 1
 
 
-@_compiled
+@internal
 def _pop(keys, items, size):  # type: ignore[no-untyped-def]
     """Take the top off a heap; returns the new size."""
     _replace(keys, items, size - 1, keys[size - 1], items[size - 1])
     return size - 1
 
 
-@_compiled
+@internal
 def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     """Put another item in place of the top of a heap."""
     i = 0
@@ -51,7 +49,7 @@ def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     keys[i], items[i] = key, item
 
 
-@_compiled
+@internal
 def _tempered(discord, count):  # type: ignore[no-untyped-def]
     """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
 
@@ -62,7 +60,7 @@ def _tempered(discord, count):  # type: ignore[no-untyped-def]
     return (nu + 3.0) * np.log(1.0 + discord / nu)
 
 
-@_compiled
+@internal
 def _merge_gain(segments, forms, u, v, boundary, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
     """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
 
@@ -74,7 +72,7 @@ def _merge_gain(segments, forms, u, v, boundary, offset_prior, slope_prior, most
     return min(evidence, most) - 0.5 * misfit + boundary, misfit
 
 
-@_compiled
+@internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u."""
     share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
@@ -85,7 +83,7 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     write_form(segments[u], drift[u], forms[u])
 
 
-@_compiled
+@compiled
 def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root):  # type: ignore[no-untyped-def]
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
@@ -140,7 +138,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
         root[k] = top
 
 
-@_compiled
+@compiled
 def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Move the rows of roots to the front, and say in root (n,) where. Returns how many."""
     found = 0
@@ -148,8 +146,11 @@ def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type
     for k in range(root.size):
         if root[k] == k:
             place[k] = found
-            segments[found] = segments[k]
-            forms[found] = forms[k]
+            # Written out: assigning rows would compile checks of their shapes.
+            for e in range(SEGMENT):
+                segments[found, e] = segments[k, e]
+            for e in range(FORM):
+                forms[found, e] = forms[k, e]
             drift[found] = drift[k]
             offset_prior[found] = offset_prior[k]
             slope_prior[found] = slope_prior[k]
@@ -164,7 +165,7 @@ def room(sides: int, segments: int) -> tuple[int, int]:
     return 10 * sides + 16 + 5 * segments, 7 * sides + 16
 
 
-@_compiled
+@compiled
 def agglomerate(  # type: ignore[no-untyped-def]
     unit,
     discords,
@@ -339,7 +340,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         root[u] = top
 
 
-@_compiled
+@internal
 def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
     """Nats saved by making two segments that do not touch one plane."""
     small = i if segments[i, COUNT] < segments[j, COUNT] else j
@@ -348,7 +349,7 @@ def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ign
     return evidence - 0.5 * discord - naming, discord
 
 
-@_compiled
+@compiled
 def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
