@@ -106,7 +106,7 @@ def segment(
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    with stage("segments"):
+    with stage("segments"), workspace.stage():
         segments, discords = _agglomerate(cells, cost, workspace)
         accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
         planes, owner = _join_through_gaps(segments, accepted, instances)
@@ -115,7 +115,7 @@ def segment(
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    with stage("labels"):
+    with stage("labels"), workspace.stage():
         rows, labels = label_planes(
             frame, cells, segments.of_unit, accepted, planes, owner, observation, workspace
         )
@@ -162,7 +162,7 @@ class Segments:
 
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
         """Segment of every cell of a grid of units, -1 where there is none."""
-        out: NDArray[np.int32] = workspace.empty("segments of cells", grid.shape, np.int32)
+        out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
         np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
         return out
 
@@ -173,23 +173,23 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     Returns the discord across every side that two units share, too: to the right, and below.
     """
     count = len(cells.rows)
-    forms = workspace.empty("forms of units", (count, comparing.FORM))
+    forms = workspace.empty((count, comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
-    free = workspace.empty("prices of units", count)
+    free = workspace.empty(count)
     comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
     free += _FITTED_AWAY
     free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
     segments = Segments(
-        rows=workspace.copy("segments", cells.rows),
-        forms=workspace.copy("forms of segments", forms),
+        rows=workspace.copy(cells.rows),
+        forms=workspace.copy(forms),
         drift=cells.drift.copy(),
         offset_prior=cells.offset_prior.copy(),
         slope_prior=cells.slope_prior.copy(),
         of_unit=np.arange(count, dtype=np.int32),
     )
     segments.rows[:, FREE] = free
-    right = workspace.empty("discords to the right", cells.squares.shape)
-    below = workspace.empty("discords below", cells.squares.shape)
+    right = workspace.empty(cells.squares.shape)
+    below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
     root = np.empty(count, np.int32)
     merging.join_blocks(
@@ -204,7 +204,7 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
         root,
     )
     segments = segments.kept(root)
-    discords = workspace.empty("discords", (2, *cells.grid.shape))
+    discords = workspace.empty((2, *cells.grid.shape))
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
@@ -221,8 +221,8 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
         segments.slope_prior,
         cost,
         root,
-        workspace.empty("edges", ints, np.int32),
-        workspace.empty("gains of edges", floats),
+        workspace.empty(ints, np.int32),
+        workspace.empty(floats),
     )
     return segments.kept(root), discords
 
@@ -238,8 +238,8 @@ def _accept(
     """Segments that pay for being a plane, best first, and what each saves in nats."""
     rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
     border = np.empty(len(rows))
-    ends = workspace.empty("sides of segments", (2 * of_cell.size, 2), np.int32)
-    nats = workspace.empty("nats of sides", 2 * of_cell.size)
+    ends = workspace.empty((2 * of_cell.size, 2), np.int32)
+    nats = workspace.empty(2 * of_cell.size)
     found = borders.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     accepted = np.empty(len(rows), np.bool_)

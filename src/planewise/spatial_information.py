@@ -24,13 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT, Cells, moments_of
+from planewise.cells import Cells, moments_of
 from planewise.frame import Frame
 from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
 from planewise.kernels import groups
+from planewise.kernels.frame_error import TILT
 from planewise.mask_code import prefix_mask_information
 from planewise.workspace import Workspace
 
@@ -115,7 +116,7 @@ def ledger(
     coordinate = coordinate_information(range, resolution)
     slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2
     prior = (slopes, _SURFACE * coordinate, coordinate)
-    alone, data = workspace.empty("nats of groups", (2, moments.shape[1]))
+    alone, data = workspace.empty((2, moments.shape[1]))
     worth, leaving = np.zeros((2, planes + 1))
     table = frame.table
     total = loops.group_data(
@@ -149,15 +150,15 @@ def _groups(
     """
     shape = _tiles(labels.shape, groups.SIDE)
     of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
-    cell = workspace.empty("labels of cells", shape, np.int32)
-    block = workspace.empty("labels of blocks", _tiles(labels.shape, groups.BLOCK), np.int32)
+    cell = workspace.empty(shape, np.int32)
+    block = workspace.empty(_tiles(labels.shape, groups.BLOCK), np.int32)
     work = np.empty((6, groups.BLOCK * block.shape[1]), np.uint16)
     groups.label_cells(labels, frame.p, cell, block, work)
     several = int(np.count_nonzero(block == groups.SEVERAL))
     # Of the cells of a block, each with one label adds at most one group.
     most = groups.SIDE**2 * (several + int(np.count_nonzero(cell == groups.SEVERAL)))
-    moments = workspace.empty("moments of groups", (groups.NORM + 1, block.size + most))
-    label = workspace.empty("labels of groups", block.size + most, np.uint16)
+    moments = workspace.empty((groups.NORM + 1, block.size + most))
+    label = workspace.empty(block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))
     first = np.empty(several + 1, np.int32)
     groups.sum_groups(

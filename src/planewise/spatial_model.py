@@ -52,10 +52,10 @@ def spatial_model(
     PlaneModel
         With exact Phi of its planes and labels.
     """
-    size = observation.pixel_size
+    workspace, size = workspace or Workspace(), observation.pixel_size
     with stage("frame"):
         frame = frame_of(observation, workspace)
-    with stage("cells"):
+    with stage("cells"), workspace.stage():
         cells = cells_of(frame, size, workspace)
     found = segment(
         observation,
@@ -67,7 +67,7 @@ def spatial_model(
         workspace=workspace,
     )
 
-    with stage("ledger"):
+    with stage("ledger"), workspace.stage():
         book = ledger(
             frame,
             cells,

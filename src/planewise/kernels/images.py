@@ -70,3 +70,20 @@ def look_up_depths(z, low, high, per_metre, precision, w, p):  # type: ignore[no
                 depth = np.float64(row[j])
                 w[i, j] = 1.0 / depth
                 p[i, j] = precision[int(per_metre * depth + 0.5)]
+
+
+@in_order
+def fill_between(levels, values, table):  # type: ignore[no-untyped-def]
+    """Values (E, n) at levels to a table (E, .) of all levels: linear between, constant beyond."""
+    last = levels.size - 1
+    for e in range(values.shape[0]):
+        row = table[e]
+        for k in range(levels[0]):
+            row[k] = values[e, 0]
+        for n in range(last):
+            low, rise = values[e, n], values[e, n + 1] - values[e, n]
+            gap = levels[n + 1] - levels[n]
+            for k in range(gap):
+                row[levels[n] + k] = low + rise * (k / gap)
+        for k in range(levels[last], row.size):
+            row[k] = values[e, last]

@@ -11,6 +11,7 @@ from typing import Any
 
 from numba import njit
 
+_njit: Any = njit  # its types know fewer options than it has
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _IN_ORDER = {"contract", "nsz"}
 _OPTIONS: dict[str, Any] = {
@@ -20,17 +21,17 @@ _OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
 }
 
-compiled = njit(**_OPTIONS, fastmath=_FAST)
+compiled = _njit(**_OPTIONS, fastmath=_FAST)
 """Sums may be taken in any order, which lets them be vector code."""
 
-in_order = njit(**_OPTIONS, fastmath=_IN_ORDER)
+in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER)
 """Sums are taken in the order in which they are written."""
 
-internal = njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True)
+internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True)
 """`compiled` for what only other loops call."""
 
-internal_in_order = njit(**_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True)
+internal_in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True)
 """`in_order` for what only other loops call."""
 
-inlined = njit(inline="always")
+inlined = _njit(inline="always")
 """Part of its caller: for what is called in one place, or has to be vector code there."""
