@@ -30,7 +30,7 @@ def readings(rng, planes, label, holes=0.0):
     return np.where(p > 0, w, 0), p, x, y
 
 
-def cells_of(images):
+def cells_of(images, straight=False):
     """Moments and misfits of cells, and of blocks of 2 x 2 cells."""
     rows, columns = (-(-n // cells.SIDE) for n in images[0].shape)
     halved = -(-rows // 2), -(-columns // 2)
@@ -43,7 +43,7 @@ def cells_of(images):
             halved,
         )
     ]
-    cells.cell_moments(*images, *out)
+    cells.cell_moments(*images, straight, *out)
     return out
 
 
@@ -112,6 +112,15 @@ def test_block_moments(shape):
             columns = together.shape[1]
             part = oracles.block(images, c // columns * 6, c % columns * 6, 6)
             assert misfit == pytest.approx(oracles.misfit(*part), rel=1e-5)
+
+
+def test_only_one_row_of_coordinates_is_read_where_all_are_alike():
+    rng = np.random.default_rng(1)
+    w, p, x, y = readings(rng, PLANES, quilt(rng, (13, 20), 3), holes=0.2)
+    whole = cells_of((w, p, x, y))
+    x[1:], y[:, 1:] = np.nan, np.nan
+    for a, b in zip(whole, cells_of((w, p, x, y), straight=True), strict=True):
+        assert_array_equal(a, b)
 
 
 def test_cells_without_readings_have_no_misfit():

@@ -80,7 +80,7 @@ def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array,
     blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
     together = workspace.empty(halved)
     out = moments, misfits, blocks, together
-    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, *out)
+    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, frame.straight, *out)
     return out
 
 

@@ -61,6 +61,8 @@ class Frame:
         Inverse depth in 1 / m, and one over the variance of what is new in every reading.
     x, y : ndarray of float32
         Undistorted pixel coordinates about the principal point, divided by 100.
+    straight : bool
+        Whether `x` is the same in every row and `y` in every column.
     table : ErrorTable
         All parts of the error.
     known : bool
@@ -74,6 +76,7 @@ class Frame:
     p: Image
     x: Image
     y: Image
+    straight: bool
     table: ErrorTable
     known: bool
     resolution: float
@@ -102,7 +105,14 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
     fill_between(image.levels, by_level, table)
     x, y = _pixel_coordinates(observation.camera, image.shape)
     return Frame(
-        w, p, x, y, ErrorTable(image.per_metre, *table), parts is not None, observation.resolution
+        w=w,
+        p=p,
+        x=x,
+        y=y,
+        straight=not any(observation.camera.distortion),
+        table=ErrorTable(image.per_metre, *table),
+        known=parts is not None,
+        resolution=observation.resolution,
     )
 
 

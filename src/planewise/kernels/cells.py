@@ -33,17 +33,21 @@ PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
 
 
 @inlined
-def _row_moments(w, p, x, y, row, sums, out):  # type: ignore[no-untyped-def]
+def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no-untyped-def]
     """Moments (12, columns) of a row of cells.
 
     Pixels are added up column by column first, a few sums at a time, so that every loop is one
-    vector expression. sums (12, 3 columns) is room to work in.
+    vector expression. sums (12, 3 columns) and line (W,) are room to work in.
     """
     height, width = w.shape
     sums[:] = 0.0
     sums[PRODUCT] = 1.0
     for i in range(row * SIDE, min((row + 1) * SIDE, height)):
-        weight, a, b, value = p[i], x[i], y[i], w[i]
+        weight, value = p[i], w[i]
+        a, b = x[0 if straight else i], y[i]
+        if straight:
+            line[:] = y[i, 0]
+            b = line
         s, t, u = sums[0], sums[1], sums[2]
         for j in range(width):
             q = np.float64(weight[j])
@@ -111,18 +115,20 @@ def _row_misfits(m, out):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def cell_moments(w, p, x, y, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
     """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
 
-    w, p, x, y (H, W), p = 0 without a reading. Writes moments (rows, 12, columns) and misfits
+    w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
+    in every column, of which only the first need then be read. Writes moments (rows, 12, columns) and misfits
     (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns /
     2), rounded up.
     """
     rows, columns = misfits.shape
     sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
+    line = np.empty(w.shape[1], y.dtype)
     for top in range(0, rows, 2):
         for row in range(top, min(top + 2, rows)):
-            _row_moments(w, p, x, y, row, sums, moments[row])
+            _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
             _row_misfits(moments[row], misfits[row])
         lower = moments[top + 1] if top + 1 < rows else nothing
         _pair_up(moments[top], lower, blocks[top // 2])
