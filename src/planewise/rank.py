@@ -190,7 +190,9 @@ def describe_image(
     boxes = np.empty((len(rows), 4), np.int64)
     one = np.array([[1.0 / (camera.fx * camera.fy)]])
     solid = camera.pixel_area(labels.shape) if any(camera.distortion) else one
-    plane_sums(labels, place, frame.w, frame.x, frame.y, affine, solid, ranked, sums, boxes)
+    plane_sums(
+        labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ranked, sums, boxes
+    )
     sums[:, 4:6] *= UNIT / camera.fx, UNIT / camera.fy
     planes = [_plane(row, covariances[j], sums[j], boxes[j]) for j, row in enumerate(rows)]
     return planes, ranked

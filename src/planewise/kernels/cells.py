@@ -119,9 +119,9 @@ def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # t
     """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
 
     w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
-    in every column, of which only the first need then be read. Writes moments (rows, 12, columns) and misfits
-    (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns /
-    2), rounded up.
+    in every column, of which only the first need then be read. Writes moments (rows, 12, columns)
+    and misfits (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2,
+    columns / 2), rounded up.
     """
     rows, columns = misfits.shape
     sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
