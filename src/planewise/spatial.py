@@ -178,7 +178,8 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     free = workspace.empty(count)
     comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
     free += _FITTED_AWAY
-    free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
+    readings = cells.rows[:, COUNT].astype(np.intp)
+    free *= ((np.arange(readings.max() + 1) / _WHOLE) ** _SHARE_POWER)[readings]
     segments = Segments(
         rows=workspace.copy(cells.rows),
         forms=workspace.copy(forms),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
@@ -94,7 +93,16 @@ def spatial_model(
     covariances = covariance_of_plane(theta, found.covariance[order])
     with stage("describe"):
         planes, labels = describe_image(
-            frame, observation.camera, found.affine[order], rows, covariances, found.labels, place
+            frame,
+            observation.camera,
+            found.affine[order],
+            rows,
+            covariances,
+            found.labels,
+            place,
+            information=book.worth.tolist(),
+            significance=found.significance[order].tolist(),
+            residual_correlation=found.residual_correlation[order].tolist(),
         )
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
@@ -106,15 +114,7 @@ def spatial_model(
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
         labels=labels,
-        planes=tuple(
-            replace(
-                plane,
-                information=float(book.worth[j]),
-                significance=float(found.significance[order[j]]),
-                residual_correlation=float(found.residual_correlation[order[j]]),
-            )
-            for j, plane in enumerate(planes)
-        ),
+        planes=tuple(planes),
         information=float(phi[-1]),
         curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
         readings=observation.count,
