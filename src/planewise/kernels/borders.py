@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from planewise.kernels.cells import SIDE
-from planewise.kernels.forms import discord_of
+from planewise.kernels.forms import compare_forms
 from planewise.kernels.jit import in_order
 
 
@@ -45,7 +45,7 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
                     squares = right if k == 0 else below
                     out[k, i, j] = squares[i // 2, j // 2]
                 else:
-                    out[k, i, j] = discord_of(forms[u], forms[v])
+                    out[k, i, j] = compare_forms(forms[u], forms[v], 0.0, 0.0)[0]
     return found
 
 

@@ -99,17 +99,6 @@ def _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22):  # type: ignore[no-u
 
 
 @compiled
-def discord_of(a, b):  # type: ignore[no-untyped-def]
-    """delta' C^-1 delta of two forms."""
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
-    )  # fmt: skip
-    form = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
-    return form / _determinant(c00, c01, c02, c11, c12, c22)
-
-
-@compiled
 def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
 

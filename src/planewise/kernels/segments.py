@@ -9,7 +9,7 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.forms import FORM, W, compare_forms, discord_of, write_form
+from planewise.kernels.forms import FORM, W, compare_forms, write_form
 from planewise.kernels.jit import compiled, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
@@ -111,7 +111,10 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                 if step == 1:
                     upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
                 else:
-                    upper, lower = discord_of(forms[a], forms[b]), discord_of(forms[c], forms[d])
+                    upper, lower = (
+                        compare_forms(forms[a], forms[b], 0.0, 0.0)[0],
+                        compare_forms(forms[c], forms[d], 0.0, 0.0)[0],
+                    )
                 if upper > limit or lower > limit:
                     continue
                 for e in range(SEGMENT):
@@ -119,7 +122,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                     halves[1, e] = segments[c, e] + segments[d, e]
                 write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
                 write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
-                both = discord_of(shape[0], shape[1])
+                both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
                 if both > limit:
                     continue
                 misfit = _tempered(both, halves[1, COUNT])
