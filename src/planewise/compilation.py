@@ -16,6 +16,7 @@ from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
+_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody waits for them
 
 
 def cache_directory() -> Path:
@@ -42,10 +43,11 @@ def announce() -> None:
     _LOG.warning("compiling for this machine, once (some 10 s) ...")
     if available() > 1 and sys.executable and not os.environ.get(_HELPED):
         with contextlib.suppress(OSError):
-            subprocess.Popen(
+            helper = subprocess.Popen(
                 [sys.executable, "-m", "planewise.warm_up"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
                 env=os.environ | {_HELPED: "1"},
             )
+            _helpers.append(helper)
