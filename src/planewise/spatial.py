@@ -30,7 +30,7 @@ Labels = NDArray[np.uint16]
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
-_PLANE_BORDER = (0.01, 1.5, 20.0)  # that a plane has to pay for
+_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
 _PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its border
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
