@@ -9,6 +9,7 @@ import numpy as np
 from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
+from planewise.information import plane_information
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe_image
@@ -17,6 +18,7 @@ from planewise.spatial_information import ledger
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
+_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _MANY = 100  # readings that could show a plane
 
 
@@ -78,14 +80,16 @@ def spatial_model(
             workspace,
         )
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
-    best = int(np.argmin(book.curve))
+    least = _LEAST * plane_information(3, observation.range, observation.resolution)
+    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
+    best = int(np.argmin(curve))
     if best < len(book.order):
         # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)
     place[order + 1] = np.arange(1, best + 1)
-    phi = book.curve[: best + 1]
+    phi = curve[: best + 1]
 
     theta = found.theta[order]
     length = np.linalg.norm(theta, axis=1, keepdims=True)
@@ -116,7 +120,7 @@ def spatial_model(
         labels=labels,
         planes=tuple(planes),
         information=float(phi[-1]),
-        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        curve=Curve(information=curve, chosen=best, reason=reason, moves=tuple(moves)),
         readings=observation.count,
         prefix=tuple(phi.tolist()),
         search="joint",

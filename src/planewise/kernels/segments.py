@@ -387,3 +387,20 @@ def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  
                 gain[a, b], discord[a, b] = _saved(
                     segments, forms, slope_prior, gap_offset, naming, a, b
                 )
+
+
+@_compiled
+def find_planes(segments, forms, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
+    """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
+
+    As `join_through_gaps`, but what is joined changes neither the planes nor what else joins them.
+    Writes plane (n - planes,): the one that saves most, -1 where none saves anything.
+    """
+    naming = np.log(planes)
+    for j in range(planes, segments.shape[0]):
+        plane[j - planes] = -1
+        most = 0.0
+        for i in range(planes):
+            gain, _ = _saved(segments, forms, slope_prior, gap_offset, naming, i, j)
+            if gain > most:
+                most, plane[j - planes] = gain, i
