@@ -389,7 +389,7 @@ def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  
                 )
 
 
-@_compiled
+@compiled
 def find_planes(segments, forms, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
     """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
 
