@@ -38,10 +38,10 @@ def _pop(keys, items, size):  # type: ignore[no-untyped-def]
 def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     """Put another item in place of the top of a heap."""
     i = 0
+    keys[size] = -np.inf  # there is room: then every child has a brother
     while 2 * i + 1 < size:
         child = 2 * i + 1
-        if child + 1 < size and keys[child + 1] > keys[child]:
-            child += 1
+        child += keys[child + 1] > keys[child]
         if keys[child] <= key:
             break
         keys[i], items[i] = keys[child], items[child]
