@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from itertools import islice
@@ -140,53 +140,68 @@ def long_run(frame: Frame, restarts: int, seconds: float, seed: int = 0) -> Resu
     return min(runs, key=lambda run: run.best.phi)
 
 
-def frames(folder: Path, most: int) -> Iterator[LabelledFrame]:
-    """Frames of all sets that are at hand; says which are not."""
+def frames(folder: Path, most: int) -> Iterator[tuple[str, LabelledFrame]]:
+    """Frames of all sets that are at hand, with their set; says which are not."""
     for name, count in SETS.items():
         try:
-            yield from islice(frames_of(name, folder), min(count, most))
+            for each in islice(frames_of(name, folder), min(count, most)):
+                yield name, each
         except AbsentError as reason:
             print(f"{name} was skipped: {reason}")
 
 
-def scored(labelled: LabelledFrame, solution: Solution) -> dict[str, float]:
-    """Scores of a solution's labels."""
-    depth = np.nan_to_num(np.asarray(labelled.frame.depth, np.float64))
-    return evaluate(solution.labels, labelled.truth, valid=depth > 0).row()
+def figures(labelled: LabelledFrame, run: Result) -> dict[str, float]:
+    """Gaps; number of planes, VOI and F1 of the default and of the best."""
+    out = {"gap": run.gap, "unsaved": run.unsaved}
+    valid = np.nan_to_num(np.asarray(labelled.frame.depth, np.float64)) > 0
+    for name, solution in (("default", run.default), ("best", run.best)):
+        scores = evaluate(solution.labels, labelled.truth, valid=valid).row()
+        out[f"{name} planes"] = len(solution)
+        out[f"{name} VOI"], out[f"{name} F1"] = scores["voi_labelled"], scores["f1@0.5"]
+    return out
 
 
-def table(labelled: Iterable[LabelledFrame], restarts: int, seconds: float) -> None:
-    """Print one row a frame, means, and what each move gained."""
-    print(
-        "| frame | Phi, no plane | default | best | gap, % of Phi | % of what planes save "
-        "| planes | best | VOI | best | F1@.5 | best | from | most by |\n|---|" + 13 * "---:|"
-    )
-    gaps: list[tuple[float, float]] = []
+def cells_of_row(values: Mapping[str, float], digits: int) -> str:
+    """Figures as cells of a table, planes with so many digits."""
+    cells = [f"{values['gap']:.3f} | {values['unsaved']:.2f}"]
+    for name, places in (("planes", digits), ("VOI", 3), ("F1", 3)):
+        cells += [f"{values[f'{which} {name}']:.{places}f}" for which in ("default", "best")]
+    return " | ".join(cells)
+
+
+_HEAD = (
+    "gap, % of Phi | % of what planes save | planes | best | VOI | best | F1@.5 | best |",
+    8 * "---:|",
+)
+
+
+def table(labelled: Iterable[tuple[str, LabelledFrame]], restarts: int, seconds: float) -> None:
+    """Print one row a frame, means by set, and what each move gained."""
+    print(f"| frame | no plane | default | best | {_HEAD[0]} from | most by |")
+    print(f"|---|---:|---:|---:|{_HEAD[1]}---|---|")
+    found: dict[str, list[dict[str, float]]] = {}
     shares: Gains = {}
-    for each in labelled:
+    for name, each in labelled:
         run = long_run(each.frame, restarts, seconds)
-        scores = [scored(each, solution) for solution in (run.default, run.best)]
-        pairs = [
-            f"{scores[0][key]:.3f} | {scores[1][key]:.3f}" for key in ("voi_labelled", "f1@0.5")
-        ]
+        found.setdefault(name, []).append(figures(each, run))
         move, nats = max(run.gains.items(), key=lambda item: item[1])
         print(
             f"| {each.frame.name} | {run.empty:.0f} | {run.default.phi:.0f} | {run.best.phi:.0f} "
-            f"| {run.gap:.3f} | {run.unsaved:.2f} | {len(run.default)} | {len(run.best)} "
-            f"| {' | '.join(pairs)} | {run.start} | {move}: {nats:.0f} |",
+            f"| {cells_of_row(found[name][-1], 0)} | {run.start} | {move}: {nats:.0f} |",
             flush=True,
         )
-        gaps.append((run.gap, run.unsaved))
-        for name, nats in run.gains.items():
-            shares[name] = shares.get(name, 0.0) + 100 * nats / abs(run.best.phi)
-    if not gaps:
+        for kind, gained in run.gains.items():
+            shares[kind] = shares.get(kind, 0.0) + 100 * gained / abs(run.best.phi)
+    every = [values for rows in found.values() for values in rows]
+    if not every:
         return
-    mean, unsaved = np.mean(gaps, axis=0)
-    median = np.median(gaps, axis=0)[0]
-    print(f"\n{len(gaps)} frames, gap: mean {mean:.3f} %, median {median:.3f} % of Phi, ", end="")
-    print(f"{unsaved:.2f} % of what planes save.\n\n| move | gain, % of Phi |\n|---|---:|")
-    for name, share in sorted(shares.items(), key=lambda item: -item[1]):
-        print(f"| {name} | {share / len(gaps):.4f} |")
+    print(f"\n| frames | n | {_HEAD[0]}\n|---|---:|{_HEAD[1]}")
+    for name, rows in (*found.items(), ("all", every)):
+        means = {key: float(np.mean([values[key] for values in rows])) for key in rows[0]}
+        print(f"| {name} | {len(rows)} | {cells_of_row(means, 1)} |")
+    print("\n| move | gain, % of Phi |\n|---|---:|")
+    for kind, share in sorted(shares.items(), key=lambda item: -item[1]):
+        print(f"| {kind} | {share / len(every):.4f} |")
 
 
 def main() -> None:
