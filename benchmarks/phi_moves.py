@@ -23,7 +23,8 @@ from planewise.frame import frame_of
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
 from planewise.spatial import segment
-from planewise.spatial_information import Ledger, ledger
+from planewise.spatial_information import Ledger, groups_of, ledger
+from planewise.spatial_refit import refitted
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -97,8 +98,13 @@ class Judge:
     def segmented(self, **options: Any) -> Solution:
         """What the default search finds with the constants that hold now."""
         cells = cells_of(self.frame, self.observation.pixel_size)
-        found = segment(self.observation, self.frame, cells, **options)
-        return self.solution(found.affine, found.labels)
+        seen = self.observation
+        found = segment(seen, self.frame, cells, **options)
+        groups = groups_of(
+            self.frame, self.cells, found.labels, len(found.affine), seen.range, seen.resolution,
+            seen.pixel_size, self.workspace,
+        )  # fmt: skip
+        return self.solution(refitted(groups, found.affine)[0], found.labels)
 
     def lower(self, now: Solution, affine: Array, labels: Labels) -> Solution:
         """Other planes and labels where their Phi is lower; planes keep their numbers."""
