@@ -11,6 +11,7 @@ from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.group_data import APART
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
+_FAR = 40.0  # nats by which a smooth surface has to be shorter for the other not to count
 
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
@@ -35,8 +36,11 @@ def refit_sums(  # type: ignore[no-untyped-def]
         if j == 0 or not count > 0.0:
             continue
         weight = 1.0 - APART * math.exp(data[g] - alone[g])
-        most = (1.0 - APART) * math.exp(alone[g] - math.log(2.0) - count * anything) + APART
-        if weight <= 0.0 or data[g] >= (alone[g] - math.log(most)) * (1.0 - _CAPPED):
+        if alone[g] > count * anything - _FAR:
+            most = (1.0 - APART) * math.exp(alone[g] - math.log(2.0) - count * anything) + APART
+            if data[g] >= (alone[g] - math.log(most)) * (1.0 - _CAPPED):
+                continue
+        if weight <= 0.0:
             continue
         m0 = moments[0, g]
         scale = 1.0 / m0
