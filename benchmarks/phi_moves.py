@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.frames import Frame
-from planewise import spatial_labels
+from planewise import spatial_labels, spatial_model
 from planewise.cells import cells_of
 from planewise.frame import frame_of
+from planewise.information import plane_information
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
 from planewise.spatial import segment
@@ -73,19 +74,17 @@ class Judge:
         if cells is None:
             raise ValueError(f"{frame.name} has no cell with a plane")
         self.cells, self.workspace = cells, Workspace()
+        self._limits = seen.range, seen.resolution, seen.pixel_size
 
     def book(self, affine: Array, labels: Labels) -> Ledger:
         """Ledger of planes and labels."""
-        seen = self.observation
-        return ledger(
-            self.frame, self.cells, affine, labels, seen.range, seen.resolution, seen.pixel_size,
-            self.workspace,
-        )  # fmt: skip
+        with self.workspace.frame():
+            return ledger(self.frame, self.cells, affine, labels, *self._limits, self.workspace)
 
-    def solution(self, affine: Array, labels: Labels) -> Solution:
-        """What pays of planes and labels, best first, as the default call returns it."""
+    def solution(self, affine: Array, labels: Labels, least: float = -np.inf) -> Solution:
+        """What pays of planes and labels, best first; of planes that save more than `least`."""
         book = self.book(affine, labels)
-        best = int(np.argmin(book.curve))
+        best = int(np.argmin(book.curve[: np.count_nonzero(book.worth < -least) + 1]))
         order = book.order[:best]
         place = np.zeros(len(affine) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
@@ -98,13 +97,15 @@ class Judge:
     def segmented(self, **options: Any) -> Solution:
         """What the default search finds with the constants that hold now."""
         cells = cells_of(self.frame, self.observation.pixel_size)
-        seen = self.observation
-        found = segment(seen, self.frame, cells, **options)
-        groups = groups_of(
-            self.frame, self.cells, found.labels, len(found.affine), seen.range, seen.resolution,
-            seen.pixel_size, self.workspace,
-        )  # fmt: skip
-        return self.solution(refitted(groups, found.affine)[0], found.labels)
+        found = segment(self.observation, self.frame, cells, **options)
+        with self.workspace.frame():
+            groups = groups_of(
+                self.frame, self.cells, found.labels, len(found.affine), *self._limits,
+                self.workspace,
+            )  # fmt: skip
+            affine = refitted(groups, found.affine)[0]
+        least = spatial_model._LEAST * plane_information(3, *self._limits[:2])
+        return self.solution(affine, found.labels, least)
 
     def lower(self, now: Solution, affine: Array, labels: Labels) -> Solution:
         """Other planes and labels where their Phi is lower; planes keep their numbers."""
@@ -261,7 +262,7 @@ def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: fl
     """Labels after the sweeps of the default search, over all pixels and until nothing changes."""
     frame, cells = judge.frame, judge.cells
     there = frame.p > 0
-    marks = spatial_labels._Marks.of(there.shape, judge.workspace)
+    marks = spatial_labels._Marks.of(there.shape, Workspace())
     inside = np.s_[1 : there.shape[0] + 1, 1 : there.shape[1] + 1]
     marks.label[:], marks.state[:], marks.busy[:] = label_loops.NONE, label_loops.FIXED, True
     marks.label[inside] = np.where(there, now.labels, label_loops.NONE)

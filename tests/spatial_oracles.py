@@ -190,6 +190,15 @@ def join_blocks(grid, whole, rows, drift, limit, levels):
     return root, rows
 
 
+def saved_by_joining(rows, drift, slope_prior, gap_offset, i, j):
+    """Nats saved by making two segments that do not touch one plane, and their discord."""
+    small = min(i, j, key=lambda n: rows[n, 10])
+    offset = (gap_offset * rows[small, 6] / rows[small, 0]) ** 2
+    slow = math.sqrt(drift[i] * drift[j])
+    discord, evidence = compare(rows[i], rows[j], slow, offset, slope_prior[small])
+    return evidence - 0.5 * discord, discord
+
+
 def join_through_gaps(rows, drift, slope_prior, gap_offset):
     """Owner of every segment, and the rows of the planes."""
     rows, owner = rows.copy(), np.arange(len(rows))
@@ -197,17 +206,24 @@ def join_through_gaps(rows, drift, slope_prior, gap_offset):
     while True:
         best = (0.0, None)
         for i, j in itertools.combinations(np.unique(owner), 2):
-            small = min(i, j, key=lambda n: rows[n, 10])
-            offset = (gap_offset * rows[small, 6] / rows[small, 0]) ** 2
-            slow = math.sqrt(drift[i] * drift[j])
-            discord, evidence = compare(rows[i], rows[j], slow, offset, slope_prior[small])
-            best = max(best, (evidence - 0.5 * discord - naming, (i, j, discord)))
+            saved, discord = saved_by_joining(rows, drift, slope_prior, gap_offset, i, j)
+            best = max(best, (saved - naming, (i, j, discord)))
         if best[1] is None:
             return owner, rows
         i, j, discord = best[1]
         rows[i] += rows[j]
         rows[i, 11] += discord
         owner[owner == j] = i
+
+
+def find_planes(rows, drift, slope_prior, gap_offset, planes):
+    """Plane that each further segment saves most as part of, -1 where none saves anything."""
+    out = []
+    for j in range(planes, len(rows)):
+        pairs = [(i, j) for i in range(planes)]
+        saved = [saved_by_joining(rows, drift, slope_prior, gap_offset, *pair)[0] for pair in pairs]
+        out.append(int(np.argmax(saved)) if max(saved) > math.log(planes) else -1)
+    return out
 
 
 def tempered(discord, count):

@@ -298,8 +298,13 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
 
     compilation.announce.cache_clear()
     monkeypatch.setattr(compilation, "is_cached", lambda: False)
+    monkeypatch.setattr(compilation, "available", lambda: 2)
+    monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
+    started = []
+    monkeypatch.setattr(compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]))
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
+    assert started == [[sys.executable, "-m", "planewise.warm_up"]]
     assert "compiling" in errors
     assert "compiling" not in text
 

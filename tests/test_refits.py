@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise import scenes
-from planewise.cells import TILT, cells_of
+from planewise.cells import cells_of
 from planewise.frame import frame_of
+from planewise.kernels.frame_error import TILT
 from planewise.kernels.refits import refit_sums
 from planewise.spatial import segment, turn_to_theta
 from planewise.spatial_information import GROUP_SIDE, book_of, groups_of, ledger

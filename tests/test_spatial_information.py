@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.cells import TILT, cells_of
+from planewise.cells import cells_of
 from planewise.frame import frame_of
 from planewise.frame_error import FrameError
+from planewise.kernels.frame_error import TILT
 from planewise.mask_code import spatial_mask_information
 from planewise.spatial_information import GROUP_SIDE, ledger
 from planewise.workspace import Workspace

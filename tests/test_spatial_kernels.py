@@ -30,7 +30,7 @@ def readings(rng, planes, label, holes=0.0):
     return np.where(p > 0, w, 0), p, x, y
 
 
-def cells_of(images):
+def cells_of(images, straight=False):
     """Moments and misfits of cells, and of blocks of 2 x 2 cells."""
     rows, columns = (-(-n // cells.SIDE) for n in images[0].shape)
     halved = -(-rows // 2), -(-columns // 2)
@@ -43,7 +43,7 @@ def cells_of(images):
             halved,
         )
     ]
-    cells.cell_moments(*images, *out)
+    cells.cell_moments(*images, straight, *out)
     return out
 
 
@@ -112,6 +112,15 @@ def test_block_moments(shape):
             columns = together.shape[1]
             part = oracles.block(images, c // columns * 6, c % columns * 6, 6)
             assert misfit == pytest.approx(oracles.misfit(*part), rel=1e-5)
+
+
+def test_only_one_row_of_coordinates_is_read_where_all_are_alike():
+    rng = np.random.default_rng(1)
+    w, p, x, y = readings(rng, PLANES, quilt(rng, (13, 20), 3), holes=0.2)
+    whole = cells_of((w, p, x, y))
+    x[1:], y[:, 1:] = np.nan, np.nan
+    for a, b in zip(whole, cells_of((w, p, x, y), straight=True), strict=True):
+        assert_array_equal(a, b)
 
 
 def test_cells_without_readings_have_no_misfit():
@@ -403,9 +412,8 @@ def test_accepted_segments_pay(seed):
     assert set(np.flatnonzero(alone > 2)) < expected
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_join_through_gaps(seed):
-    """Pieces of few planes, anywhere in the image, become few planes again."""
+def pieces_of_planes(seed):
+    """Rows and drift of 12 squares of few planes, anywhere in the image, and the plane of each."""
     rng = np.random.default_rng(seed)
     rows, of = [], rng.integers(0, 3, 12)
     for n in of:
@@ -418,6 +426,13 @@ def test_join_through_gaps(seed):
     units = np.array(rows)
     rows, drift = segment_rows(units, np.zeros(12), np.zeros(12)), np.full(12, 0.1 * DRIFT)
     rows[:, 10] += np.arange(12) * 1e-3
+    return rows, drift, of
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_join_through_gaps(seed):
+    """Pieces of few planes, anywhere in the image, become few planes again."""
+    rows, drift, of = pieces_of_planes(seed)
     slope_prior, owner = np.full(12, 0.25), np.empty(12, int)
     exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
     of_rows = forms_of(rows, drift)
@@ -426,6 +441,19 @@ def test_join_through_gaps(seed):
     ids = np.unique(owner)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
     assert len(ids) == len(np.unique(np.column_stack((owner, of)), axis=0)) <= 5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_find_planes(seed):
+    """Pieces are given the plane that they lie on, if it is there."""
+    rows, drift, of = pieces_of_planes(seed)
+    slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
+    segments.find_planes(rows, forms_of(rows, drift), slope_prior, 0.3, 3, plane)
+    assert_array_equal(plane, oracles.find_planes(rows, drift, slope_prior, 0.3, 3))
+    there = np.isin(of[3:], of[:3])
+    assert (plane[~there] == -1).all()
+    assert (plane >= 0).sum() >= 0.7 * there.sum() > 0
+    assert_array_equal(of[plane[plane >= 0]], of[3:][plane >= 0])
 
 
 @pytest.mark.parametrize("seed", range(8))

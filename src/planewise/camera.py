@@ -195,6 +195,13 @@ class PinholeCamera:
             out["distortion"] = list(self.distortion)
         return out
 
+    def directions(self, shape: tuple[int, int]) -> tuple[Array, Array]:
+        """Undistorted u and v of all pixels, where the ray is (u, v, 1); shape (height, width)."""
+        height, width = shape
+        u = np.broadcast_to((np.arange(width) - self.cx) / self.fx, shape)
+        v = np.broadcast_to((np.arange(height) - self.cy)[:, None] / self.fy, shape)
+        return self._undistort(u, v) if any(self.distortion) else (u, v)
+
     def _distort(self, u: Array, v: Array) -> tuple[Array, Array]:
         k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
         r2 = u * u + v * v
@@ -224,11 +231,7 @@ class PinholeCamera:
 
 @lru_cache(maxsize=4)
 def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
-    height, width = shape
-    u = np.broadcast_to((np.arange(width) - camera.cx) / camera.fx, shape)
-    v = np.broadcast_to((np.arange(height) - camera.cy)[:, None] / camera.fy, shape)
-    if any(camera.distortion):
-        u, v = camera._undistort(u, v)
+    u, v = camera.directions(shape)
     rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
     rows.flags.writeable = False
     return rows

@@ -16,6 +16,7 @@ from planewise.frame_error import (
     white_factor,
 )
 from planewise.kernels import cells as kernels
+from planewise.kernels import frame_error
 from planewise.kernels.cells import SIDE
 from planewise.workspace import Workspace
 
@@ -24,7 +25,6 @@ Array = NDArray[np.float64]
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
-TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
 _FEWER = 3  # times as many cells as units, as a rule
@@ -75,12 +75,12 @@ def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array,
     """
     rows, columns = (-(-n // SIDE) for n in frame.w.shape)
     halved = -(-rows // 2), -(-columns // 2)
-    moments = workspace.empty("moments of cells", (rows, kernels.MOMENTS + 1, columns))
-    misfits = workspace.empty("misfits of cells", (rows, columns))
-    blocks = workspace.empty("moments of blocks", (halved[0], kernels.MOMENTS, halved[1]))
-    together = workspace.empty("misfits of blocks", halved)
+    moments = workspace.kept((rows, kernels.MOMENTS + 1, columns))
+    misfits = workspace.empty((rows, columns))
+    blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
+    together = workspace.empty(halved)
     out = moments, misfits, blocks, together
-    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, *out)
+    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, frame.straight, *out)
     return out
 
 
@@ -96,12 +96,12 @@ def cells_of(
     white = white_factor(misfits[::2, ::2][full], SIDE * SIDE - 3)
 
     most = shape[0] * shape[1]
-    grid = workspace.empty("units of cells", shape, np.int32)
+    grid = workspace.kept(shape, np.int32)
     found, room = -1, most // _FEWER + 4
     while found < 0:
         # Most cells are one of four: seldom is there need for more room.
-        units = workspace.empty("units", (room, kernels.MOMENTS))
-        size = workspace.empty("sizes of units", room)
+        units = workspace.empty((room, kernels.MOMENTS))
+        size = workspace.empty(room)
         found = kernels.merge_quarters(
             moments,
             misfits,
@@ -119,9 +119,9 @@ def cells_of(
     if not found:
         return None
     units, size = units[:found], size[:found]
-    planes = workspace.empty("planes of units", (kernels.PLANE, found))
+    planes = workspace.empty((kernels.PLANE, found))
     kernels.unit_planes(units, planes)
-    segments = workspace.empty("rows of units", (found, kernels.SEGMENT))
+    segments = workspace.kept((found, kernels.SEGMENT))
     drift, squares, error = _without_shared_error(
         frame, grid, units, size, planes, white, segments, workspace
     )
@@ -155,45 +155,46 @@ def _without_shared_error(
     Returns their drift, which of them are whole squares and where, and the size of the error.
     Parts of the error are those at the mean depth of each unit.
     """
-    w, count = planes[2], units[:, kernels.COUNT]
-    new, shared, drift, step = frame.table.at(w)
-    coarse = _shared_step(step, white * (new + step) - step)
-    half = size * SIDE / 2 / kernels.UNIT
-    lateral, steep = lateral_variance(units, planes, size == 2)
-    offset, tilt = steep * (shared + coarse), steep * (TILT**2 * shared + coarse / half**2)
-    inflation = np.maximum(1.0, planes[5] / (count - 3.0))
-
-    # Cells of 2 x 2 stand for the frame.
+    count, table = units[:, kernels.COUNT].copy(), frame.table
     squares = _squares(grid, size == 2, workspace)
-    wandering = steep * drift
-    factor = drift_factor(squares, planes, inflation, wandering)
-    if frame.known:
-        factor = min(factor, 1.0)
-    # No plane is known better than readings are resolved, nor free of mixed pixels at its edges.
-    wandering = factor * wandering + coarse + w**4 * frame.resolution**2 / 12
-    wandering = np.maximum(wandering, _LEAST_DRIFT * count / units[:, 0])
-    near, bent = shared_factors(squares, planes, inflation, wandering, offset, tilt)
-    kernels.marginalise(planes, count, inflation, near * offset, bent * tilt, segments)
+    with workspace.stage():
+        errors = workspace.empty((5, len(units)))
+        lateral, steep = lateral_variance(units, planes, size == 2, workspace)
+        frame_error.unit_errors(
+            planes,
+            count,
+            size,
+            table.white,
+            table.shared,
+            table.drift,
+            table.step,
+            table.per_metre,
+            white,
+            lateral,
+            steep,
+            errors,
+        )
+        offset, tilt, described, _, inflation = errors
+        # Cells of 2 x 2 stand for the frame.
+        factor = drift_factor(squares, planes, inflation, described, workspace)
+        if frame.known:
+            factor = min(factor, 1.0)
+        drift = np.empty(len(units))
+        frame_error.wandering(planes, count, errors, factor, frame.resolution, _LEAST_DRIFT, drift)
+        near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
+        offset *= near
+        tilt *= bent
+        kernels.marginalise(planes, count, inflation, offset, tilt, segments)
     factor *= _SATURATION
+    drift *= _SATURATION
     error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
-    return _SATURATION * wandering, squares, error
+    return drift, squares, error
 
 
 def _squares(
     grid: NDArray[np.int32], whole: NDArray[np.bool_], workspace: Workspace
 ) -> NDArray[np.int32]:
     shape = -(-grid.shape[0] // 2), -(-grid.shape[1] // 2)
-    squares: NDArray[np.int32] = workspace.empty("squares", shape, np.int32)
+    squares: NDArray[np.int32] = workspace.kept(shape, np.int32)
     kernels.squares_of(grid, whole, squares)
     return squares
-
-
-def _shared_step(step: Array, variance: Array) -> Array:
-    """Variance by quantisation that near readings share: noise of its size makes it independent.
-
-    White noise of standard deviation s dithers steps of q: the mean error keeps exp(-2 pi^2 s^2 /
-    q^2) of its amplitude. step: q^2 / 12.
-    """
-    with np.errstate(divide="ignore"):
-        dither = np.exp(-4 * np.pi**2 * variance / (12 * step))
-    return np.asarray(step * np.where(step > 0, dither, 0.0))

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import os
+import subprocess
+import sys
 from functools import lru_cache
 from pathlib import Path
 
 from planewise import kernels
 from planewise.kernels.readings import score_rays
+from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
+_HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
+_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody waits for them
 
 
 def cache_directory() -> Path:
@@ -26,6 +33,21 @@ def is_cached() -> bool:
 
 @lru_cache(maxsize=1)
 def announce() -> None:
-    """Say once, before the wait, that code has to be compiled."""
-    if not is_cached():
-        _LOG.warning("compiling for this machine, once (some 10 s) ...")
+    """Say once, before the wait, that code has to be compiled, and have another core help.
+
+    A second process compiles the loops of the later stages; where none can be started, or its work
+    is not done in time, this one does it all.
+    """
+    if is_cached():
+        return
+    _LOG.warning("compiling for this machine, once (some 10 s) ...")
+    if available() > 1 and sys.executable and not os.environ.get(_HELPED):
+        with contextlib.suppress(OSError):
+            helper = subprocess.Popen(
+                [sys.executable, "-m", "planewise.warm_up"],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL,
+                env=os.environ | {_HELPED: "1"},
+            )
+            _helpers.append(helper)

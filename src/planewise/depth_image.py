@@ -117,12 +117,14 @@ class DepthImage:
 
         grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
         low, high = max(sensor.min_depth, _LEAST_DEPTH), sensor.max_depth
-        reading = workspace.empty("reading of every level", int(high / grid) + 2)
-        reading[:] = 0
-        count, present, negative = kernels.mark_depths(values, low, high, 1.0 / grid, reading)
-        if negative:
-            raise _negative(values)
-        levels = np.flatnonzero(reading)
+        with workspace.stage():
+            reading = workspace.empty(int(high / grid) + 2)
+            reading[:] = 0
+            count, present, negative = kernels.mark_depths(values, low, high, 1.0 / grid, reading)
+            if negative:
+                raise _negative(values)
+            levels = np.flatnonzero(reading)
+            depth = reading[levels]
         return cls(
             values=values,
             scale=1.0,
@@ -130,7 +132,7 @@ class DepthImage:
             high=high,
             per_metre=1.0 / grid,
             levels=levels,
-            depth=reading[levels].astype(np.float64),
+            depth=depth,
             count=count,
             present=present,
         )

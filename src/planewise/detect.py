@@ -260,15 +260,16 @@ class Detector:
 
     def __call__(self, depth: ArrayLike) -> PlaneModel:
         """Detect the planes of one frame."""
-        with stage("observe"):
-            frame = observe(
-                depth,
-                self.camera,
-                self.sensor,
-                depth_scale=self.depth_scale,
-                workspace=self._workspace,
-            )
-        return find(frame, self.options, self._workspace)
+        with self._workspace.frame():
+            with stage("observe"):
+                frame = observe(
+                    depth,
+                    self.camera,
+                    self.sensor,
+                    depth_scale=self.depth_scale,
+                    workspace=self._workspace,
+                )
+            return find(frame, self.options, self._workspace)
 
 
 def find(

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.kernels.cells import UNIT
+from planewise.kernels.images import fill_between
 from planewise.observation import RayObservation
 from planewise.workspace import Workspace
 
@@ -60,6 +61,8 @@ class Frame:
         Inverse depth in 1 / m, and one over the variance of what is new in every reading.
     x, y : ndarray of float32
         Undistorted pixel coordinates about the principal point, divided by 100.
+    straight : bool
+        Whether `x` is the same in every row and `y` in every column.
     table : ErrorTable
         All parts of the error.
     known : bool
@@ -73,6 +76,7 @@ class Frame:
     p: Image
     x: Image
     y: Image
+    straight: bool
     table: ErrorTable
     known: bool
     resolution: float
@@ -93,33 +97,28 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
     for row, deviation in zip(by_level, (white, shared, drift, image.steps()), strict=True):
         np.multiply(deviation * deviation, quarter, out=row)
     by_level[3] /= 12
-    w: Image = workspace.empty("w", image.shape, np.float32)
-    p: Image = workspace.empty("p", image.shape, np.float32)
+    w: Image = workspace.kept(image.shape, np.float32)
+    p: Image = workspace.kept(image.shape, np.float32)
     image.spread(1.0 / (by_level[0] + by_level[3]), w, p)
 
-    table = _between(image.levels, by_level)
+    table = workspace.kept((4, int(image.levels[-1]) + 2))
+    fill_between(image.levels, by_level, table)
     x, y = _pixel_coordinates(observation.camera, image.shape)
     return Frame(
-        w, p, x, y, ErrorTable(image.per_metre, *table), parts is not None, observation.resolution
+        w=w,
+        p=p,
+        x=x,
+        y=y,
+        straight=not any(observation.camera.distortion),
+        table=ErrorTable(image.per_metre, *table),
+        known=parts is not None,
+        resolution=observation.resolution,
     )
-
-
-def _between(levels: NDArray[np.int64], values: Array) -> Array:
-    """Values (E, n) at levels, at every level from 0 to the last: linear between, constant beyond.
-
-    The last one comes twice, so that there is something to go on to.
-    """
-    gaps = np.diff(levels, append=levels[-1] + 2)
-    level = np.repeat(np.arange(levels.size), gaps)
-    share = (np.arange(level.size) - (levels - levels[0])[level]) / gaps[level]
-    rise = np.diff(values, append=values[:, -1:])
-    inside = values[:, level] + share * rise[:, level]
-    return np.hstack((np.repeat(values[:, :1], levels[0], axis=1), inside))
 
 
 @lru_cache(maxsize=4)
 def _pixel_coordinates(camera: PinholeCamera, shape: tuple[int, int]) -> tuple[Image, Image]:
     """Undistorted coordinates x and y of all pixels in units of 100 pixels."""
-    u, v, _ = camera.ray_rows(shape).reshape(3, *shape)
+    u, v = camera.directions(shape)
     x, y = (u * (camera.fx / UNIT)).astype(np.float32), (v * (camera.fy / UNIT)).astype(np.float32)
     return x, y

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Grid = NDArray[np.int32]
@@ -23,7 +24,6 @@ _FEWEST = 100  # cells, pairs or triples that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
-_STEEPEST = 3.0  # beyond it, a cell lies across an edge
 _LATERAL_LIMIT = 1.5  # pixels^2
 _LAGS = (2, 4)  # cells between the middle of three in a row and the others
 _BISECTIONS = 12
@@ -67,16 +67,18 @@ def white_factor(misfits: Array, freedom: int) -> float:
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
-def lateral_variance(units: Array, planes: Array, whole: NDArray[np.bool_]) -> tuple[float, Array]:
-    """Error across the image in pixels^2, and what it multiplies every unit's error by.
+def lateral_variance(
+    units: Array, planes: Array, whole: NDArray[np.bool_], workspace: Workspace
+) -> tuple[float, Array]:
+    """Error across the image in pixels^2, and how steep every unit is.
 
     Cells on steep surfaces lie farther from their planes: chi^2 = a + b q with q = (slope per pixel
     / sigma)^2 is a line through medians, and lateral = b / a. units (n, 11) and planes (10, n) as
     `kernels.cells` has them.
     """
     bins = len(_STEEPNESS) - 1
-    steep, sizes = np.empty(len(units)), np.empty(bins, np.int64)
-    samples = np.empty((bins, 2, _SAMPLE))
+    steep, sizes = workspace.empty(len(units)), np.empty(bins, np.int64)
+    samples = workspace.empty((bins, 2, _SAMPLE))
     kernels.steepness(units, planes, whole, np.square(_STEEPNESS), steep, sizes, samples)
     told = np.flatnonzero(sizes >= _FEWEST)
     lateral = 0.0
@@ -84,7 +86,7 @@ def lateral_variance(units: Array, planes: Array, whole: NDArray[np.bool_]) -> t
         q, level = np.array([_medians(samples[b], int(sizes[b])) for b in told]).T
         slope, base = _line(q, level, np.sqrt(sizes[told]))
         lateral = float(np.clip(slope / max(base, 0.1), 0.0, _LATERAL_LIMIT))
-    return lateral, 1.0 + lateral * np.minimum(steep, _STEEPEST**2)
+    return lateral, steep
 
 
 def _medians(sample: Array, size: int) -> Array:
@@ -100,7 +102,9 @@ def _line(x: Array, y: Array, weight: Array) -> tuple[float, float]:
     return float(slope), float(cy - slope * cx)
 
 
-def drift_factor(grid: Grid, planes: Array, inflation: Array, drift: Array) -> float:
+def drift_factor(
+    grid: Grid, planes: Array, inflation: Array, drift: Array, workspace: Workspace
+) -> float:
     """Drift against its description, as a variance: from three cells in a row.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and, for a
@@ -108,7 +112,7 @@ def drift_factor(grid: Grid, planes: Array, inflation: Array, drift: Array) -> f
     grid holds whole cells only, -1 elsewhere.
     """
     found = []
-    triples = np.empty((3, 2 * grid.size))
+    triples = workspace.empty((3, 2 * grid.size))
     for lag in _LAGS:
         n = kernels.rows_of_three(grid, planes, inflation, drift, lag, *triples)
         square, own, slow = triples[:, :n]
@@ -118,13 +122,19 @@ def drift_factor(grid: Grid, planes: Array, inflation: Array, drift: Array) -> f
 
 
 def shared_factors(
-    grid: Grid, planes: Array, inflation: Array, drift: Array, shared: Array, tilt: Array
+    grid: Grid,
+    planes: Array,
+    inflation: Array,
+    drift: Array,
+    shared: Array,
+    tilt: Array,
+    workspace: Workspace,
 ) -> tuple[float, float]:
     """How far neighbours disagree beyond white noise and drift, where they meet and in slope.
 
     Factors on the variances `shared` of a cell's offset and `tilt` of its slopes, per unit.
     """
-    slopes, offsets = np.empty((3, 4 * grid.size)), np.empty((4, 2 * grid.size))
+    slopes, offsets = workspace.empty((3, 4 * grid.size)), workspace.empty((4, 2 * grid.size))
     n = kernels.neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets)
     square, own, tilted = slopes[:, : 2 * n]
     if 2 * n < _FEWEST or not tilted.any():

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -156,6 +159,7 @@ def describe_image(
     covariances: Array,
     labels: NDArray[np.uint16],
     place: NDArray[np.uint16],
+    **told: list[float],
 ) -> tuple[list[Plane], NDArray[np.uint16]]:
     """`describe` for a depth image in inverse depth, without its readings one by one.
 
@@ -177,11 +181,13 @@ def describe_image(
         In any order, 0 for none and where there is no reading.
     place : ndarray of uint16
         What becomes of each label: j for row j - 1, 0 for none.
+    **told
+        What else is known of each plane, by the names of `Plane`.
 
     Returns
     -------
     planes : list of Plane
-        Their information is left 0.
+        Their information is 0 if it is not told.
     labels : ndarray of uint16, shape (H, W)
         A new image of the labels' places.
     """
@@ -190,23 +196,35 @@ def describe_image(
     boxes = np.empty((len(rows), 4), np.int64)
     one = np.array([[1.0 / (camera.fx * camera.fy)]])
     solid = camera.pixel_area(labels.shape) if any(camera.distortion) else one
-    plane_sums(labels, place, frame.w, frame.x, frame.y, affine, solid, ranked, sums, boxes)
+    plane_sums(
+        labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ranked, sums, boxes
+    )
     sums[:, 4:6] *= UNIT / camera.fx, UNIT / camera.fy
-    planes = [_plane(row, covariances[j], sums[j], boxes[j]) for j, row in enumerate(rows)]
+    planes = [
+        _plane(row, covariances[j], sums[j], boxes[j], {name: told[name][j] for name in told})
+        for j, row in enumerate(rows)
+    ]
     return planes, ranked
 
 
-def _plane(row: Array, covariance: Array, sums: Array, box: NDArray[np.int64] | None) -> Plane:
-    count = max(sums[0], 1.0)
+def _plane(
+    row: Array,
+    covariance: Array,
+    sums: Array,
+    box: NDArray[np.int64] | None,
+    told: Mapping[str, float] | None = None,
+) -> Plane:
+    readings, gain, square, area, *position = sums.tolist()
+    count = max(readings, 1.0)
     return Plane(
+        **{"information": gain} | dict(told or {}),
         normal=row[:-1],
         distance=float(row[-1]),
-        information=float(sums[1]),
-        count=int(sums[0]),
-        rms=float(np.sqrt(max(sums[2], 0.0) / count)),
-        centroid=sums[4:] / count,
+        count=int(readings),
+        rms=math.sqrt(max(square, 0.0) / count),
+        centroid=np.array(position) / count,
         covariance=covariance,
         # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
-        area=float("nan") if box is None else float(sums[3] / row[-1]),
+        area=float("nan") if box is None else area / float(row[-1]),
         bounding_box=() if box is None else tuple(box.tolist()),
     )

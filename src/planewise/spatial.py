@@ -30,7 +30,7 @@ Labels = NDArray[np.uint16]
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
-_PLANE_BORDER = (0.01, 1.5, 20.0)  # that a plane has to pay for
+_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
 _PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its border
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
@@ -106,18 +106,19 @@ def segment(
     if cells is None:
         return _nothing(observation.shape)
     cost = plane_information(3, observation.range, observation.resolution)
-    with stage("segments"):
+    with stage("segments"), workspace.stage():
         segments, discords = _agglomerate(cells, cost, workspace)
-        accepted, worth = _accept(cells, discords, segments, cost, significance, workspace)
-        planes, owner = _join_through_gaps(segments, accepted, instances)
+        worth, accepted = _accept(cells, discords, segments, cost, significance, workspace)
+        chosen, owner, planes = _join_through_gaps(segments, worth, accepted, instances)
+        worth = worth[chosen]
     left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
     if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
     if not len(planes):
         return _nothing(observation.shape)
-    with stage("labels"):
+    with stage("labels"), workspace.stage():
         rows, labels = label_planes(
-            frame, cells, segments.of_unit, accepted, planes, owner, observation, workspace
+            frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], len(planes))
@@ -162,7 +163,7 @@ class Segments:
 
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
         """Segment of every cell of a grid of units, -1 where there is none."""
-        out: NDArray[np.int32] = workspace.empty("segments of cells", grid.shape, np.int32)
+        out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
         np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
         return out
 
@@ -173,23 +174,24 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     Returns the discord across every side that two units share, too: to the right, and below.
     """
     count = len(cells.rows)
-    forms = workspace.empty("forms of units", (count, comparing.FORM))
+    forms = workspace.empty((count, comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
-    free = workspace.empty("prices of units", count)
+    free = workspace.empty(count)
     comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
     free += _FITTED_AWAY
-    free *= (cells.rows[:, COUNT] / _WHOLE) ** _SHARE_POWER
+    readings = cells.rows[:, COUNT].astype(np.intp)
+    free *= ((np.arange(readings.max() + 1) / _WHOLE) ** _SHARE_POWER)[readings]
     segments = Segments(
-        rows=workspace.copy("segments", cells.rows),
-        forms=workspace.copy("forms of segments", forms),
+        rows=workspace.copy(cells.rows),
+        forms=workspace.copy(forms),
         drift=cells.drift.copy(),
         offset_prior=cells.offset_prior.copy(),
         slope_prior=cells.slope_prior.copy(),
         of_unit=np.arange(count, dtype=np.int32),
     )
     segments.rows[:, FREE] = free
-    right = workspace.empty("discords to the right", cells.squares.shape)
-    below = workspace.empty("discords below", cells.squares.shape)
+    right = workspace.empty(cells.squares.shape)
+    below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
     root = np.empty(count, np.int32)
     merging.join_blocks(
@@ -204,7 +206,7 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
         root,
     )
     segments = segments.kept(root)
-    discords = workspace.empty("discords", (2, *cells.grid.shape))
+    discords = workspace.empty((2, *cells.grid.shape))
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
@@ -221,8 +223,8 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
         segments.slope_prior,
         cost,
         root,
-        workspace.empty("edges", ints, np.int32),
-        workspace.empty("gains of edges", floats),
+        workspace.empty(ints, np.int32),
+        workspace.empty(floats),
     )
     return segments.kept(root), discords
 
@@ -234,38 +236,55 @@ def _accept(
     cost: float,
     least: float,
     workspace: Workspace,
-) -> tuple[NDArray[np.int64], Array]:
-    """Segments that pay for being a plane, best first, and what each saves in nats."""
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What each segment saves in nats, and which pay for being a plane.
+
+    Those that do not save as much as part of a plane, whose parameters are paid for.
+    """
     rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
     border = np.empty(len(rows))
-    ends = workspace.empty("sides of segments", (2 * of_cell.size, 2), np.int32)
-    nats = workspace.empty("nats of sides", 2 * of_cell.size)
+    ends = workspace.empty((2 * of_cell.size, 2), np.int32)
+    nats = workspace.empty(2 * of_cell.size)
     found = borders.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
-    taken = np.flatnonzero(accepted)
-    order = np.argsort(-worth[taken], kind="stable")
-    return taken[order], worth[taken[order]]
+    worth[~accepted] += _PLANE_COST * cost
+    return worth, accepted
 
 
 def _join_through_gaps(
-    segments: Segments, accepted: NDArray[np.int64], instances: bool
-) -> tuple[Array, NDArray[np.int64]]:
-    """Join accepted segments of one plane that do not touch; returns planes and owners."""
-    planes, owner = segments.rows[accepted], np.arange(len(accepted))
-    if instances or len(planes) < 2:
-        return planes, owner
+    segments: Segments, worth: Array, accepted: NDArray[np.bool_], instances: bool
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Join segments of one plane that do not touch.
+
+    First accepted ones, then what is left over and saves anything as part of one of those planes.
+    Returns the segments of all planes, the plane of each, and the rows of the planes.
+    """
+    order = np.argsort(-worth, kind="stable")
+    chosen = order[accepted[order]]
+    planes, owner = segments.rows[chosen], np.arange(len(chosen))
+    if instances or not len(chosen):
+        return chosen, owner, planes
+    forms = segments.forms[chosen]
+    slope_prior = segments.slope_prior[chosen]
     merging.join_through_gaps(
-        planes,
-        segments.forms[accepted],
-        segments.drift[accepted],
-        segments.slope_prior[accepted],
-        _GAP_OFFSET,
-        owner,
+        planes, forms, segments.drift[chosen], slope_prior, _GAP_OFFSET, owner
     )
     alive, owner = np.unique(owner, return_inverse=True)
-    return planes[alive], owner
+    planes = planes[alive]
+    rest = order[~accepted[order] & (worth[order] > 0.0)]
+    plane = np.empty(len(rest), np.int64)
+    merging.find_planes(
+        np.vstack((planes, segments.rows[rest])),
+        np.vstack((forms[alive], segments.forms[rest])),
+        np.concatenate((slope_prior[alive], segments.slope_prior[rest])),
+        _GAP_OFFSET,
+        len(planes),
+        plane,
+    )
+    part = plane >= 0
+    return np.concatenate((chosen, rest[part])), np.concatenate((owner, plane[part])), planes
 
 
 def _most_significant(

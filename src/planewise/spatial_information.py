@@ -24,13 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cells import TILT, Cells, moments_of
+from planewise.cells import Cells, moments_of
 from planewise.frame import Frame
 from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
 from planewise.kernels import groups as tiles
+from planewise.kernels.frame_error import TILT
 from planewise.mask_code import prefix_mask_information
 from planewise.workspace import Workspace
 
@@ -226,7 +227,7 @@ def groups_of(
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
-        nats=workspace.empty("nats of groups", (2, moments.shape[1])),
+        nats=workspace.empty((2, moments.shape[1])),
     )
 
 
@@ -245,15 +246,15 @@ def _groups(
     """
     shape = _tiles(labels.shape, tiles.SIDE)
     of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
-    cell = workspace.empty("labels of cells", shape, np.int32)
-    block = workspace.empty("labels of blocks", _tiles(labels.shape, tiles.BLOCK), np.int32)
+    cell = workspace.empty(shape, np.int32)
+    block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
     work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
     tiles.label_cells(labels, frame.p, cell, block, work)
     several = int(np.count_nonzero(block == tiles.SEVERAL))
     # Of the cells of a block, each with one label adds at most one group.
     most = tiles.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
-    moments = workspace.empty("moments of groups", (tiles.NORM + 1, block.size + most))
-    label = workspace.empty("labels of groups", block.size + most, np.uint16)
+    moments = workspace.empty((tiles.NORM + 1, block.size + most))
+    label = workspace.empty(block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))
     first = np.empty(several + 1, np.int32)
     tiles.sum_groups(

@@ -65,10 +65,10 @@ class _Marks:
         chunks = -(-(shape[1] + 1 + SIDE) // label_loops.CHUNK)
         whole, parts = (shape[0] + 2, chunks * label_loops.CHUNK), (shape[0] + 2, chunks)
         marks = cls(
-            label=workspace.empty("labels with a margin", whole, np.int16),
-            state=workspace.empty("states of pixels", whole, np.uint8),
-            busy=workspace.empty("chunks that wait", parts, np.bool_),
-            seen=workspace.empty("chunks seen", parts, np.bool_),
+            label=workspace.empty(whole, np.int16),
+            state=workspace.empty(whole, np.uint8),
+            busy=workspace.empty(parts, np.bool_),
+            seen=workspace.empty(parts, np.bool_),
         )
         for edge in (0, -1):
             marks.label[edge], marks.state[edge] = label_loops.NONE, label_loops.FIXED
@@ -112,7 +112,7 @@ def label_planes(
     """
     workspace = workspace or Workspace()
     marks = _Marks.of(frame.w.shape, workspace)
-    labels: Labels = workspace.empty("labels", frame.w.shape, np.uint16)
+    labels: Labels = workspace.kept(frame.w.shape, np.uint16)
     segment = np.zeros(len(cells.rows), np.int16)
     segment[accepted] = owner + 1
     null = float(np.log(observation.range / observation.resolution))
@@ -137,8 +137,8 @@ def _label_pixels(
 ) -> None:
     """Labels of pixels, from those of units, `number`."""
     rows, columns = cells.grid.shape
-    coarse = workspace.empty("labels of cells", (rows + 2, columns + 2), np.int16)
-    apart = workspace.empty("cells beside another label", (rows, columns), np.bool_)
+    coarse = workspace.empty((rows + 2, columns + 2), np.int16)
+    apart = workspace.empty((rows, columns), np.bool_)
     count, affine = cells.moments[:, COUNT], _with_none(affine_planes(planes))
     label_loops.lay_out(
         cells.grid, number, count, frame.p, SIDE, coarse, apart, marks.label, marks.state
@@ -190,7 +190,7 @@ def _put_creases(
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     affine = _with_none(affine_planes(planes))
     most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
-    borders = workspace.empty("borders", (most, 3), np.int32)
+    borders = workspace.empty((most, 3), np.int32)
     flat = marks.label.reshape(-1), marks.seen.reshape(-1)
     borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
     crease = np.empty((len(affine), len(affine)), np.int32)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 
 import numpy as np
 
 from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
+from planewise.information import plane_information
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe_image
@@ -19,6 +19,7 @@ from planewise.spatial_refit import refitted
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
+_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _MANY = 100  # readings that could show a plane
 
 
@@ -53,10 +54,10 @@ def spatial_model(
     PlaneModel
         With exact Phi of its planes and labels.
     """
-    size = observation.pixel_size
+    workspace, size = workspace or Workspace(), observation.pixel_size
     with stage("frame"):
         frame = frame_of(observation, workspace)
-    with stage("cells"):
+    with stage("cells"), workspace.stage():
         cells = cells_of(frame, size, workspace)
     found = segment(
         observation,
@@ -68,21 +69,23 @@ def spatial_model(
         workspace=workspace,
     )
 
-    with stage("ledger"):
+    with stage("ledger"), workspace.stage():
         limits = observation.range, observation.resolution
         labels = found.labels
         groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
         affine, data = refitted(groups, found.affine)
         book = book_of(frame, labels, groups, data, *limits)
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
-    best = int(np.argmin(book.curve))
+    least = _LEAST * plane_information(3, observation.range, observation.resolution)
+    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
+    best = int(np.argmin(curve))
     if best < len(book.order):
         # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)
     place[order + 1] = np.arange(1, best + 1)
-    phi = book.curve[: best + 1]
+    phi = curve[: best + 1]
 
     affine = affine[order]
     theta = affine @ turn_to_theta(size).T
@@ -91,7 +94,16 @@ def spatial_model(
     covariances = covariance_of_plane(theta, found.covariance[order])
     with stage("describe"):
         planes, labels = describe_image(
-            frame, observation.camera, affine, rows, covariances, labels, place
+            frame,
+            observation.camera,
+            affine,
+            rows,
+            covariances,
+            labels,
+            place,
+            information=book.worth.tolist(),
+            significance=found.significance[order].tolist(),
+            residual_correlation=found.residual_correlation[order].tolist(),
         )
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
@@ -103,17 +115,9 @@ def spatial_model(
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
         labels=labels,
-        planes=tuple(
-            replace(
-                plane,
-                information=float(book.worth[j]),
-                significance=float(found.significance[order[j]]),
-                residual_correlation=float(found.residual_correlation[order[j]]),
-            )
-            for j, plane in enumerate(planes)
-        ),
+        planes=tuple(planes),
         information=float(phi[-1]),
-        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        curve=Curve(information=curve, chosen=best, reason=reason, moves=tuple(moves)),
         readings=observation.count,
         prefix=tuple(phi.tolist()),
         search="joint",

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from numba import njit
-
 from planewise.kernels.cells import SIDE
-from planewise.kernels.forms import discord_of
+from planewise.kernels.forms import compare_forms
+from planewise.kernels.jit import in_order
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
-
-@_compiled
+@in_order
 def border_price(discord, price):  # type: ignore[no-untyped-def]
     """Nats of a side of a cell: SIDE pixels of low + (high - low) / (1 + (discord / knee)^2).
 
@@ -22,7 +19,7 @@ def border_price(discord, price):  # type: ignore[no-untyped-def]
     return SIDE * (low + (high - low) / (1.0 + (discord / knee) ** 2))
 
 
-@_compiled
+@in_order
 def border_discords(unit, whole, segment, forms, right, below, out):  # type: ignore[no-untyped-def]
     """Discord across every side shared by two units: out[0] to the right, out[1] below; else -1.
 
@@ -48,11 +45,11 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
                     squares = right if k == 0 else below
                     out[k, i, j] = squares[i // 2, j // 2]
                 else:
-                    out[k, i, j] = discord_of(forms[u], forms[v])
+                    out[k, i, j] = compare_forms(forms[u], forms[v], 0.0, 0.0)[0]
     return found
 
 
-@_compiled
+@in_order
 def segment_borders(of_cell, discords, price, border, ends, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
@@ -81,7 +78,7 @@ def segment_borders(of_cell, discords, price, border, ends, nats):  # type: igno
     return found
 
 
-@_compiled
+@in_order
 def accept(worth, ends, price, least, accepted):  # type: ignore[no-untyped-def]
     """Accept the segments that are worth more than `least` nats; a border is paid for once.
 
@@ -94,7 +91,8 @@ def accept(worth, ends, price, least, accepted):  # type: ignore[no-untyped-def]
         accepted[k] = worth[k] > least
     more = True
     while more:
-        worth[:] = alone
+        for k in range(alone.size):
+            worth[k] = alone[k]
         for e in range(price.size):
             u, v = ends[e, 0], ends[e, 1]
             if accepted[v]:

@@ -14,7 +14,8 @@ follow: the misfit of the joins so far, and what the cells would cost as a free 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, inlined, internal
 
 UNIT = 100.0  # pixels per unit of X and Y
 SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
@@ -30,22 +31,23 @@ PLANE_OFFSET = 0.13  # variance of the offset of two planes where they meet: D t
 PLANE_BEND = (0.9, 0.3)  # of their slopes: D over the smaller and the larger side
 PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
-def _row_moments(w, p, x, y, row, sums, out):  # type: ignore[no-untyped-def]
+@inlined
+def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no-untyped-def]
     """Moments (12, columns) of a row of cells.
 
     Pixels are added up column by column first, a few sums at a time, so that every loop is one
-    vector expression. sums (12, 3 columns) is room to work in.
+    vector expression. sums (12, 3 columns) and line (W,) are room to work in.
     """
     height, width = w.shape
     sums[:] = 0.0
     sums[PRODUCT] = 1.0
     for i in range(row * SIDE, min((row + 1) * SIDE, height)):
-        weight, a, b, value = p[i], x[i], y[i], w[i]
+        weight, value = p[i], w[i]
+        a, b = x[0 if straight else i], y[i]
+        if straight:
+            line[:] = y[i, 0]
+            b = line
         s, t, u = sums[0], sums[1], sums[2]
         for j in range(width):
             q = np.float64(weight[j])
@@ -80,7 +82,7 @@ def _row_moments(w, p, x, y, row, sums, out):  # type: ignore[no-untyped-def]
         m[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
 
 
-@_compiled
+@inlined
 def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
     """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, columns)."""
     columns = upper.shape[1]
@@ -92,7 +94,7 @@ def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
             m[columns // 2] = a[columns - 1] + b[columns - 1]
 
 
-@_compiled
+@internal
 def _row_misfits(m, out):  # type: ignore[no-untyped-def]
     """chi^2 of the best plane of every cell of a row, from its moments (11 or 12, columns)."""
     m0, m1, m2, m3, m4, m5 = m[0], m[1], m[2], m[3], m[4], m[5]
@@ -112,26 +114,28 @@ def _row_misfits(m, out):  # type: ignore[no-untyped-def]
         out[k] = max(square - (fitted if plane else 0.0), 0.0)
 
 
-@_compiled
-def cell_moments(w, p, x, y, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+@compiled
+def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
     """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
 
-    w, p, x, y (H, W), p = 0 without a reading. Writes moments (rows, 12, columns) and misfits
-    (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns /
-    2), rounded up.
+    w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
+    in every column, of which only the first need then be read. Writes moments (rows, 12, columns)
+    and misfits (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2,
+    columns / 2), rounded up.
     """
     rows, columns = misfits.shape
     sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
+    line = np.empty(w.shape[1], y.dtype)
     for top in range(0, rows, 2):
         for row in range(top, min(top + 2, rows)):
-            _row_moments(w, p, x, y, row, sums, moments[row])
+            _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
             _row_misfits(moments[row], misfits[row])
         lower = moments[top + 1] if top + 1 < rows else nothing
         _pair_up(moments[top], lower, blocks[top // 2])
         _row_misfits(blocks[top // 2], together[top // 2])
 
 
-@_compiled
+@internal
 def _own_plane(m):  # type: ignore[no-untyped-def]
     """Best plane of a row of moments: centroid, w there, slopes, their covariance, and chi^2."""
     cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
@@ -146,7 +150,7 @@ def _own_plane(m):  # type: ignore[no-untyped-def]
     return cx, cy, mean, tx, ty, vxx, vxy, vyy, max(square - tx * xw - ty * yw, 0.0)
 
 
-@_compiled
+@compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
     moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
 ):
@@ -206,7 +210,7 @@ def merge_quarters(  # type: ignore[no-untyped-def]
     return found
 
 
-@_compiled
+@compiled
 def squares_of(unit, whole, squares):  # type: ignore[no-untyped-def]
     """Unit of every 2 x 2 cells, -1 where they are not one.
 
@@ -219,7 +223,7 @@ def squares_of(unit, whole, squares):  # type: ignore[no-untyped-def]
                 squares[i // 2, j // 2] = unit[i, j]
 
 
-@_compiled
+@compiled
 def unit_planes(units, planes):  # type: ignore[no-untyped-def]
     """Plane of every row of moments (n, 11): writes planes (10, n).
 
@@ -234,7 +238,7 @@ def unit_planes(units, planes):  # type: ignore[no-untyped-def]
         planes[6, k], planes[7, k], planes[8, k], planes[9, k] = m[0], vxx, vxy, vyy
 
 
-@_compiled
+@compiled
 def marginalise(planes, count, inflation, offset, tilt, segments):  # type: ignore[no-untyped-def]
     """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
 

@@ -10,8 +10,8 @@ pixel. crease (planes, planes): row of the line in which two planes meet, -1 whe
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
+from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.labels import CHUNK
 
 BINS = 10  # places per pixel at which a crease may lie
@@ -22,11 +22,8 @@ _FEWEST = 8  # pixels of border between planes that meet
 _MAJORITY = 0.6  # of them that must agree
 _MOST = 8.0  # nats that a reading may say against a plane
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@compiled
 def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
     """List the borders between two planes in raster order; returns how many there are.
 
@@ -61,7 +58,7 @@ def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
     return found
 
 
-@_compiled
+@compiled
 def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
     """Find pairs of planes that meet in the image, and the lines in which they do.
 
@@ -113,7 +110,7 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
     return found
 
 
-@_compiled
+@compiled
 def crease_offsets(  # type: ignore[no-untyped-def]
     borders, label, crease, lines, planes, w, x, y, variance, per_metre, lateral,
     reach, sigma, offset,
@@ -168,7 +165,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
             cost += histogram[number, place]
 
 
-@_compiled
+@compiled
 def snap_creases(  # type: ignore[no-untyped-def]
     borders, label, crease, lines, offset, w, x, y, variance, slow, per_metre,
     radius, reach, far, sweeps, state, busy,
@@ -245,7 +242,7 @@ def snap_creases(  # type: ignore[no-untyped-def]
             break
 
 
-@_compiled
+@inlined
 def _near_border(state, i, j, radius):  # type: ignore[no-untyped-def]
     """Whether a pixel lies within `radius` of a border's, across and down."""
     if state[i, j] & _BORDER:

@@ -11,22 +11,19 @@ are a vector loop over a grid of squares and a fast comparison of any two.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.jit import compiled, inlined, internal
 
 FORM = 12
 X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW = range(FORM)
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 _HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
 _TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
 _BEND_SMALL, _BEND_LARGE = PLANE_BEND
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
-_inlined = njit(error_model="numpy", fastmath=_FAST, inline="always")
 
 
-@_compiled
+@compiled
 def write_form(s, drift, form):  # type: ignore[no-untyped-def]
     """Write the form of a segment row."""
     scale = 1.0 / s[0]
@@ -42,14 +39,14 @@ def write_form(s, drift, form):  # type: ignore[no-untyped-def]
     form[EXTENT], form[INVERSE], form[SLOW] = extent, 1.0 / extent, np.sqrt(drift)
 
 
-@_compiled
+@compiled
 def write_forms(segments, drift, forms):  # type: ignore[no-untyped-def]
     """Write the forms (n, 12) of segment rows (n, 13)."""
     for k in range(segments.shape[0]):
         write_form(segments[k], drift[k], forms[k])
 
 
-@_inlined
+@inlined
 def _difference(  # type: ignore[no-untyped-def]
     x0, y0, w0, tx0, ty0, v0, vxx0, vxy0, vyy0, extent0, inverse0, slow0,
     x1, y1, w1, tx1, ty1, v1, vxx1, vxy1, vyy1, extent1, inverse1, slow1,
@@ -87,13 +84,13 @@ def _difference(  # type: ignore[no-untyped-def]
     return delta, tx0 - tx1, ty0 - ty1, c00, c01, c02, c11, c12, c22
 
 
-@_inlined
+@inlined
 def _determinant(c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
     near = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
     return near + c02 * (c01 * c12 - c02 * c11)
 
 
-@_inlined
+@inlined
 def _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
     """(x y z) C^-1 (x y z)' det C."""
     p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
@@ -101,18 +98,7 @@ def _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22):  # type: ignore[no-u
     return p * x * x + s * y * y + u * z * z + 2.0 * (q * x * y + r * x * z + t * y * z)
 
 
-@_compiled
-def discord_of(a, b):  # type: ignore[no-untyped-def]
-    """delta' C^-1 delta of two forms."""
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
-    )  # fmt: skip
-    form = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
-    return form / _determinant(c00, c01, c02, c11, c12, c22)
-
-
-@_compiled
+@compiled
 def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
 
@@ -130,7 +116,7 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
-@_compiled
+@compiled
 def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """`compare_forms` of two segment rows whose drift is the same."""
     forms = np.empty((2, FORM))
@@ -139,7 +125,7 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
     return compare_forms(forms[0], forms[1], offset_prior, slope_prior)
 
 
-@_compiled
+@internal
 def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
     """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
     for j in range(chosen.size):
@@ -148,13 +134,15 @@ def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
             out[e, j] = forms[k, e] if k >= 0 else 1.0
 
 
-@_compiled
-def _discords(a, b, out):  # type: ignore[no-untyped-def]
-    """Discords of columns of forms (12, n)."""
+@internal
+def _discords(a, forms, shift, out):  # type: ignore[no-untyped-def]
+    """Discords of columns of forms (12, .), the second `shift` farther on."""
     a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
     a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
-    b0, b1, b2, b3, b4, b5 = b[0], b[1], b[2], b[3], b[4], b[5]
-    b6, b7, b8, b9, b10, b11 = b[6], b[7], b[8], b[9], b[10], b[11]
+    b0, b1, b2 = forms[0, shift:], forms[1, shift:], forms[2, shift:]
+    b3, b4, b5 = forms[3, shift:], forms[4, shift:], forms[5, shift:]
+    b6, b7, b8 = forms[6, shift:], forms[7, shift:], forms[8, shift:]
+    b9, b10, b11 = forms[9, shift:], forms[10, shift:], forms[11, shift:]
     for j in range(out.size):
         x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
             a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
@@ -166,7 +154,7 @@ def _discords(a, b, out):  # type: ignore[no-untyped-def]
         out[j] = form / _determinant(c00, c01, c02, c11, c12, c22)
 
 
-@_compiled
+@compiled
 def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-def]
     """Discords of squares side by side, and one below the other.
 
@@ -177,14 +165,14 @@ def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-de
     upper, lower = np.empty((FORM, columns)), np.empty((FORM, columns))
     _take(squares[0], forms, upper)
     for i in range(rows):
-        _discords(upper[:, :-1], upper[:, 1:], right[i, :-1])
+        _discords(upper, upper, 1, right[i, :-1])
         if i + 1 < rows:
             _take(squares[i + 1], forms, lower)
-            _discords(upper, lower, below[i])
+            _discords(upper, lower, 0, below[i])
             upper, lower = lower, upper
 
 
-@_compiled
+@compiled
 def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
     """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
 

@@ -8,15 +8,16 @@ where there is none.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
+from planewise.kernels.jit import in_order
 
+TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
+STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
 
-@_compiled
+@in_order
 def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: ignore[no-untyped-def]
     """chi^2 per degree of freedom by steepness.
 
@@ -44,7 +45,60 @@ def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: igno
                 seen += 1
 
 
-@_compiled
+@in_order
+def unit_errors(  # type: ignore[no-untyped-def]
+    planes, count, size, white_part, shared, drift, step, per_metre, white, lateral, steep, out
+):
+    """Variances of w that the error leaves in every unit, at its mean depth.
+
+    white_part, shared, drift, step (L,): `frame.ErrorTable`, the first two as the sensor says;
+    white: size of the white part in this frame; lateral: error across the image in pixels^2, steep
+    (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (5, n): of the
+    offset by what near readings share; of a slope by it; of the drift over 100 pixels; of the
+    quantisation that near readings share; and the factor by which readings lie farther from the
+    unit's plane than noise would have them.
+
+    White noise of standard deviation s dithers steps of q: the mean error of readings keeps
+    exp(-2 pi^2 s^2 / q^2) of its amplitude.
+    """
+    last = float(step.size - 2)
+    for k in range(count.size):
+        row = min(per_metre / planes[2, k], last)
+        below = int(row)
+        part = row - below
+        new = white_part[below] + part * (white_part[below + 1] - white_part[below])
+        common = shared[below] + part * (shared[below + 1] - shared[below])
+        slow = drift[below] + part * (drift[below + 1] - drift[below])
+        square = step[below] + part * (step[below + 1] - step[below])  # q^2 / 12
+        coarse = 0.0
+        if square > 0.0:
+            noise = white * (new + square) - square
+            coarse = square * np.exp(-4 * np.pi**2 * noise / (12 * square))
+        half = 0.5 * size[k] * SIDE / UNIT
+        larger = 1.0 + lateral * min(steep[k], STEEPEST * STEEPEST)
+        out[0, k] = larger * (common + coarse)
+        out[1, k] = larger * (TILT * TILT * common + coarse / (half * half))
+        out[2, k] = larger * slow
+        out[3, k] = coarse
+        out[4, k] = max(1.0, planes[5, k] / (count[k] - 3.0))
+
+
+@in_order
+def wandering(planes, count, errors, factor, resolution, least, out):  # type: ignore[no-untyped-def]
+    """Variance of w by which the error of every unit drifts over 100 pixels, at least.
+
+    No plane is known better than readings are resolved, nor free of mixed pixels at its edges:
+    `least` of the white variance. errors (5, n): `unit_errors`; factor: size of its drift.
+    """
+    for k in range(count.size):
+        w = planes[2, k]
+        resolved = w * w * w * w * resolution * resolution / 12.0
+        out[k] = max(
+            factor * errors[2, k] + errors[3, k] + resolved, least * count[k] / planes[6, k]
+        )
+
+
+@in_order
 def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # type: ignore[no-untyped-def]
     """w_middle - t w_left - (1 - t) w_right of three cells in a row, `lag` cells apart.
 
@@ -75,7 +129,7 @@ def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # ty
     return found
 
 
-@_compiled
+@in_order
 def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  # type: ignore[no-untyped-def]
     """Disagreement of cells side by side: in slope, and where they meet, half-way between them.
 
@@ -119,7 +173,7 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
     return found
 
 
-@_compiled
+@in_order
 def bisect(square, own, added, share, reference, low, high, steps):  # type: ignore[no-untyped-def]
     """The factor at which a quantile of square / (own + factor added) is the reference.
 

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.groups import NORM
+from planewise.kernels.jit import compiled, internal
 
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 _BATCH = 256
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@internal
 def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-untyped-def]
     """chi^2 with random slopes of a variance integrated out, and det(I + variance A)."""
     a, b, c = 1.0 + variance * xx, variance * xy, 1.0 + variance * yy
@@ -26,7 +23,7 @@ def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-un
     return square - variance * explained / determinant, determinant
 
 
-@_compiled
+@internal
 def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untyped-def]
     """Nats of a group on none: a smooth surface or anything at all, whichever is shorter.
 
@@ -36,7 +33,7 @@ def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untype
     return math.log(2.0) + min(smooth, count * prior[2])
 
 
-@_compiled
+@compiled
 def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
     worth, leaving,
@@ -127,7 +124,7 @@ def group_data(  # type: ignore[no-untyped-def]
     return total
 
 
-@_compiled
+@compiled
 def groups_left(moments, label, first, place, prior, data, leaving):  # type: ignore[no-untyped-def]
     """Add what blocks with several labels have more when a plane goes, after those behind it.
 

@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.cells import COUNT, PRODUCT
+from planewise.kernels.jit import compiled, inlined, internal
 
 SIDE = 3  # pixels of a cell; written out, threes of pixels or cells are taken by vector code
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
@@ -21,11 +21,8 @@ NORM, CELL = PRODUCT, PRODUCT + 1
 NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block
 _LAST = np.uint16(65535)
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@internal
 def _thirds(least, most, low, high):  # type: ignore[no-untyped-def]
     """Smallest and largest of every three labels."""
     for j in range(low.size):
@@ -33,7 +30,7 @@ def _thirds(least, most, low, high):  # type: ignore[no-untyped-def]
         high[j] = max(most[3 * j], max(most[3 * j + 1], most[3 * j + 2]))
 
 
-@_compiled
+@compiled
 def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
     """Label of all readings of every cell and of every block, NONE or SEVERAL.
 
@@ -77,7 +74,7 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
             block[i, j] = NONE if low[j] > high[j] else one
 
 
-@_compiled
+@inlined
 def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings):  # type: ignore[no-untyped-def]
     """Moments and labels of row i of the blocks with one label: sums over cells."""
     rows, _, columns = cells.shape
@@ -113,7 +110,7 @@ def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings
         moments[NORM, g] = 0.5 * (constant * moments[COUNT, g] - total)
 
 
-@_compiled
+@internal
 def _place(names, found, label):  # type: ignore[no-untyped-def]
     """Place of a label among those found in a block; the next one if it is not yet."""
     for k in range(found):
@@ -123,7 +120,7 @@ def _place(names, found, label):  # type: ignore[no-untyped-def]
     return found
 
 
-@_compiled
+@internal
 def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
     """Add a reading of inverse depth w at (a, b) to a row of moments and a product of p w^4."""
     weight, v = np.float64(p), np.float64(w)
@@ -142,7 +139,7 @@ def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
     m[CELL] *= weight * v * v * v * v
 
 
-@_compiled
+@compiled
 def sum_groups(  # type: ignore[no-untyped-def]
     labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label, readings
 ):

@@ -6,12 +6,11 @@ Depths are told apart by their level: the raw value of integer depth, round(per_
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
+from planewise.kernels.jit import in_order
 
 
-@_compiled
+@in_order
 def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
     """seen[v] = 1 for every value low <= v <= high of raw (H, W).
 
@@ -29,7 +28,7 @@ def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
     return count, present
 
 
-@_compiled
+@in_order
 def mark_depths(z, low, high, per_metre, reading):  # type: ignore[no-untyped-def]
     """Write one depth of every level into reading.
 
@@ -48,7 +47,7 @@ def mark_depths(z, low, high, per_metre, reading):  # type: ignore[no-untyped-de
     return count, present, negative
 
 
-@_compiled
+@in_order
 def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-def]
     """Inverse depth w and its precision p (H, W) from tables by level, 0 for no reading."""
     last = precision.size - 1
@@ -60,7 +59,7 @@ def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-de
             p[i, j] = precision[level]
 
 
-@_compiled
+@in_order
 def look_up_depths(z, low, high, per_metre, precision, w, p):  # type: ignore[no-untyped-def]
     """`look_up_levels` for metres, of which low <= z <= high are readings."""
     for i in range(z.shape[0]):
@@ -71,3 +70,20 @@ def look_up_depths(z, low, high, per_metre, precision, w, p):  # type: ignore[no
                 depth = np.float64(row[j])
                 w[i, j] = 1.0 / depth
                 p[i, j] = precision[int(per_metre * depth + 0.5)]
+
+
+@in_order
+def fill_between(levels, values, table):  # type: ignore[no-untyped-def]
+    """Values (E, n) at levels to a table (E, .) of all levels: linear between, constant beyond."""
+    last = levels.size - 1
+    for e in range(values.shape[0]):
+        row = table[e]
+        for k in range(levels[0]):
+            row[k] = values[e, 0]
+        for n in range(last):
+            low, rise = values[e, n], values[e, n + 1] - values[e, n]
+            gap = levels[n + 1] - levels[n]
+            for k in range(gap):
+                row[levels[n] + k] = low + rise * (k / gap)
+        for k in range(levels[last], row.size):
+            row[k] = values[e, last]

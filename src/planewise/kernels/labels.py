@@ -13,7 +13,8 @@ check for negative ones.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, internal
 
 NONE = np.int16(-1)
 CHUNK = 16
@@ -25,11 +26,8 @@ _CHUNK = np.uintp(CHUNK)
 _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
 _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@compiled
 def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type: ignore[no-untyped-def]
     """Write every cell's label onto its pixels.
 
@@ -79,7 +77,7 @@ def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type:
                             label[i + 1, j + 1], state[i + 1, j + 1] = NONE, FIXED
 
 
-@_compiled
+@compiled
 def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, state, busy):  # type: ignore[no-untyped-def]
     """Let pixels wait for a look that lie beside a cell of another label, or off their own plane.
 
@@ -119,7 +117,7 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, state, busy):  
                     flags[(j + _1) // _CHUNK] |= waits
 
 
-@_compiled
+@internal
 def _weight(label, straight, diagonal):  # type: ignore[no-untyped-def]
     """What a label weighs among a pixel's neighbours, in tenths."""
     n, e, s, w = straight
@@ -129,7 +127,7 @@ def _weight(label, straight, diagonal):  # type: ignore[no-untyped-def]
     return 10 * beside + 7 * across
 
 
-@_compiled
+@compiled
 def label_pixels(  # type: ignore[no-untyped-def]
     label, state, busy, seen, margin, w, x, y, width, variance, per_metre, planes, lateral, null,
     differing, sweeps,
@@ -241,7 +239,7 @@ def label_pixels(  # type: ignore[no-untyped-def]
     return changed
 
 
-@_compiled
+@compiled
 def without_margin(label, out):  # type: ignore[no-untyped-def]
     """Copy labels into out (H, W): without their margin, 0 for `NONE`."""
     for i in range(out.shape[0]):

@@ -15,7 +15,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import in_order, inlined
 
 NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
@@ -23,10 +24,8 @@ CONTEXTS = 48  # places of three neighbours among the distinct ones, and whether
 ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "nsz"})
 
-
-@_compiled
+@inlined
 def _code(left, above, right, corner, label):  # type: ignore[no-untyped-def]
     """Context and symbol of a label in one number: SYMBOLS * context + symbol."""
     a = 0 if above == left else 1
@@ -38,7 +37,7 @@ def _code(left, above, right, corner, label):  # type: ignore[no-untyped-def]
     return SYMBOLS * (((3 * a + r) * 4 + c) * 2 + (1 if left > 0 else 0)) + symbol
 
 
-@_compiled
+@inlined
 def _add_change(changes, left, above, right, corner, label):  # type: ignore[no-untyped-def]
     """Add what a label is coded as, to changes (N + 1, .) from one number of planes to the next."""
     end = np.int64(changes.shape[0])
@@ -63,7 +62,7 @@ def _add_change(changes, left, above, right, corner, label):  # type: ignore[no-
         changes[n, code] += 1
 
 
-@_compiled
+@inlined
 def _length(counts, planes):  # type: ignore[no-untyped-def]
     """Nats of labels with these counts of contexts and symbols, 0 ... planes the labels.
 
@@ -89,7 +88,7 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
     return total
 
 
-@_compiled
+@in_order
 def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # type: ignore[no-untyped-def]
     """Nats of a label image if only the first 0 ... N planes were there, labels of others 0.
 

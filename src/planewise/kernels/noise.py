@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import in_order
 
 SUMS = 10  # of 1, x, y, x x, x y, y y, w, x w, y w, w w
 PLANE = 7  # count, centroid x and y, w there, slopes along x and y, sum of squared residuals
 
-_compiled = njit(cache=True, nogil=True, error_model="numpy")
 
-
-@_compiled
+@in_order
 def cell_planes(index, depth, rays, focal, width, side, columns, sums, planes):  # type: ignore[no-untyped-def]
     """Least-squares plane w = w0 + wx (x - cx) + wy (y - cy) of every cell of side x side pixels.
 

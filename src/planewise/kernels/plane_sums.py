@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, inlined
 
 _STEP = 16  # pixels that are compared with a run's label at a time
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@inlined
 def _end_of_run(row, start):  # type: ignore[no-untyped-def]
     """First pixel after `start` in a row of labels that has another label."""
     label, end = row[start], start + 1
@@ -27,21 +25,23 @@ def _end_of_run(row, start):  # type: ignore[no-untyped-def]
     return end
 
 
-@_compiled
-def plane_sums(labels, place, w, x, y, planes, solid, ranked, sums, boxes):  # type: ignore[no-untyped-def]
+@compiled
+def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, boxes):  # type: ignore[no-untyped-def]
     """Rank labels, and sum over the readings of every plane w = t0 + t1 x + t2 y.
 
     labels (H, W) uint16, 0 where there is no reading; place (.): what becomes of each, 0 for none;
-    w, x, y (H, W) float32; planes (N, 3), ranked; solid: area of every pixel on z = 1, (H, W), or
-    of them all, (1, 1). Writes ranked (H, W) uint16; sums (N, 7): count, 0, delta^2, z^3 solid,
-    z x, z y, z, with z = 1 / w and delta = z - 1 / (t . (1, x, y)); and boxes (N, 4): first row and
-    column, last row and column + 1.
+    w, x, y (H, W) float32, straight as in `kernels.cells`; planes (N, 3), ranked; solid: area of
+    every pixel on z = 1, (H, W), or of them all, (1, 1). Writes ranked (H, W) uint16; sums (N, 7):
+    count, 0, delta^2, z^3 solid, z x, z y, z, with z = 1 / w and delta = z - 1 / (t . (1, x, y));
+    and boxes (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
     boxes[:, :2] = max(labels.shape)
     boxes[:, 2:] = 0
+    line = np.empty(labels.shape[1], y.dtype)
     for i in range(labels.shape[0]):
         row, stop = labels[i], 0
+        line[:] = y[i, 0]
         while stop < row.size:
             start, stop = stop, _end_of_run(row, stop)
             rank = place[row[start]]
@@ -50,7 +50,8 @@ def plane_sums(labels, place, w, x, y, planes, solid, ranked, sums, boxes):  # t
                 continue
             j = rank - 1
             t0, t1, t2 = planes[j, 0], planes[j, 1], planes[j, 2]
-            v, a, b = w[i, start:stop], x[i, start:stop], y[i, start:stop]
+            v, a = w[i, start:stop], x[0 if straight else i, start:stop]
+            b = line[start:stop] if straight else y[i, start:stop]
             square = cube = across = down = along = 0.0
             for k in range(v.size):
                 inverse, c, d = np.float64(v[k]), np.float64(a[k]), np.float64(b[k])

@@ -17,15 +17,14 @@ plane gains nothing), hence not the whole of ``fastmath``.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, internal
 
 _BLOCK = 512
 PART = 8_192  # readings that are summed together, whatever the number of threads
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
-@_compiled
+@compiled
 def gather_rays(a, s, tau, chosen, first, last, out):  # type: ignore[no-untyped-def]
     """out (5, n) = a, s, tau (3 + 1 + 1, k) of the readings chosen[first:last]."""
     for axis in range(3):
@@ -35,7 +34,7 @@ def gather_rays(a, s, tau, chosen, first, last, out):  # type: ignore[no-untyped
         out[3, i], out[4, i] = s[chosen[i]], tau[chosen[i]]
 
 
-@_compiled
+@compiled
 def score_rays(theta, a, s, ceiling, first, last, total):  # type: ignore[no-untyped-def]
     """total[h] = sum_i min(0, (s_i - 1 / (theta_h . a_i))^2 - ceiling_i) for first <= h < last.
 
@@ -59,7 +58,7 @@ def score_rays(theta, a, s, ceiling, first, last, total):  # type: ignore[no-unt
             total[h] += part
 
 
-@_compiled
+@compiled
 def score_points(h, x, ceiling, first, last, total):  # type: ignore[no-untyped-def]
     """total[j] = sum_i min(0, (h_j . x_i)^2 - ceiling_i) for first <= j < last.
 
@@ -85,7 +84,7 @@ def score_points(h, x, ceiling, first, last, total):  # type: ignore[no-untyped-
             total[j] += part
 
 
-@_compiled
+@internal
 def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
     """Enter the gains of one plane into the best and second-best of a block; sum the best."""
     part = 0.0
@@ -100,7 +99,7 @@ def _keep_best(g, plane, best, second, mark):  # type: ignore[no-untyped-def]
     return part
 
 
-@_compiled
+@compiled
 def assign_rays(theta, a, s, tau, first, last, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """Give the readings of parts first <= p < last to the plane of lowest gain below zero, or none.
 
@@ -129,7 +128,7 @@ def assign_rays(theta, a, s, tau, first, last, best, second, label, cumulative):
         label[start:stop] = m
 
 
-@_compiled
+@compiled
 def assign_points(h, x, tau, first, last, best, second, label, cumulative):  # type: ignore[no-untyped-def]
     """`assign_rays` for free points: h (N, n + 1), x (n + 1, k) float64."""
     work = np.empty(_BLOCK)
@@ -155,7 +154,7 @@ def assign_points(h, x, tau, first, last, best, second, label, cumulative):  # t
         label[start:stop] = m
 
 
-@_compiled
+@compiled
 def normal_sums(theta, a, s, label, first, last, sums):  # type: ignore[no-untyped-def]
     """Sums of one least-squares step of every plane on its readings in parts first <= p < last.
 
@@ -201,7 +200,7 @@ def normal_sums(theta, a, s, label, first, last, sums):  # type: ignore[no-untyp
             _add(sums[start // PART, j], m00, m01, m02, m11, m12, m22, v0, v1, v2)
 
 
-@_compiled
+@compiled
 def offer_sums(theta, a, s, ceiling, first, last, sums, saved):  # type: ignore[no-untyped-def]
     """`normal_sums` of one plane theta (1, 3) on the readings that it takes: e^2 < ceiling.
 
@@ -241,7 +240,7 @@ def offer_sums(theta, a, s, ceiling, first, last, sums, saved):  # type: ignore[
         saved[start // PART] += total
 
 
-@_compiled
+@internal
 def _add(row, m00, m01, m02, m11, m12, m22, v0, v1, v2):  # type: ignore[no-untyped-def]
     row[0] += m00
     row[1] += m01
@@ -254,7 +253,7 @@ def _add(row, m00, m01, m02, m11, m12, m22, v0, v1, v2):  # type: ignore[no-unty
     row[8] += v2
 
 
-@_compiled
+@compiled
 def gauss_newton(theta, sums, matrix, moved):  # type: ignore[no-untyped-def]
     """One least-squares step of every plane from its sums (parts, N, 9).
 
@@ -288,7 +287,7 @@ def gauss_newton(theta, sums, matrix, moved):  # type: ignore[no-untyped-def]
         )
 
 
-@_compiled
+@compiled
 def scatter(x, label, matrix):  # type: ignore[no-untyped-def]
     """matrix[j] = sum of x x' over the readings of plane j; x (n + 1, k)."""
     matrix[:] = 0.0
@@ -306,7 +305,7 @@ def scatter(x, label, matrix):  # type: ignore[no-untyped-def]
                 matrix[j, q, p] = matrix[j, p, q]
 
 
-@_compiled
+@compiled
 def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no-untyped-def]
     """Moments of the least-squares plane of every square cell of `side` pixels.
 
@@ -334,7 +333,7 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
         m[10] += 1.0
 
 
-@_compiled
+@compiled
 def summarise(label, gain, square, direction, depth, solid, index, width, first, last, sums, box):  # type: ignore[no-untyped-def]
     """Sums over the readings of every plane in parts first <= p < last.
 
@@ -363,7 +362,7 @@ def summarise(label, gain, square, direction, depth, solid, index, width, first,
         extent[3] = max(extent[3], column + 1)
 
 
-@_compiled
+@compiled
 def square_ray_residuals(theta, label, ray, depth, out):  # type: ignore[no-untyped-def]
     """(z - 1 / (theta . r))^2 of every reading on plane label - 1, 0 of those on none."""
     for i in range(label.size):

@@ -5,19 +5,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.group_data import APART
+from planewise.kernels.jit import compiled
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
 _FAR = 40.0  # nats by which a smooth surface has to be shorter for the other not to count
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@compiled
 def refit_sums(  # type: ignore[no-untyped-def]
     moments, label, planes, shared, step, drift, per_metre, error, anything, alone, data, sums
 ):

@@ -15,7 +15,8 @@ interval by 6 u (s + sqrt(tau)), and box and interval are widened by 16 u.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled, internal
 
 RUN = 64
 _BLOCK = 32  # runs that fit the first-level cache
@@ -24,11 +25,9 @@ _CELL = 512  # readings of a cell on average
 _DEPTHS = 64  # parts of a cell in depth
 _SLACK = 1e-6  # relative, more than 16 u
 _EVERYTHING = 1e30
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
-@_compiled
+@compiled
 def order_rays(a, s, first, last, order):  # type: ignore[no-untyped-def]
     """Order the readings of strips first <= p < last, each for itself, by a counting sort.
 
@@ -40,7 +39,7 @@ def order_rays(a, s, first, last, order):  # type: ignore[no-untyped-def]
         _order_strip(a, s, strip * STRIP, min((strip + 1) * STRIP, s.size), order)
 
 
-@_compiled
+@internal
 def _order_strip(a, s, start, stop, order):  # type: ignore[no-untyped-def]
     u0 = v0 = z0 = np.inf
     u1 = v1 = z1 = -np.inf
@@ -74,7 +73,7 @@ def _order_strip(a, s, start, stop, order):  # type: ignore[no-untyped-def]
         place[key[i - start]] += 1
 
 
-@_compiled
+@compiled
 def pack_rays(a, s, tau, order, first, last, data, box, worth):  # type: ignore[no-untyped-def]
     """Gather runs first <= j < last and bound them.
 
@@ -110,7 +109,7 @@ def pack_rays(a, s, tau, order, first, last, data, box, worth):  # type: ignore[
         worth[j] = np.ceil(total * (1.0 + 10.0 * _SLACK))
 
 
-@_compiled
+@compiled
 def bound_rays(theta, box, worth, first, last, rest):  # type: ignore[no-untyped-def]
     """rest[h] = sum of the worth of all runs that might gain on plane h, first <= h < last."""
     zero, one = np.int32(0), np.float32(1.0)
@@ -133,7 +132,7 @@ def bound_rays(theta, box, worth, first, last, rest):  # type: ignore[no-untyped
             rest[h] += part
 
 
-@_compiled
+@compiled
 def score_runs(theta, data, box, worth, chosen, best, first, last, rest, total):  # type: ignore[no-untyped-def]
     """Scores of the planes chosen[first:last], given up as soon as they must exceed `best`.
 

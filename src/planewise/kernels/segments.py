@@ -6,19 +6,17 @@ A segment is a row as `kernels.cells` lays it out; joining segments is adding ro
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.forms import FORM, W, compare_forms, discord_of, write_form
+from planewise.kernels.forms import FORM, W, compare_forms, write_form
+from planewise.kernels.jit import compiled, internal
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
 
-@_compiled
+@internal
 def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     """Enter an item into a heap whose top is the largest key; returns the new size."""
     i = size
@@ -29,14 +27,14 @@ def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     return size + 1
 
 
-@_compiled
+@internal
 def _pop(keys, items, size):  # type: ignore[no-untyped-def]
     """Take the top off a heap; returns the new size."""
     _replace(keys, items, size - 1, keys[size - 1], items[size - 1])
     return size - 1
 
 
-@_compiled
+@internal
 def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     """Put another item in place of the top of a heap."""
     i = 0
@@ -51,7 +49,7 @@ def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
     keys[i], items[i] = key, item
 
 
-@_compiled
+@internal
 def _tempered(discord, count):  # type: ignore[no-untyped-def]
     """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
 
@@ -62,7 +60,7 @@ def _tempered(discord, count):  # type: ignore[no-untyped-def]
     return (nu + 3.0) * np.log(1.0 + discord / nu)
 
 
-@_compiled
+@internal
 def _merge_gain(segments, forms, u, v, boundary, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
     """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
 
@@ -74,7 +72,7 @@ def _merge_gain(segments, forms, u, v, boundary, offset_prior, slope_prior, most
     return min(evidence, most) - 0.5 * misfit + boundary, misfit
 
 
-@_compiled
+@internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u."""
     share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
@@ -85,7 +83,7 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     write_form(segments[u], drift[u], forms[u])
 
 
-@_compiled
+@compiled
 def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root):  # type: ignore[no-untyped-def]
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
@@ -113,7 +111,10 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                 if step == 1:
                     upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
                 else:
-                    upper, lower = discord_of(forms[a], forms[b]), discord_of(forms[c], forms[d])
+                    upper, lower = (
+                        compare_forms(forms[a], forms[b], 0.0, 0.0)[0],
+                        compare_forms(forms[c], forms[d], 0.0, 0.0)[0],
+                    )
                 if upper > limit or lower > limit:
                     continue
                 for e in range(SEGMENT):
@@ -121,7 +122,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                     halves[1, e] = segments[c, e] + segments[d, e]
                 write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
                 write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
-                both = discord_of(shape[0], shape[1])
+                both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
                 if both > limit:
                     continue
                 misfit = _tempered(both, halves[1, COUNT])
@@ -140,7 +141,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
         root[k] = top
 
 
-@_compiled
+@compiled
 def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Move the rows of roots to the front, and say in root (n,) where. Returns how many."""
     found = 0
@@ -148,8 +149,11 @@ def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type
     for k in range(root.size):
         if root[k] == k:
             place[k] = found
-            segments[found] = segments[k]
-            forms[found] = forms[k]
+            # Written out: assigning rows would compile checks of their shapes.
+            for e in range(SEGMENT):
+                segments[found, e] = segments[k, e]
+            for e in range(FORM):
+                forms[found, e] = forms[k, e]
             drift[found] = drift[k]
             offset_prior[found] = offset_prior[k]
             slope_prior[found] = slope_prior[k]
@@ -164,7 +168,7 @@ def room(sides: int, segments: int) -> tuple[int, int]:
     return 10 * sides + 16 + 5 * segments, 7 * sides + 16
 
 
-@_compiled
+@compiled
 def agglomerate(  # type: ignore[no-untyped-def]
     unit,
     discords,
@@ -339,7 +343,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         root[u] = top
 
 
-@_compiled
+@internal
 def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
     """Nats saved by making two segments that do not touch one plane."""
     small = i if segments[i, COUNT] < segments[j, COUNT] else j
@@ -348,7 +352,7 @@ def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ign
     return evidence - 0.5 * discord - naming, discord
 
 
-@_compiled
+@compiled
 def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
@@ -383,3 +387,20 @@ def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  
                 gain[a, b], discord[a, b] = _saved(
                     segments, forms, slope_prior, gap_offset, naming, a, b
                 )
+
+
+@compiled
+def find_planes(segments, forms, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
+    """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
+
+    As `join_through_gaps`, but what is joined changes neither the planes nor what else joins them.
+    Writes plane (n - planes,): the one that saves most, -1 where none saves anything.
+    """
+    naming = np.log(planes)
+    for j in range(planes, segments.shape[0]):
+        plane[j - planes] = -1
+        most = 0.0
+        for i in range(planes):
+            gain, _ = _saved(segments, forms, slope_prior, gap_offset, naming, i, j)
+            if gain > most:
+                most, plane[j - planes] = gain, i

@@ -8,15 +8,13 @@ pixels all have it, 0 of the others. Unsigned indices spare the check for negati
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
+
+from planewise.kernels.jit import compiled
 
 _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
 
-_FAST = {"reassoc", "contract", "arcp", "nsz"}
-_compiled = njit(cache=True, nogil=True, error_model="numpy", fastmath=_FAST)
 
-
-@_compiled
+@compiled
 def units_inside(label, grid, side, inside):  # type: ignore[no-untyped-def]
     """Write inside."""
     height, width = label.shape
@@ -50,7 +48,7 @@ def units_inside(label, grid, side, inside):  # type: ignore[no-untyped-def]
                 inside[unit] = mine if inside[unit] < 0 or inside[unit] == mine else 0
 
 
-@_compiled
+@compiled
 def sum_units(rows, inside, sums, count):  # type: ignore[no-untyped-def]
     """Add the units' rows up by label: sums (labels, .) and how many there are, count (labels,)."""
     for label in range(count.size):
@@ -64,7 +62,7 @@ def sum_units(rows, inside, sums, count):  # type: ignore[no-untyped-def]
         count[mine] += 1
 
 
-@_compiled
+@compiled
 def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
     """Sums over units side by side inside the same label: writes out (labels, 3).
 

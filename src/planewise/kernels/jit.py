@@ -1,0 +1,37 @@
+"""How loops are compiled.
+
+``error_model="numpy"``, for the default checks every division and keeps loops from being vector
+code; of ``fastmath`` only what honours NaN and infinity; no wrappers that nobody calls, for each
+costs compilation time.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from numba import njit
+
+_njit: Any = njit  # its types know fewer options than it has
+_FAST = {"reassoc", "contract", "arcp", "nsz"}
+_IN_ORDER = {"contract", "nsz"}
+_OPTIONS: dict[str, Any] = {
+    "cache": True,
+    "nogil": True,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,
+}
+
+compiled = _njit(**_OPTIONS, fastmath=_FAST)
+"""Sums may be taken in any order, which lets them be vector code."""
+
+in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER)
+"""Sums are taken in the order in which they are written."""
+
+internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True)
+"""`compiled` for what only other loops call."""
+
+internal_in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True)
+"""`in_order` for what only other loops call."""
+
+inlined = _njit(inline="always")
+"""Part of its caller: for what is called in one place, or has to be vector code there."""

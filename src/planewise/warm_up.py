@@ -1,0 +1,90 @@
+"""Compile the loops of the later stages in a process of their own, while the first ones are.
+
+``python -m planewise.warm_up`` is what `compilation.announce` starts; what it compiles is found in
+Numba's cache by the time the call that waits gets there.
+"""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import PinholeCamera
+from planewise.cells import Cells
+from planewise.frame import ErrorTable, Frame
+from planewise.frame_error import FrameError
+from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
+from planewise.rank import describe_image
+from planewise.spatial_information import book_of, groups_of
+from planewise.spatial_labels import label_planes, residual_correlation
+from planewise.spatial_refit import refitted
+
+_SIZE = 36  # pixels to a side of the frame
+_CREASE = 0.18  # where its two planes meet, in units of 100 pixels
+_PLANES = np.array([[0.5 + _CREASE, -1.0, 0.0], [0.5 - _CREASE, 1.0, 0.0]])  # w = t0 + t1 x + t2 y
+
+
+def later_stages() -> None:
+    """Label, value and describe the two planes of a made-up frame, a valley.
+
+    Its arrays have the types and layouts of a real one's.
+    """
+    y, x = np.indices((_SIZE, _SIZE), np.float32) / np.float32(100)
+    frame = Frame(
+        w=(0.5 + np.abs(x - _CREASE)).astype(np.float32),
+        p=np.full(x.shape, 1e6, np.float32),
+        x=x,
+        y=y,
+        straight=True,
+        table=ErrorTable(1000.0, *np.full((4, 4000), 1e-7)),
+        known=True,
+        resolution=0.001,
+    )
+    side = _SIZE // SIDE
+    of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)
+    rows = np.array([_row(plane) for plane in _PLANES])
+    cells = _cells(rows[of_unit])
+    limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
+    both = np.arange(2)
+    _, labels = label_planes(frame, cells, of_unit, both, rows, both, limits)
+    residual_correlation(cells, labels, _PLANES)
+    groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
+    planes, data = refitted(groups, _PLANES)
+    book = book_of(frame, labels, groups, data, 10.0, 0.001)
+    camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
+    affine, covariances = planes[book.order], np.zeros((2, 4, 4))
+    place = np.arange(3, dtype=np.uint16)
+    describe_image(frame, camera, affine, np.ones((2, 4)), covariances, labels, place)
+
+
+def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Segment row of a cell on a plane."""
+    row, information = np.zeros(SEGMENT), np.array([1e6, 1e4, 1e4])
+    row[[0, 3, 5]], row[6:9], row[10] = information, information * plane, SIDE * SIDE
+    return row
+
+
+def _cells(rows: NDArray[np.float64]) -> Cells:
+    """Every cell of the frame a unit."""
+    count = len(rows)
+    side = _SIZE // SIDE
+    moments = np.ones((side, MOMENTS + 1, side))
+    moments[:, 10] = SIDE * SIDE
+    return Cells(
+        grid=np.arange(count, dtype=np.int32).reshape(side, side),
+        moments=moments,
+        rows=rows,
+        whole=np.zeros(count, np.bool_),
+        squares=np.full((side // 2, side // 2), -1, np.int32),
+        drift=np.full(count, 1e-7),
+        offset_prior=np.ones(count),
+        slope_prior=np.ones(count),
+        error=FrameError(),
+    )
+
+
+if __name__ == "__main__":
+    later_stages()
