@@ -25,7 +25,7 @@ from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise, spatial, spatial_information, spatial_model
 from planewise.information import mask_information
-from planewise.kernels.cells import COUNT, FREE, SIDE
+from planewise.kernels.cells import FREE, SIDE
 
 SHOWN = {
     "nyu_dpd": ("VOI", "SC", "F1@.5", "F1@.8"),
@@ -55,10 +55,11 @@ def free_borders() -> Iterator[None]:
 def uniform_mask() -> Iterator[None]:
     """The paper's k ln(N + 1) for the mask in Phi."""
 
-    def information(labels: Any, there: Any, planes: int) -> float:
-        return mask_information(int(there.sum()), planes)
+    def information(labels: Any, p: Any, place: Any, readings: Any) -> Any:
+        count = int(np.count_nonzero(p > 0))
+        return np.array([mask_information(count, planes) for planes in range(len(place))])
 
-    with patch.object(spatial_information, "spatial_mask_information", information):
+    with patch.object(spatial_information, "prefix_mask_information", information):
         yield
 
 
@@ -87,13 +88,10 @@ def uniform_null() -> Iterator[None]:
         rows[:, FREE] = np.bincount(segments.of_unit, saved, len(rows))
         return segments, discords
 
-    def anything(m: Any, slope_prior: float, coordinate: float) -> Any:
-        return m[:, COUNT] * coordinate
-
     with (
         patch.object(spatial_model, "segment", segment_of),
         patch.object(spatial, "_agglomerate", agglomerate_all),
-        patch.object(spatial_information, "_surface_data", anything),
+        patch.object(spatial_information, "_SURFACE", np.inf),
     ):
         yield
 

@@ -18,6 +18,7 @@ from PIL import Image
 import planewise as pw
 from benchmarks import memory, rivals
 from benchmarks.frames import Frame, rooms
+from benchmarks.long_run import long_run
 from benchmarks.processes import process
 from benchmarks.rivals import Method
 from benchmarks.table import RATIO, Row, row
@@ -146,6 +147,18 @@ def held(settings: Settings) -> Iterator[Row]:
     )  # fmt: skip
 
 
+def against_a_long_search(settings: Settings) -> Iterator[Row]:
+    """Compare Phi of the default call with that of a search of seconds."""
+    if settings.quick:
+        raise SkippedError("left out by --quick: a short search finds too little to compare with")
+    runs = {each.name: long_run(each, 40, 8.0) for each in settings.rooms}
+    yield row(
+        "Phi of the default call above a long search's, 3 rooms", "%",
+        np.array([run.gap for run in runs.values()]), must=0.1, aim=0.02,
+        details={name: [run.default.phi, run.best.phi] for name, run in runs.items()},
+    )  # fmt: skip
+
+
 def processes(settings: Settings) -> Iterator[Row]:
     """Time whole processes, files and imports included, on every processor."""
     with all_cores():
@@ -178,6 +191,7 @@ ROWS: tuple[Callable[[Settings], Iterator[Row]], ...] = (
     held,
     processes,
     pixels,
+    against_a_long_search,
 )
 """In the order of the table."""
 

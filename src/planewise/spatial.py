@@ -303,8 +303,7 @@ def _segmentation(
 ) -> Segmentation:
     """Turn w = t . (1, x, y) into theta . r."""
     affine = affine_planes(planes)
-    du, dv = pixel_size
-    turn = np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
+    turn = turn_to_theta(pixel_size)
     matrix = planes[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return Segmentation(
         theta=affine @ turn.T,
@@ -314,6 +313,12 @@ def _segmentation(
         affine=affine,
         residual_correlation=residual_correlation(cells, labels, affine),
     )
+
+
+def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
+    """Matrix that makes theta of (t0, t1, t2)."""
+    du, dv = pixel_size
+    return np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:

@@ -30,14 +30,14 @@ from planewise.frame_error import FrameError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
-from planewise.kernels import groups
+from planewise.kernels import groups as tiles
 from planewise.kernels.frame_error import TILT
 from planewise.mask_code import prefix_mask_information
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-GROUP_SIDE = groups.BLOCK  # pixels of a block whose readings share an offset and a tilt
+GROUP_SIDE = tiles.BLOCK  # pixels of a block whose readings share an offset and a tilt
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 
@@ -61,6 +61,71 @@ class Ledger:
     order: NDArray[np.intp]
     worth: Array
     curve: Array
+
+
+@dataclass(frozen=True)
+class GroupData:
+    """What groups take in nats.
+
+    Attributes
+    ----------
+    total : float
+        All of them.
+    worth, leaving : ndarray, shape (N + 1,)
+        By label: what its groups take on its plane less what on none; and what those in blocks
+        with one label take more without it.
+    """
+
+    total: float
+    worth: Array
+    leaving: Array
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of a frame under some labels, and what their data depend on besides planes.
+
+    Attributes
+    ----------
+    moments, label, first
+        As `kernels.groups` writes them.
+    readings : ndarray of int, shape (N + 1,)
+        Of every label.
+    table : tuple
+        Variances by depth (shared, step, drift), and rows a metre.
+    sizes : tuple of float
+        Factors of the variances of a group's offset and tilt (`kernels.group_data`).
+    prior : tuple of float
+        Of groups on none.
+    nats : ndarray, shape (2, groups)
+        Room for the nats of every group on none and as labelled.
+    """
+
+    moments: Array
+    label: NDArray[np.uint16]
+    first: NDArray[np.int32]
+    readings: NDArray[np.int64]
+    table: tuple[Array, Array, Array, float]
+    sizes: tuple[float, ...]
+    prior: tuple[float, ...]
+    nats: Array
+
+    def planes(self, affine: Array) -> Array:
+        """Planes by label as `kernels.group_data` takes them, shape (4, N + 1)."""
+        by_label = np.zeros((4, len(affine) + 1))
+        by_label[:3, 1:], by_label[3] = affine.T, np.sqrt(self.readings) / kernels.UNIT
+        return by_label
+
+    def data(self, affine: Array) -> GroupData:
+        """What the groups take on planes, shape (N, 3); overwrites `nats`."""
+        worth, leaving = np.zeros((2, len(affine) + 1))
+        shared, step, drift, per_metre = self.table
+        alone, data = self.nats
+        total = loops.group_data(
+            self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
+            per_metre, self.sizes, self.prior, alone, data, worth, leaving,
+        )  # fmt: skip
+        return GroupData(total, worth, leaving)
 
 
 def ledger(
@@ -96,43 +161,74 @@ def ledger(
     -------
     Ledger
     """
-    workspace, planes = workspace or Workspace(), len(affine)
-    error = FrameError() if cells is None else cells.error
     mask = np.ascontiguousarray(labels, np.uint16)
+    groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
+    return book_of(frame, mask, groups, groups.data(affine), range, resolution)
+
+
+def book_of(
+    frame: Frame,
+    labels: NDArray[np.uint16],
+    groups: Groups,
+    data: GroupData,
+    range: float,
+    resolution: float,
+) -> Ledger:
+    """`ledger` of what the groups of these labels took last; the data are used up."""
+    worth, leaving = data.worth[1:], data.leaving
+    planes = len(worth)
+    order: NDArray[np.intp] = np.argsort(worth, kind="stable")
+    place = np.zeros(planes + 1, np.uint16)
+    place[order + 1] = np.arange(1, planes + 1)
+    loops.groups_left(
+        groups.moments, groups.label, groups.first, place, groups.prior, groups.nats[1], leaving
+    )
+    curve = np.full(planes + 1, data.total)
+    # Planes are taken away from the last on.
+    curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
+    curve += np.arange(planes + 1) * plane_information(3, range, resolution)
+    curve += prefix_mask_information(labels, frame.p, place, groups.readings)
+    return Ledger(order=order, worth=worth[order], curve=curve)
+
+
+def groups_of(
+    frame: Frame,
+    cells: Cells | None,
+    labels: NDArray[np.uint16],
+    planes: int,
+    range: float,
+    resolution: float,
+    pixel_size: tuple[float, float],
+    workspace: Workspace | None = None,
+) -> Groups:
+    """Groups of a frame; arguments as of `ledger`, planes: their number."""
+    workspace = workspace or Workspace()
+    error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
     moments, label, first = _groups(
-        frame, cells, error.white, mask, resolution, readings, workspace
+        frame, cells, error.white, labels, resolution, readings, workspace
     )
-    by_label = np.zeros((4, planes + 1))
-    by_label[:3, 1:], by_label[3] = affine.T, np.sqrt(readings) / kernels.UNIT
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
         error.drift * kernels.PLANE_RESIDUAL,
         error.bent * TILT**2,
-        error.drift * kernels.PLANE_BEND[0] / (groups.BLOCK / kernels.UNIT),
+        error.drift * kernels.PLANE_BEND[0] / (tiles.BLOCK / kernels.UNIT),
         error.lateral,
     )
     coordinate = coordinate_information(range, resolution)
     slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2
-    prior = (slopes, _SURFACE * coordinate, coordinate)
-    alone, data = workspace.empty((2, moments.shape[1]))
-    worth, leaving = np.zeros((2, planes + 1))
     table = frame.table
-    total = loops.group_data(
-        moments, label, first, by_label, table.shared, table.step, table.drift, table.per_metre,
-        sizes, prior, alone, data, worth, leaving,
-    )  # fmt: skip
-    order: NDArray[np.intp] = np.argsort(worth[1:], kind="stable")
-    place = np.zeros(planes + 1, np.uint16)
-    place[order + 1] = np.arange(1, planes + 1)
-    loops.groups_left(moments, label, first, place, prior, data, leaving)
-    curve = np.full(planes + 1, total)
-    # Planes are taken away from the last on.
-    curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
-    curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    curve += prefix_mask_information(mask, frame.p, place, readings)
-    return Ledger(order=order, worth=worth[1:][order], curve=curve)
+    return Groups(
+        moments=moments,
+        label=label,
+        first=first,
+        readings=readings,
+        table=(table.shared, table.step, table.drift, table.per_metre),
+        sizes=sizes,
+        prior=(slopes, _SURFACE * coordinate, coordinate),
+        nats=workspace.empty((2, moments.shape[1])),
+    )
 
 
 def _groups(
@@ -148,20 +244,20 @@ def _groups(
 
     Adds to readings those of every label.
     """
-    shape = _tiles(labels.shape, groups.SIDE)
+    shape = _tiles(labels.shape, tiles.SIDE)
     of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
     cell = workspace.empty(shape, np.int32)
-    block = workspace.empty(_tiles(labels.shape, groups.BLOCK), np.int32)
-    work = np.empty((6, groups.BLOCK * block.shape[1]), np.uint16)
-    groups.label_cells(labels, frame.p, cell, block, work)
-    several = int(np.count_nonzero(block == groups.SEVERAL))
+    block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
+    work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
+    tiles.label_cells(labels, frame.p, cell, block, work)
+    several = int(np.count_nonzero(block == tiles.SEVERAL))
     # Of the cells of a block, each with one label adds at most one group.
-    most = groups.SIDE**2 * (several + int(np.count_nonzero(cell == groups.SEVERAL)))
-    moments = workspace.empty((groups.NORM + 1, block.size + most))
+    most = tiles.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
+    moments = workspace.empty((tiles.NORM + 1, block.size + most))
     label = workspace.empty(block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))
     first = np.empty(several + 1, np.int32)
-    groups.sum_groups(
+    tiles.sum_groups(
         labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, white, constant,
         first, moments, label, readings,
     )  # fmt: skip

@@ -13,8 +13,9 @@ from planewise.information import plane_information
 from planewise.model import Curve, Move, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe_image
-from planewise.spatial import segment
-from planewise.spatial_information import ledger
+from planewise.spatial import segment, turn_to_theta
+from planewise.spatial_information import book_of, groups_of
+from planewise.spatial_refit import refitted
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -69,16 +70,11 @@ def spatial_model(
     )
 
     with stage("ledger"), workspace.stage():
-        book = ledger(
-            frame,
-            cells,
-            found.affine,
-            found.labels,
-            observation.range,
-            observation.resolution,
-            size,
-            workspace,
-        )
+        limits = observation.range, observation.resolution
+        labels = found.labels
+        groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
+        affine, data = refitted(groups, found.affine)
+        book = book_of(frame, labels, groups, data, *limits)
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
     least = _LEAST * plane_information(3, observation.range, observation.resolution)
     curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
@@ -91,7 +87,8 @@ def spatial_model(
     place[order + 1] = np.arange(1, best + 1)
     phi = curve[: best + 1]
 
-    theta = found.theta[order]
+    affine = affine[order]
+    theta = affine @ turn_to_theta(size).T
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))
     covariances = covariance_of_plane(theta, found.covariance[order])
@@ -99,10 +96,10 @@ def spatial_model(
         planes, labels = describe_image(
             frame,
             observation.camera,
-            found.affine[order],
+            affine,
             rows,
             covariances,
-            found.labels,
+            labels,
             place,
             information=book.worth.tolist(),
             significance=found.significance[order].tolist(),

@@ -18,8 +18,9 @@ from planewise.frame import ErrorTable, Frame
 from planewise.frame_error import FrameError
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
 from planewise.rank import describe_image
-from planewise.spatial_information import ledger
+from planewise.spatial_information import book_of, groups_of
 from planewise.spatial_labels import label_planes, residual_correlation
+from planewise.spatial_refit import refitted
 
 _SIZE = 36  # pixels to a side of the frame
 _CREASE = 0.18  # where its two planes meet, in units of 100 pixels
@@ -50,9 +51,11 @@ def later_stages() -> None:
     both = np.arange(2)
     _, labels = label_planes(frame, cells, of_unit, both, rows, both, limits)
     residual_correlation(cells, labels, _PLANES)
-    book = ledger(frame, cells, _PLANES, labels, 10.0, 0.001, (0.002, 0.002))
+    groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
+    planes, data = refitted(groups, _PLANES)
+    book = book_of(frame, labels, groups, data, 10.0, 0.001)
     camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
-    affine, covariances = _PLANES[book.order], np.zeros((2, 4, 4))
+    affine, covariances = planes[book.order], np.zeros((2, 4, 4))
     place = np.arange(3, dtype=np.uint16)
     describe_image(frame, camera, affine, np.ones((2, 4)), covariances, labels, place)
 

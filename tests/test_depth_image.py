@@ -1,0 +1,39 @@
+"""What is worked out by level instead of by reading."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.frame import frame_of
+
+SIGMA, RESOLUTION = 0.002, 0.001
+
+
+@pytest.mark.parametrize(("power", "slack"), [(0, 4), (1, 2), (2, 0)])
+def test_readings_in_metres_have_nearly_the_variance_of_their_depth(camera, power, slack):
+    """Off by a part of |2 power - 4| times a level over the depth."""
+    depth = np.random.default_rng(0).uniform(0.5, 6, (48, 64))
+    noise = pw.Sensor(
+        max_depth=10, resolution=RESOLUTION, noise=lambda z: SIGMA * np.asarray(z) ** power
+    )
+    seen = pw.observe(depth, camera, noise)
+    frame = frame_of(seen)
+    assert_array_equal(frame.w, (1 / depth).astype(np.float32))
+    of_level = np.searchsorted(seen.image.levels, np.floor(seen.image.per_metre * depth + 0.5))
+    step = seen.image.steps()[of_level]
+    variance = (SIGMA**2 * depth ** (2 * power) + step**2 / 12) / depth**4
+    # Quantisation is a variance of depth, as constant noise is.
+    slack = slack * SIGMA**2 * depth ** (2 * power) + 4 * step**2 / 12
+    bound = 0.1 * RESOLUTION / depth * slack / (variance * depth**4)
+    assert (np.abs(frame.p * variance - 1) < 1.01 * bound + 3e-7).all()
+
+
+def test_readings_in_units_have_the_variance_of_their_depth(camera):
+    raw = np.random.default_rng(0).integers(500, 6000, (48, 64)).astype(np.uint16)
+    sensor = pw.Sensor(max_depth=10, resolution=RESOLUTION, noise=pw.noise.constant(SIGMA))
+    seen = pw.observe(raw, camera, sensor)
+    frame = frame_of(seen)
+    step = np.interp(raw, seen.image.levels, seen.image.steps())
+    z = raw * RESOLUTION
+    assert_allclose(frame.p * (SIGMA**2 + step**2 / 12) / z**4, 1, rtol=3e-7)
