@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
-from planewise import cells, spatial, spatial_labels
+from planewise import cells, spatial, spatial_labels, spatial_model
 from planewise.metrics import evaluate
 
 Gains = dict[str, float]
@@ -38,6 +38,7 @@ _OTHERS = 8  # restarts whose planes are tried
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial, "_PLANE_COST", 0.7),
     (spatial, "_SAME", 0.5),
+    (spatial_model, "_LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_HOPELESS", 0.5),
     (cells, "_SATURATION", 0.7),
@@ -101,7 +102,7 @@ def restart(judge: Judge, rng: np.random.Generator) -> Solution:
         for module, name, values in _PICKED:
             stack.enter_context(patch.object(module, name, values[rng.integers(len(values))]))
         least = _SIGNIFICANCE[rng.integers(len(_SIGNIFICANCE))]
-        return judge.segmented(instances=bool(rng.integers(2)), significance=least)
+        return judge.default(instances=bool(rng.integers(2)), significance=least)
 
 
 def descend(
@@ -129,7 +130,7 @@ def descend(
 def long_run(frame: Frame, restarts: int, seconds: float, seed: int = 0) -> Result:
     """Search a frame for a lower Phi than the default's."""
     judge, rng = Judge(frame), np.random.default_rng(seed)
-    empty, default = judge.nothing(), judge.segmented()
+    empty, default = judge.nothing(), judge.default()
     found = sorted((restart(judge, rng) for _ in range(restarts)), key=lambda each: each.phi)
     others = [default, *found[:_OTHERS]]
     runs = []

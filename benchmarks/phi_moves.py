@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.frames import Frame
-from planewise import spatial_labels, spatial_model
+from planewise import spatial_labels
 from planewise.cells import cells_of
+from planewise.evaluate import MAX_PLANES
 from planewise.frame import frame_of
-from planewise.information import plane_information
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
-from planewise.spatial import segment
-from planewise.spatial_information import Ledger, groups_of, ledger
-from planewise.spatial_refit import refitted
+from planewise.spatial import turn_to_theta
+from planewise.spatial_information import Ledger, ledger
+from planewise.spatial_model import spatial_model
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -81,10 +81,10 @@ class Judge:
         with self.workspace.frame():
             return ledger(self.frame, self.cells, affine, labels, *self._limits, self.workspace)
 
-    def solution(self, affine: Array, labels: Labels, least: float = -np.inf) -> Solution:
-        """What pays of planes and labels, best first; of planes that save more than `least`."""
+    def solution(self, affine: Array, labels: Labels) -> Solution:
+        """What pays of planes and labels, best first."""
         book = self.book(affine, labels)
-        best = int(np.argmin(book.curve[: np.count_nonzero(book.worth < -least) + 1]))
+        best = int(np.argmin(book.curve))
         order = book.order[:best]
         place = np.zeros(len(affine) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
@@ -94,18 +94,17 @@ class Judge:
         """No plane."""
         return self.solution(np.empty((0, 3)), np.zeros(self.frame.w.shape, np.uint16))
 
-    def segmented(self, **options: Any) -> Solution:
-        """What the default search finds with the constants that hold now."""
-        cells = cells_of(self.frame, self.observation.pixel_size)
-        found = segment(self.observation, self.frame, cells, **options)
-        with self.workspace.frame():
-            groups = groups_of(
-                self.frame, self.cells, found.labels, len(found.affine), *self._limits,
-                self.workspace,
-            )  # fmt: skip
-            affine = refitted(groups, found.affine)[0]
-        least = spatial_model._LEAST * plane_information(3, *self._limits[:2])
-        return self.solution(affine, found.labels, least)
+    def default(self, **options: Any) -> Solution:
+        """What the default call finds with the constants that hold now."""
+        model = spatial_model(
+            self.observation,
+            **({"instances": False, "significance": 0.0} | options),
+            max_planes=MAX_PLANES,
+            settings={},
+        )
+        theta = -model.coefficients[:, :3] / model.coefficients[:, 3:]
+        affine = theta @ np.linalg.inv(turn_to_theta(self.observation.pixel_size)).T
+        return self.solution(affine, model.labels)
 
     def lower(self, now: Solution, affine: Array, labels: Labels) -> Solution:
         """Other planes and labels where their Phi is lower; planes keep their numbers."""

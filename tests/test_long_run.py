@@ -36,7 +36,7 @@ def disturbed(judge, solution):
 
 
 def test_the_judge_returns_what_the_default_call_does(frame, judge):
-    model, found = frame.detect(), judge.segmented()
+    model, found = frame.detect(), judge.default()
     assert found.phi == pytest.approx(model.information, rel=1e-12)
     assert len(found) == len(model) > 1
     assert np.array_equal(found.labels, model.labels)
@@ -45,7 +45,7 @@ def test_the_judge_returns_what_the_default_call_does(frame, judge):
 
 @pytest.mark.parametrize("move", MOVES, ids=lambda move: move.__name__)
 def test_no_move_raises_phi_and_each_is_accounted_for(judge, move):
-    found = judge.segmented()
+    found = judge.default()
     start = disturbed(judge, found)
     assert start.phi > found.phi
     gains = {}
@@ -56,7 +56,7 @@ def test_no_move_raises_phi_and_each_is_accounted_for(judge, move):
 
 
 def test_all_moves_together_mend_what_was_disturbed(judge):
-    found = judge.segmented()
+    found = judge.default()
     start, gains = disturbed(judge, found), {}
     end = descend(judge, start, [found], gains)
     assert end.phi < found.phi + 1
@@ -67,14 +67,14 @@ def test_no_plane_is_a_start_too(judge):
     nothing = judge.nothing()
     assert isinstance(nothing, Solution)
     assert len(nothing) == 0
-    assert descend(judge, nothing, [judge.segmented()], {}).phi < nothing.phi
+    assert descend(judge, nothing, [judge.default()], {}).phi < nothing.phi
 
 
 def test_restarts_differ_and_leave_no_constant_behind(judge):
-    before = judge.segmented().phi
+    before = judge.default().phi
     found = {restart(judge, np.random.default_rng(seed)).phi for seed in range(4)}
     assert len(found) > 1
-    assert judge.segmented().phi == before
+    assert judge.default().phi == before
 
 
 def test_a_long_run_is_no_higher_than_the_default(frame, judge):
