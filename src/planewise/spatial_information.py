@@ -173,17 +173,11 @@ def book_of(
     data: GroupData,
     range: float,
     resolution: float,
-    weak: NDArray[np.bool_] | None = None,
 ) -> Ledger:
-    """`ledger` of what the groups of these labels took last; the data are used up.
-
-    weak (N,): planes that come after all others.
-    """
+    """`ledger` of what the groups of these labels took last; the data are used up."""
     worth, leaving = data.worth[1:], data.leaving
     planes = len(worth)
     order: NDArray[np.intp] = np.argsort(worth, kind="stable")
-    if weak is not None:
-        order = order[np.argsort(weak[order], kind="stable")]
     place = np.zeros(planes + 1, np.uint16)
     place[order + 1] = np.arange(1, planes + 1)
     loops.groups_left(

@@ -73,12 +73,11 @@ def spatial_model(
         limits = observation.range, observation.resolution
         labels = found.labels
         groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
-        refit = refitted(groups, found.affine)
-        # Judged as they were found: what a plane saves only once it has moved is not clear.
-        weak = refit.before >= -_LEAST * plane_information(3, *limits)
-        book = book_of(frame, labels, groups, refit.data, *limits, weak)
+        affine, data = refitted(groups, found.affine)
+        book = book_of(frame, labels, groups, data, *limits)
     moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
-    curve = book.curve[: np.count_nonzero(~weak) + 1]
+    least = _LEAST * plane_information(3, observation.range, observation.resolution)
+    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
     best = int(np.argmin(curve))
     if best < len(book.order):
         # What does not pay for itself by exact Phi goes.
@@ -88,7 +87,7 @@ def spatial_model(
     place[order + 1] = np.arange(1, best + 1)
     phi = curve[: best + 1]
 
-    affine = refit.affine[order]
+    affine = affine[order]
     theta = affine @ turn_to_theta(size).T
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))

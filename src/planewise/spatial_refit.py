@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,27 +14,8 @@ Array = NDArray[np.float64]
 _LEAST = 1e-6  # of the determinant of information with unit diagonal: less tells no plane
 
 
-@dataclass(frozen=True)
-class Refit:
-    """Planes that were refitted.
-
-    Attributes
-    ----------
-    affine : ndarray, shape (N, 3)
-        (t0, t1, t2) of w = t0 + t1 x + t2 y.
-    data : GroupData
-        On these planes.
-    before : ndarray, shape (N,)
-        What the groups of each took on its old plane less what on none.
-    """
-
-    affine: Array
-    data: GroupData
-    before: Array
-
-
-def refitted(groups: Groups, affine: Array) -> Refit:
-    """Planes that describe their groups in fewer nats, labels as they are.
+def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
+    """Planes that describe their groups in fewer nats, labels as they are, and their data.
 
     One step of expectation and maximisation: every group counts with the information on its plane
     that its random offset and tilt leave, times the probability that it is on it. A plane whose
@@ -51,9 +30,11 @@ def refitted(groups: Groups, affine: Array) -> Refit:
 
     Returns
     -------
-    Refit
+    affine : ndarray, shape (N, 3)
+    data : GroupData
+        On these planes.
     """
-    before = groups.data(affine).worth[1:]
+    before = groups.data(affine)
     sums = np.empty((len(affine) + 1, 9))
     shared, step, drift, per_metre = groups.table
     alone, nats = groups.nats
@@ -66,11 +47,11 @@ def refitted(groups: Groups, affine: Array) -> Refit:
     moved = affine.copy()
     moved[told] = affine_planes(rows[told])
     after = groups.data(moved)
-    worse = after.worth[1:] > before
-    if worse.any():
-        moved[worse] = affine[worse]
-        after = groups.data(moved)
-    return Refit(moved, after, before)
+    worse = (after.worth > before.worth)[1:]
+    if not worse.any():
+        return moved, after
+    moved[worse] = affine[worse]
+    return moved, groups.data(moved)
 
 
 def _told(rows: Array) -> NDArray[np.bool_]:

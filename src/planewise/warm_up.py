@@ -52,10 +52,10 @@ def later_stages() -> None:
     _, labels = label_planes(frame, cells, of_unit, both, rows, both, limits)
     residual_correlation(cells, labels, _PLANES)
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
-    refit = refitted(groups, _PLANES)
-    book = book_of(frame, labels, groups, refit.data, 10.0, 0.001)
+    planes, data = refitted(groups, _PLANES)
+    book = book_of(frame, labels, groups, data, 10.0, 0.001)
     camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
-    affine, covariances = refit.affine[book.order], np.zeros((2, 4, 4))
+    affine, covariances = planes[book.order], np.zeros((2, 4, 4))
     place = np.arange(3, dtype=np.uint16)
     describe_image(frame, camera, affine, np.ones((2, 4)), covariances, labels, place)
 
