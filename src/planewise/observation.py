@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise import compilation
 from planewise.camera import PinholeCamera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
@@ -303,6 +302,8 @@ def observe(
         If the image is not a 2-D array of numbers with at least two rows and columns, holds
         negative depths, or cannot belong to the camera.
     """
+    from planewise import compilation  # loads Numba
+
     compilation.announce()
     image = DepthImage.of(depth, sensor, depth_scale, workspace)
     camera.check(image.shape)
