@@ -197,14 +197,3 @@ def test_summarise(k):
         assert_allclose(sums[j], [*expected, *position[:, mine].sum(axis=1)], atol=1e-9)
         rows, columns = index[mine] // width, index[mine] % width
         assert_array_equal(box[j], [rows.min(), columns.min(), rows.max() + 1, columns.max() + 1])
-
-
-def test_square_ray_residuals():
-    rng = np.random.default_rng(0)
-    theta = np.array([[0.1, 0.2, 0.6], [-0.2, 0.0, 0.5]])
-    ray = np.vstack((rng.uniform(-0.6, 0.6, (2, 50)), np.ones(50)))
-    depth, label = rng.uniform(0.5, 4, 50), rng.integers(0, 3, 50).astype(np.uint16)
-    out = np.full(50, 9.0)
-    kernels.square_ray_residuals(theta, label, ray, depth, out)
-    inverse = np.vstack((np.ones((1, 50)), theta @ ray))[label, np.arange(50)]
-    assert_allclose(out, np.where(label > 0, (depth - 1 / inverse) ** 2, 0.0))

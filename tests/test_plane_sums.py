@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.frame import frame_of
 from planewise.kernels.cells import UNIT
-from planewise.kernels.readings import square_ray_residuals
 from planewise.rank import describe, describe_image
 
 PLANES = np.array([[0.4, 0.02, -0.05], [0.6, -0.03, 0.01], [0.5, 0.0, 0.0], [0.7, 0.1, 0.1]])
@@ -42,8 +41,9 @@ def test_planes_are_described_as_by_their_readings(shape, distortion):
     rows = np.hstack((-theta / length, 1 / length))
     covariances = np.zeros((4, 4, 4))
     marks = labels.reshape(-1)[observation.index]
-    square = np.empty(marks.size)
-    square_ray_residuals(theta, marks, observation.rays, observation.depth, square)
+    planes = np.vstack((np.ones((1, 3)), theta))[marks]
+    delta = observation.depth - 1 / np.einsum("ki,ik->k", planes, observation.rays)
+    square = np.where(marks > 0, delta**2, 0.0)
     slow = describe(observation, rows, covariances, marks, np.zeros(marks.size), square)
     frame = frame_of(observation)
     place = np.array([0, 2, 0, 4, 1, 3], np.uint16)

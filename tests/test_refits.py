@@ -157,8 +157,9 @@ def test_planes_of_rooms_come_nearer_to_the_truth():
         found = segment(seen, frame, cells)
         limits = seen.range, seen.resolution, seen.pixel_size
         groups = groups_of(frame, cells, found.labels, len(found.affine), *limits)
-        after = refitted(groups, found.affine)[0] @ turn_to_theta(seen.pixel_size).T
-        for label, thetas in enumerate(zip(found.theta, after, strict=True), start=1):
+        turn = turn_to_theta(seen.pixel_size).T
+        both = found.affine @ turn, refitted(groups, found.affine)[0] @ turn
+        for label, thetas in enumerate(zip(*both, strict=True), start=1):
             truth = np.bincount(scene.labels[found.labels == label], minlength=2)
             if truth[0] < truth.sum() / 5 and truth.max() > 0.8 * truth.sum() > 400:
                 normal = scene.planes[truth.argmax() - 1, :3]

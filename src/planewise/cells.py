@@ -119,11 +119,12 @@ def cells_of(
     if not found:
         return None
     units, size = units[:found], size[:found]
+    whole = size == 2
     planes = workspace.empty((kernels.PLANE, found))
     kernels.unit_planes(units, planes)
     segments = workspace.kept((found, kernels.SEGMENT))
     drift, squares, error = _without_shared_error(
-        frame, grid, units, size, planes, white, segments, workspace
+        frame, grid, units, size, whole, planes, white, segments, workspace
     )
     w = planes[2]
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
@@ -131,7 +132,7 @@ def cells_of(
         grid=grid,
         moments=moments,
         rows=segments,
-        whole=size == 2,
+        whole=whole,
         squares=squares,
         drift=drift,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
@@ -145,6 +146,7 @@ def _without_shared_error(
     grid: NDArray[np.int32],
     units: Array,
     size: Array,
+    whole: NDArray[np.bool_],
     planes: Array,
     white: float,
     segments: Array,
@@ -156,10 +158,10 @@ def _without_shared_error(
     Parts of the error are those at the mean depth of each unit.
     """
     count, table = units[:, kernels.COUNT].copy(), frame.table
-    squares = _squares(grid, size == 2, workspace)
+    squares = _squares(grid, whole, workspace)
     with workspace.stage():
         errors = workspace.empty((5, len(units)))
-        lateral, steep = lateral_variance(units, planes, size == 2, workspace)
+        lateral, steep = lateral_variance(units, planes, whole, workspace)
         frame_error.unit_errors(
             planes,
             count,

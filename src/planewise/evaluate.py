@@ -24,7 +24,7 @@ Labels = NDArray[np.uint16]
 
 MAX_PLANES = np.iinfo(np.uint16).max
 FEWEST_PARTS = 2  # that are worth a thread
-FEWEST_SCORES = 1_000_000  # readings times planes that are worth a thread
+_FEWEST_SCORES = 1_000_000  # readings times planes that are worth a thread
 
 
 @dataclass(frozen=True)
@@ -181,6 +181,23 @@ def covariance_of_plane(theta: Array, covariance: Array) -> Array:
     across = np.eye(3) - np.swapaxes(unit, -1, -2) * unit
     jacobian = np.concatenate((-across / size, -unit / size**2), axis=-2)
     return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2))
+
+
+def scored(
+    planes: NDArray[np.float32],
+    readings: int,
+    workers: int,
+    work: Callable[[int, int, Array], None],
+) -> Array:
+    """Scores of planes that ``work(first, last, total)`` writes, some planes a thread."""
+    total = np.empty(len(planes))
+    threads.over_chunks(
+        lambda first, last: work(first, last, total),
+        len(planes),
+        workers,
+        1 + _FEWEST_SCORES // (1 + readings),
+    )
+    return total
 
 
 def assigned(

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.evaluate import (
-    FEWEST_SCORES,
     Array,
     Assignment,
     Evaluator,
     Labels,
     assigned,
     inverse,
+    scored,
 )
 from planewise.kernels import readings as kernels
 from planewise.observation import PointObservation
@@ -58,14 +57,12 @@ class PointEvaluator(Evaluator):
         x = self._single
         ceiling = (self.tau if floor is None else self.tau + floor).astype(np.float32)
         planes = parameters.astype(np.float32)
-        total = np.empty(len(planes))
-        threads.over_chunks(
-            lambda first, last: kernels.score_points(planes, x, ceiling, first, last, total),
-            len(planes),
+        return scored(
+            planes,
+            self.count,
             self.threads,
-            1 + FEWEST_SCORES // (1 + self.count),
+            lambda *rest: kernels.score_points(planes, x, ceiling, *rest),
         )
-        return total
 
     def assign(self, parameters: Array) -> Assignment:
         """Give every point to the plane of lowest gain."""

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from planewise import threads
 from planewise.evaluate import (
     FEWEST_PARTS,
-    FEWEST_SCORES,
     Array,
     Assignment,
     Evaluator,
@@ -17,6 +16,7 @@ from planewise.evaluate import (
     covariance_of_plane,
     inverse,
     part_count,
+    scored,
 )
 from planewise.kernels import readings as kernels
 from planewise.observation import RayObservation
@@ -80,14 +80,12 @@ class RayEvaluator(Evaluator):
         a, s = self._single
         ceiling = self._ceiling(floor).astype(np.float32)
         theta = parameters.astype(np.float32)
-        total = np.empty(len(theta))
-        threads.over_chunks(
-            lambda first, last: kernels.score_rays(theta, a, s, ceiling, first, last, total),
-            len(theta),
+        return scored(
+            theta,
+            self.count,
             self.threads,
-            1 + FEWEST_SCORES // (1 + self.count),
+            lambda *rest: kernels.score_rays(theta, a, s, ceiling, *rest),
         )
-        return total
 
     def assign(self, parameters: Array) -> Assignment:
         """Give every reading to the plane of lowest gain."""

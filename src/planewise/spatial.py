@@ -21,7 +21,12 @@ from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
 from planewise.observation import RayObservation
-from planewise.spatial_labels import affine_planes, label_planes, residual_correlation
+from planewise.spatial_labels import (
+    affine_planes,
+    information_matrices,
+    label_planes,
+    residual_correlation,
+)
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -46,10 +51,8 @@ class Segmentation:
 
     Attributes
     ----------
-    theta : ndarray, shape (N, 3)
-        theta . x = 1 for the points of each plane.
     covariance : ndarray, shape (N, 3, 3)
-        Of theta, the error that near readings share included.
+        Of theta (`turn_to_theta`), the error that near readings share included.
     labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1.
     significance : ndarray, shape (N,)
@@ -62,7 +65,6 @@ class Segmentation:
         Planes that pay but are more than was asked for.
     """
 
-    theta: Array
     covariance: Array
     labels: Labels
     significance: Array
@@ -301,13 +303,11 @@ def _most_significant(
 def _segmentation(
     cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
 ) -> Segmentation:
-    """Turn w = t . (1, x, y) into theta . r."""
+    """Planes w = t . (1, x, y) of segment rows, with what is said of them."""
     affine = affine_planes(planes)
     turn = turn_to_theta(pixel_size)
-    matrix = planes[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
     return Segmentation(
-        theta=affine @ turn.T,
-        covariance=turn @ np.linalg.inv(matrix) @ turn.T,
+        covariance=turn @ np.linalg.inv(information_matrices(planes)) @ turn.T,
         labels=labels,
         significance=worth,
         affine=affine,
@@ -316,14 +316,13 @@ def _segmentation(
 
 
 def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
-    """Matrix that makes theta of (t0, t1, t2)."""
+    """Matrix that makes theta, theta . x = 1 for the points of a plane, of (t0, t1, t2)."""
     du, dv = pixel_size
     return np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:
     return Segmentation(
-        theta=np.empty((0, 3)),
         covariance=np.empty((0, 3, 3)),
         labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),

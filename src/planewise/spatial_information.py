@@ -244,7 +244,7 @@ def _groups(
 
     Adds to readings those of every label.
     """
-    shape = _tiles(labels.shape, tiles.SIDE)
+    shape = _tiles(labels.shape, kernels.SIDE)
     of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
     cell = workspace.empty(shape, np.int32)
     block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
@@ -252,7 +252,7 @@ def _groups(
     tiles.label_cells(labels, frame.p, cell, block, work)
     several = int(np.count_nonzero(block == tiles.SEVERAL))
     # Of the cells of a block, each with one label adds at most one group.
-    most = tiles.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
+    most = kernels.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
     moments = workspace.empty((tiles.NORM + 1, block.size + most))
     label = workspace.empty(block.size + most, np.uint16)
     constant = float(np.log(2 * np.pi * white / resolution**2))

@@ -32,9 +32,14 @@ _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its pla
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
 
+def information_matrices(rows: Array) -> Array:
+    """P (N, 3, 3) of segment rows, which begin with its upper triangle."""
+    return np.asarray(rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
+
+
 def affine_planes(rows: Array) -> Array:
     """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
-    matrix = rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    matrix = information_matrices(rows)
     scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrix))
     scaled = matrix * scale[:, :, None] * scale[:, None, :]
     return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])

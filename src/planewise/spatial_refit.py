@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels.refits import refit_sums
 from planewise.spatial_information import GroupData, Groups
-from planewise.spatial_labels import affine_planes
+from planewise.spatial_labels import affine_planes, information_matrices
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,6 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
 
 def _told(rows: Array) -> NDArray[np.bool_]:
     """Whether sums of information determine a plane."""
-    matrix = rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3)
+    matrix = information_matrices(rows)
     size = np.einsum("nii->ni", matrix).prod(axis=1)
     return np.asarray(np.linalg.det(matrix) > _LEAST * size)

@@ -116,15 +116,6 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
-@compiled
-def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """`compare_forms` of two segment rows whose drift is the same."""
-    forms = np.empty((2, FORM))
-    write_form(a, drift, forms[0])
-    write_form(b, drift, forms[1])
-    return compare_forms(forms[0], forms[1], offset_prior, slope_prior)
-
-
 @internal
 def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
     """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""

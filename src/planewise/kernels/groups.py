@@ -12,10 +12,10 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, PRODUCT
+from planewise.kernels.cells import COUNT, PRODUCT, SIDE
 from planewise.kernels.jit import compiled, inlined, internal
 
-SIDE = 3  # pixels of a cell; written out, threes of pixels or cells are taken by vector code
+# Threes of pixels and of cells are written out below, which makes them vector code.
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
 NORM, CELL = PRODUCT, PRODUCT + 1
 NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block

@@ -360,14 +360,3 @@ def summarise(label, gain, square, direction, depth, solid, index, width, first,
         extent[1] = min(extent[1], column)
         extent[2] = max(extent[2], row + 1)
         extent[3] = max(extent[3], column + 1)
-
-
-@compiled
-def square_ray_residuals(theta, label, ray, depth, out):  # type: ignore[no-untyped-def]
-    """(z - 1 / (theta . r))^2 of every reading on plane label - 1, 0 of those on none."""
-    for i in range(label.size):
-        out[i] = 0.0
-        if label[i] > 0:
-            t = theta[label[i] - 1]
-            e = depth[i] - 1.0 / (t[0] * ray[0, i] + t[1] * ray[1, i] + t[2] * ray[2, i])
-            out[i] = e * e
