@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from planewise.frame_error import (
     drift_factor,
     lateral_variance,
     shared_factors,
-    white_factor,
+    white_seen,
 )
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error
@@ -93,7 +93,8 @@ def cells_of(
     shape = misfits.shape
     # A quarter of the cells stands for the frame.
     full = moments[::2, kernels.COUNT, ::2] == SIDE * SIDE
-    white = white_factor(misfits[::2, ::2][full], SIDE * SIDE - 3)
+    seen = white_seen(misfits[::2, ::2][full], SIDE * SIDE - 3)
+    white = max(seen, 1.0)  # no frame is trusted to err less than its sensor
 
     most = shape[0] * shape[1]
     grid = workspace.kept(shape, np.int32)
@@ -128,6 +129,7 @@ def cells_of(
     )
     w = planes[2]
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
+    error = replace(error, seen=seen)
     return Cells(
         grid=grid,
         moments=moments,

@@ -17,6 +17,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
 
+_SPAN = 0.05  # of depth, to either side, over which the course of the noise is read
 _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's, where not known
 
 
@@ -28,12 +29,15 @@ class ErrorTable:
     ----------
     per_metre : float
         Rows per metre of depth: inverse depth w lies at row per_metre / w.
+    first : int
+        Row of the nearest depth that occurs.
     white, shared, drift, step : ndarray, shape (L,)
         What is new in every reading, quantisation apart; what near readings share; how far that
         drifts over 100 pixels; and quantisation.
     """
 
     per_metre: float
+    first: int
     white: Array
     shared: Array
     drift: Array
@@ -49,6 +53,20 @@ class ErrorTable:
             for part in (self.white, self.shared, self.drift, self.step)
         )
         return white, shared, drift, step
+
+    def noise_bias(self, w: Array) -> Array:
+        """Share by which white noise makes weighted means of inverse depth too small.
+
+        With E[z] = z0 and precisions p(z) of w = 1 / z that are those of the readings themselves,
+        sum p w / sum p tends to w0 - (sigma^2 / z0^3) (d ln p / d ln z - 1): a reading that is too
+        far has the larger weight. d ln p / d ln z is that of the white part, and 4 for a sensor
+        whose sigma is the same everywhere.
+        """
+        row = self.per_metre / w
+        near = np.clip((1 - _SPAN) * row, self.first, len(self.white) - 2).astype(np.intp)
+        far = np.clip((1 + _SPAN) * row, near + 1, len(self.white) - 1).astype(np.intp)
+        fall = np.log(self.white[near] / self.white[far]) / np.log(far / near)
+        return np.asarray(self.at(w)[0] / w**2 * (fall - 1))
 
 
 @dataclass(frozen=True)
@@ -110,7 +128,7 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         x=x,
         y=y,
         straight=not any(observation.camera.distortion),
-        table=ErrorTable(image.per_metre, *table),
+        table=ErrorTable(image.per_metre, int(image.levels[0]), *table),
         known=parts is not None,
         resolution=observation.resolution,
     )

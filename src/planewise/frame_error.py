@@ -38,6 +38,8 @@ class FrameError:
     ----------
     white : float
         Of the white part, at least 1.
+    seen : float
+        The same as cells show it, be it below 1.
     lateral : float
         Error across the image in pixels^2: a surface of slope s per pixel errs by lateral s^2 more,
         in all parts alike.
@@ -48,13 +50,14 @@ class FrameError:
     """
 
     white: float = 1.0
+    seen: float = 1.0
     lateral: float = 0.0
     drift: float = 1.0
     near: float = 1.0
     bent: float = 1.0
 
 
-def white_factor(misfits: Array, freedom: int) -> float:
+def white_seen(misfits: Array, freedom: int) -> float:
     """White variance against the description: the median whole cell about its own plane says it.
 
     A frame whose cells are farther from planes than a sensor can err has no such noise, but no
@@ -63,7 +66,7 @@ def white_factor(misfits: Array, freedom: int) -> float:
     if not misfits.size:
         return 1.0
     median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    factor = max(1.0, float(_medians(misfits[None], misfits.size)[0]) / median)
+    factor = float(_medians(misfits[None], misfits.size)[0]) / median
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 

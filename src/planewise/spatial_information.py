@@ -208,6 +208,12 @@ def groups_of(
     moments, label, first = _groups(
         frame, cells, error.white, labels, resolution, readings, workspace
     )
+    used = moments[:, : first[-1]]
+    told = used[kernels.COUNT] > 0.0
+    mean = np.divide(used[6], used[0], where=told, out=np.ones(first[-1]))
+    unbiased = 1.0 + error.seen * frame.table.noise_bias(mean)
+    used[6:9] *= unbiased
+    used[9] *= unbiased * unbiased
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
