@@ -26,7 +26,7 @@ import numpy as np
 from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
-from planewise import cells, spatial, spatial_labels, spatial_model
+from planewise import cells, spatial, spatial_labels, spatial_solution
 from planewise.metrics import evaluate
 
 Gains = dict[str, float]
@@ -38,7 +38,7 @@ _OTHERS = 8  # restarts whose planes are tried
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial, "_PLANE_COST", 0.7),
     (spatial, "_SAME", 0.5),
-    (spatial_model, "_LEAST", 1.5),
+    (spatial_solution, "_LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_HOPELESS", 0.5),
     (cells, "_SATURATION", 0.7),

@@ -40,6 +40,9 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
     for top in range(0, height, GROUP_SIDE):
         for left in range(0, width, GROUP_SIDE):
             window = np.s_[top : top + GROUP_SIDE, left : left + GROUP_SIDE]
+            if not p[window].any():
+                continue
+            of_block = np.average(images[0][window], weights=p[window])
             for label in range(len(affine) + 1):
                 mine = (labels[window] == label) & (p[window] > 0)
                 if not mine.any():
@@ -51,6 +54,8 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 # density of z, not of w: dz = z^2 dw, in steps of eps
                 change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
                 mean = np.average(w, weights=1 / v)
+                unbiased = 1 + error.seen * frame.table.noise_bias(of_block)
+                w, mean = unbiased * w, unbiased * mean
                 s = (slope * mean) ** 2
                 C = np.diag(v) + J @ np.diag([0, s, s]) @ J.T
                 smooth = L + normal_nats(w - mean, C) + change

@@ -48,8 +48,9 @@ class Cells:
         Which are of 2 x 2 cells.
     squares : ndarray of int32
         Unit of every 2 x 2 cells, -1 where they are not one.
-    drift : ndarray, shape (units,)
-        Variance of w by which the error drifts over 100 pixels.
+    drift, told_drift : ndarray, shape (units,)
+        Variance of w by which the error drifts over 100 pixels: as much as a plane is allowed to,
+        and as much as the readings tell.
     offset_prior, slope_prior : ndarray, shape (units,)
         Variances of a local plane about which nothing is known.
     error : FrameError
@@ -62,9 +63,15 @@ class Cells:
     whole: NDArray[np.bool_]
     squares: NDArray[np.int32]
     drift: Array
+    told_drift: Array
     offset_prior: Array
     slope_prior: Array
     error: FrameError
+
+    @property
+    def bends_more_than_told(self) -> bool:
+        """Whether planes are allowed to bend more than the readings tell."""
+        return bool((self.told_drift < self.drift).any())
 
 
 def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
@@ -124,7 +131,7 @@ def cells_of(
     planes = workspace.empty((kernels.PLANE, found))
     kernels.unit_planes(units, planes)
     segments = workspace.kept((found, kernels.SEGMENT))
-    drift, squares, error = _without_shared_error(
+    drift, told, squares, error = _without_shared_error(
         frame, grid, units, size, whole, planes, white, segments, workspace
     )
     w = planes[2]
@@ -137,6 +144,7 @@ def cells_of(
         whole=whole,
         squares=squares,
         drift=drift,
+        told_drift=told,
         offset_prior=(_OFFSET_PRIOR * w) ** 2,
         slope_prior=(w * slope) ** 2,
         error=error,
@@ -153,7 +161,7 @@ def _without_shared_error(
     white: float,
     segments: Array,
     workspace: Workspace,
-) -> tuple[Array, NDArray[np.int32], FrameError]:
+) -> tuple[Array, Array, NDArray[np.int32], FrameError]:
     """Write the units' rows with what neighbours share integrated out.
 
     Returns their drift, which of them are whole squares and where, and the size of the error.
@@ -184,7 +192,10 @@ def _without_shared_error(
         if frame.known:
             factor = min(factor, 1.0)
         drift = np.empty(len(units))
-        frame_error.wandering(planes, count, errors, factor, frame.resolution, _LEAST_DRIFT, drift)
+        frame_error.wandering(planes, errors, factor, frame.resolution, drift)
+        told = _SATURATION * drift
+        # No plane is free of mixed pixels at its edges.
+        np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
         offset *= near
         tilt *= bent
@@ -192,7 +203,7 @@ def _without_shared_error(
     factor *= _SATURATION
     drift *= _SATURATION
     error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
-    return drift, squares, error
+    return drift, told, squares, error
 
 
 def _squares(

@@ -62,11 +62,12 @@ class ErrorTable:
         far has the larger weight. d ln p / d ln z is that of the white part, and 4 for a sensor
         whose sigma is the same everywhere.
         """
-        row = self.per_metre / w
-        near = np.clip((1 - _SPAN) * row, self.first, len(self.white) - 2).astype(np.intp)
-        far = np.clip((1 + _SPAN) * row, near + 1, len(self.white) - 1).astype(np.intp)
+        row, last = self.per_metre / w, len(self.white) - 2
+        near = np.clip((1 - _SPAN) * row, self.first, last).astype(np.intp)
+        far = np.clip((1 + _SPAN) * row, near + 1, last + 1).astype(np.intp)
+        here = self.white[np.minimum(row, last).astype(np.intp)]
         fall = np.log(self.white[near] / self.white[far]) / np.log(far / near)
-        return np.asarray(self.at(w)[0] / w**2 * (fall - 1))
+        return np.asarray(here / (w * w) * (fall - 1.0))
 
 
 @dataclass(frozen=True)

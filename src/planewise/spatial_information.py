@@ -205,15 +205,7 @@ def groups_of(
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
-    moments, label, first = _groups(
-        frame, cells, error.white, labels, resolution, readings, workspace
-    )
-    used = moments[:, : first[-1]]
-    told = used[kernels.COUNT] > 0.0
-    mean = np.divide(used[6], used[0], where=told, out=np.ones(first[-1]))
-    unbiased = 1.0 + error.seen * frame.table.noise_bias(mean)
-    used[6:9] *= unbiased
-    used[9] *= unbiased * unbiased
+    moments, label, first = _groups(frame, cells, error, labels, resolution, readings, workspace)
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
@@ -240,7 +232,7 @@ def groups_of(
 def _groups(
     frame: Frame,
     cells: Cells | None,
-    white: float,
+    error: FrameError,
     labels: NDArray[np.uint16],
     resolution: float,
     readings: NDArray[np.int64],
@@ -261,13 +253,34 @@ def _groups(
     most = kernels.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
     moments = workspace.empty((tiles.NORM + 1, block.size + most))
     label = workspace.empty(block.size + most, np.uint16)
-    constant = float(np.log(2 * np.pi * white / resolution**2))
+    constant = float(np.log(2 * np.pi * error.white / resolution**2))
     first = np.empty(several + 1, np.int32)
     tiles.sum_groups(
-        labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, white, constant,
+        labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, error.white, constant,
         first, moments, label, readings,
     )  # fmt: skip
+    _without_bias(moments, first, block, frame, error.seen)
     return moments, label, first
+
+
+def _without_bias(
+    moments: Array,
+    first: NDArray[np.int32],
+    block: NDArray[np.int32],
+    frame: Frame,
+    seen: float,
+) -> None:
+    """Take off the moments of groups what noise adds to weighted means, the same in all a block.
+
+    So Phi of fewer planes, whose groups are larger, is that of the same data.
+    """
+    sums = moments[:, : block.size]  # of all readings of a block, be they several groups
+    mean = np.divide(sums[6], sums[0], where=sums[0] > 0, out=np.ones(block.size))
+    unbiased = 1.0 + seen * frame.table.noise_bias(mean)
+    several = np.flatnonzero(block == tiles.SEVERAL)
+    unbiased = np.concatenate((unbiased, np.repeat(unbiased[several], np.diff(first))))
+    moments[6:9, : first[-1]] *= unbiased
+    moments[9, : first[-1]] *= unbiased * unbiased
 
 
 def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:

@@ -9,17 +9,14 @@ import numpy as np
 from planewise.cells import cells_of
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
-from planewise.information import plane_information
-from planewise.model import Curve, Move, PlaneModel
+from planewise.model import Curve, PlaneModel
 from planewise.observation import RayObservation
 from planewise.rank import describe_image
-from planewise.spatial import segment, turn_to_theta
-from planewise.spatial_information import book_of, groups_of
-from planewise.spatial_refit import refitted
+from planewise.spatial import turn_to_theta
+from planewise.spatial_solution import solve
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
-_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _MANY = 100  # readings that could show a plane
 
 
@@ -59,7 +56,7 @@ def spatial_model(
         frame = frame_of(observation, workspace)
     with stage("cells"), workspace.stage():
         cells = cells_of(frame, size, workspace)
-    found = segment(
+    solution = solve(
         observation,
         frame,
         cells,
@@ -68,26 +65,13 @@ def spatial_model(
         significance=significance,
         workspace=workspace,
     )
-
-    with stage("ledger"), workspace.stage():
-        limits = observation.range, observation.resolution
-        labels = found.labels
-        groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
-        affine, data = refitted(groups, found.affine)
-        book = book_of(frame, labels, groups, data, *limits)
-    moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
-    least = _LEAST * plane_information(3, observation.range, observation.resolution)
-    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
-    best = int(np.argmin(curve))
-    if best < len(book.order):
-        # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+    found, book, best = solution.found, solution.book, solution.best
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)
     place[order + 1] = np.arange(1, best + 1)
-    phi = curve[: best + 1]
+    phi = solution.curve[: best + 1]
 
-    affine = affine[order]
+    affine = solution.affine[order]
     theta = affine @ turn_to_theta(size).T
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))
@@ -99,7 +83,7 @@ def spatial_model(
             affine,
             rows,
             covariances,
-            labels,
+            found.labels,
             place,
             information=book.worth.tolist(),
             significance=found.significance[order].tolist(),
@@ -117,7 +101,7 @@ def spatial_model(
         labels=labels,
         planes=tuple(planes),
         information=float(phi[-1]),
-        curve=Curve(information=curve, chosen=best, reason=reason, moves=tuple(moves)),
+        curve=Curve(information=solution.curve, chosen=best, reason=reason, moves=solution.moves),
         readings=observation.count,
         prefix=tuple(phi.tolist()),
         search="joint",

@@ -39,7 +39,7 @@ def later_stages() -> None:
         x=x,
         y=y,
         straight=True,
-        table=ErrorTable(1000.0, *np.full((4, 4000), 1e-7)),
+        table=ErrorTable(1000.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
         resolution=0.001,
     )
@@ -80,6 +80,7 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
         whole=np.zeros(count, np.bool_),
         squares=np.full((side // 2, side // 2), -1, np.int32),
         drift=np.full(count, 1e-7),
+        told_drift=np.full(count, 1e-7),
         offset_prior=np.ones(count),
         slope_prior=np.ones(count),
         error=FrameError(),

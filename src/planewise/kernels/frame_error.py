@@ -84,18 +84,16 @@ def unit_errors(  # type: ignore[no-untyped-def]
 
 
 @in_order
-def wandering(planes, count, errors, factor, resolution, least, out):  # type: ignore[no-untyped-def]
-    """Variance of w by which the error of every unit drifts over 100 pixels, at least.
+def wandering(planes, errors, factor, resolution, out):  # type: ignore[no-untyped-def]
+    """Variance of w by which the error of every unit drifts over 100 pixels.
 
-    No plane is known better than readings are resolved, nor free of mixed pixels at its edges:
-    `least` of the white variance. errors (5, n): `unit_errors`; factor: size of its drift.
+    No plane is known better than readings are resolved. errors (5, n): `unit_errors`; factor: size
+    of its drift.
     """
-    for k in range(count.size):
+    for k in range(out.size):
         w = planes[2, k]
         resolved = w * w * w * w * resolution * resolution / 12.0
-        out[k] = max(
-            factor * errors[2, k] + errors[3, k] + resolved, least * count[k] / planes[6, k]
-        )
+        out[k] = factor * errors[2, k] + errors[3, k] + resolved
 
 
 @in_order

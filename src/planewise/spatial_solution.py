@@ -1,0 +1,123 @@
+"""Planes and labels of a frame with exact Phi, and only those that pay for themselves by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.cells import Cells
+from planewise.frame import Frame
+from planewise.information import plane_information
+from planewise.model import Move
+from planewise.observation import RayObservation
+from planewise.spatial import Segmentation, segment
+from planewise.spatial_information import Ledger, book_of, groups_of
+from planewise.spatial_refit import refitted
+from planewise.stages import stage
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
+
+
+@dataclass(frozen=True)
+class SpatialSolution:
+    """What a search found, and what it is worth.
+
+    Attributes
+    ----------
+    found : Segmentation
+        All planes found, and labels.
+    affine : ndarray, shape (N, 3)
+        Its planes, refitted.
+    book : Ledger
+        Order and exact Phi of all planes found.
+    curve : ndarray, shape (M + 1,)
+        Phi with the best 0 ... M planes, of those whose readings are shorter on them.
+    moves : tuple of Move
+        What the search did.
+    """
+
+    found: Segmentation
+    affine: Array
+    book: Ledger
+    curve: Array
+    moves: tuple[Move, ...]
+
+    @property
+    def best(self) -> int:
+        """Number of planes that pay for themselves."""
+        return int(np.argmin(self.curve))
+
+    @property
+    def information(self) -> float:
+        """Phi in nats with these planes."""
+        return float(self.curve.min())
+
+
+def solve(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    *,
+    instances: bool,
+    max_planes: int,
+    significance: float,
+    workspace: Workspace,
+) -> SpatialSolution:
+    """Search, and search again closer where a plane turns out not to pay.
+
+    A plane of readings with little but white noise is allowed to bend more than they say, for the
+    sake of mixed pixels and surfaces that are nearly flat. What was joined only for that, such as
+    two walls at 175 degrees, is shorter on none: then Phi decides whether to take readings at
+    their word.
+
+    Parameters
+    ----------
+    observation, frame, cells, instances, max_planes, significance, workspace
+        As `spatial.segment` takes them.
+    """
+
+    def look(cells: Cells | None) -> SpatialSolution:
+        found = segment(
+            observation,
+            frame,
+            cells,
+            instances=instances,
+            max_planes=max_planes,
+            significance=significance,
+            workspace=workspace,
+        )
+        with stage("ledger"), workspace.stage():
+            return _judged(observation, frame, cells, found, workspace)
+
+    first = look(cells)
+    if cells is None or first.best == len(first.book.order) or not cells.bends_more_than_told:
+        return first
+    closer = look(replace(cells, drift=cells.told_drift))
+    return closer if closer.information < first.information else first
+
+
+def _judged(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    found: Segmentation,
+    workspace: Workspace,
+) -> SpatialSolution:
+    """Refit the planes, and cut what exact Phi says is shorter without."""
+    limits, labels = (observation.range, observation.resolution), found.labels
+    size = observation.pixel_size
+    groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
+    affine, data = refitted(groups, found.affine)
+    book = book_of(frame, labels, groups, data, *limits)
+    moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
+    least = _LEAST * plane_information(3, *limits)
+    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
+    best = int(np.argmin(curve))
+    if best < len(book.order):
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+    return SpatialSolution(found, affine, book, curve, tuple(moves))
