@@ -21,6 +21,13 @@ _SPAN = 0.05  # of depth, to either side, over which the course of the noise is 
 _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's, where not known
 
 
+def _between(table: Array, row: Array) -> Array:
+    """Values of a table at rows, linear between them."""
+    row = np.minimum(row, len(table) - 2)
+    below = row.astype(np.intp)
+    return np.asarray(table[below] + (row - below) * (table[below + 1] - table[below]))
+
+
 @dataclass(frozen=True)
 class ErrorTable:
     """Variances of inverse depth, in 1 / m^2, by depth; linear between the depths that occur.
@@ -45,12 +52,9 @@ class ErrorTable:
 
     def at(self, w: NDArray[np.floating]) -> tuple[Array, Array, Array, Array]:
         """White, shared, drift and step at inverse depths w > 0."""
-        row = np.minimum(self.per_metre / np.asarray(w, np.float64), len(self.step) - 2)
-        below = row.astype(np.intp)
-        row -= below
+        row = self.per_metre / np.asarray(w, np.float64)
         white, shared, drift, step = (
-            part[below] + row * (part[below + 1] - part[below])
-            for part in (self.white, self.shared, self.drift, self.step)
+            _between(part, row) for part in (self.white, self.shared, self.drift, self.step)
         )
         return white, shared, drift, step
 
@@ -63,10 +67,12 @@ class ErrorTable:
         whose sigma is the same everywhere.
         """
         row, last = self.per_metre / w, len(self.white) - 2
-        near = np.clip((1 - _SPAN) * row, self.first, last).astype(np.intp)
-        far = np.clip((1 + _SPAN) * row, near + 1, last + 1).astype(np.intp)
-        here = self.white[np.minimum(row, last).astype(np.intp)]
-        fall = np.log(self.white[near] / self.white[far]) / np.log(far / near)
+        near, far = (
+            np.clip(factor * row, self.first, last) for factor in (1.0 - _SPAN, 1.0 + _SPAN)
+        )
+        far = np.maximum(far, near + 1e-3)
+        here, closer, farther = (_between(self.white, at) for at in (row, near, far))
+        fall = np.log(closer / farther) / np.log(far / near)
         return np.asarray(here / (w * w) * (fall - 1.0))
 
 
