@@ -36,12 +36,14 @@ if TYPE_CHECKING:
         find,
     )
     from planewise.noise_estimate import NoiseEstimate, estimate_noise
+    from planewise.reassign import NormalReassignment
 
 __all__ = [
     "Curve",
     "Detector",
     "Move",
     "NoiseEstimate",
+    "NormalReassignment",
     "Objective",
     "Options",
     "PinholeCamera",
@@ -70,6 +72,7 @@ _LAZY = {
     ),
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
     "calibrate": "calibration",
+    "NormalReassignment": "reassign",
 }
 
 

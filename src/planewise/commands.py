@@ -50,6 +50,10 @@ class _Objective(StrEnum):
     spatial = "spatial"
 
 
+class _Reassign(StrEnum):
+    normals = "normals"
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         terminal.say(f"planewise {__version__}")
@@ -137,6 +141,13 @@ def detect(
     inlier_ratio: Annotated[
         float, typer.Option(help="Sequential: share of the readings on the smallest plane.")
     ] = 0.1,
+    reassign: Annotated[
+        _Reassign | None,
+        optional(
+            "The paper's step after the search: readings that fit several planes go to the one "
+            "whose normal is most like theirs (paper's objective)."
+        ),
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
     threads: Annotated[int | None, optional("Default: one per processor.")] = None,
     rgb: Annotated[
@@ -168,6 +179,7 @@ def detect(
             max_planes=max_planes,
             confidence=confidence,
             inlier_ratio=inlier_ratio,
+            reassign=None if reassign is None else "normals",
             rng=seed,
             threads=threads,
         )

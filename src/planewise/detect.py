@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -19,6 +19,7 @@ from planewise.observation import Observation, RayObservation, observe, observe_
 from planewise.problem import Problem
 from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
+from planewise.reassign import NormalReassignment, as_reassignment, reassign_by_normals
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
 from planewise.stages import stage
@@ -54,6 +55,10 @@ class Options:
     max_planes : int, optional
         Largest number of planes; ``None`` means 8 for the sequential search, as in the paper, and
         64 for the joint one, which stops by itself.
+    reassign : {"normals"} or NormalReassignment, optional
+        The paper's step after the search: readings that fit several planes go to the one whose
+        normal and distance are most like those of the surface around them. For depth images under
+        the paper's objective; the planes stay and Phi, exact for the new labels, may rise.
     rng : int or numpy.random.Generator
         Seed. With an int every call gives the same answer for the same input.
     threads : int, optional
@@ -67,6 +72,7 @@ class Options:
     confidence: float = 0.99
     inlier_ratio: float = 0.1
     max_planes: int | None = None
+    reassign: NormalReassignment | Literal["normals"] | None = None
     rng: Seed = 0
     threads: int | None = None
 
@@ -86,6 +92,13 @@ class Options:
                 f"significance must be a number of nats, not negative, got {self.significance}"
             )
         trial_count(self.confidence, self.inlier_ratio)
+        as_reassignment(self.reassign)
+        spatial = self.objective == SPATIAL or (self.objective is None and self.search == "joint")
+        if self.reassign is not None and spatial:
+            raise ValueError(
+                "reassign needs objective='paper' or search='sequential', got objective='spatial', "
+                "whose mask code sees to neighbours itself"
+            )
         if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
             raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
         if self.threads is not None and self.threads < 1:
@@ -110,6 +123,8 @@ class Options:
         }
         if self.search == "sequential":
             out |= {"confidence": self.confidence, "inlier_ratio": self.inlier_ratio}
+        if reassign := as_reassignment(self.reassign):
+            out["reassign"] = {"normals": asdict(reassign)}
         return out
 
 
@@ -126,6 +141,7 @@ def detect_planes(
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
+    reassign: NormalReassignment | Literal["normals"] | None = None,
     rng: Seed = 0,
     threads: int | None = None,
 ) -> PlaneModel:
@@ -142,7 +158,9 @@ def detect_planes(
         Range, resolution and noise; `planewise.sensors` has presets.
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
-    search, objective, instances, significance, confidence, inlier_ratio, max_planes, rng, threads
+    search, objective, instances, significance, confidence, inlier_ratio, max_planes
+        See `Options`.
+    reassign, rng, threads
         See `Options`.
 
     Returns
@@ -173,6 +191,7 @@ def detect_planes(
         confidence=confidence,
         inlier_ratio=inlier_ratio,
         max_planes=max_planes,
+        reassign=reassign,
         rng=rng,
         threads=threads,
     )
@@ -296,6 +315,9 @@ def find(
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):
         raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
+    reassign = as_reassignment(options.reassign)
+    if reassign is not None and not isinstance(observation, RayObservation):
+        raise ValueError("reassign needs a depth image; free points have no neighbours")
     objective = PAPER if spatial else as_objective(options.objective or "paper")
     if observation.count < observation.dimension:
         return _no_planes(observation, options, objective.empty(observation))
@@ -327,6 +349,9 @@ def find(
     else:
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)
+    if reassign is not None and isinstance(observation, RayObservation) and len(solution):
+        solution = reassign_by_normals(observation, problem, solution, reassign)
+        curve = curve.then("reassign", len(solution), solution.phi)
     planes, labels = rank(observation, readings, solution)
     return PlaneModel(
         labels=observation.unflatten(labels),

@@ -107,6 +107,11 @@ class Curve:
     def __iter__(self) -> Iterator[float]:
         return map(float, self.information)
 
+    def then(self, kind: str, planes: int, information: float) -> Curve:
+        """The same curve, and one more move that came after the search."""
+        move = Move(kind=kind, planes=planes, information=information)
+        return replace(self, moves=(*self.moves, move))
+
 
 @dataclass(frozen=True, kw_only=True)
 class PlaneModel:

@@ -140,6 +140,7 @@ def two_planes(
 
 def t_junction(
     *,
+    edge: float = 0.2,
     sigma: float = 0.005,
     size: tuple[int, int] = _VGA,
     rng: Seed = 0,
@@ -148,18 +149,24 @@ def t_junction(
     """Large flat plane seen from above, and a second, disconnected one further away (paper).
 
     The second plane, if continued, cuts through the first along a line in the middle of it;
-    readings there fit both, but belong to the first.
+    readings there fit both, but belong to the first. A search that finds one plane after the other
+    takes a strip of them away where it finds the second one first, as at ``edge=0``.
 
     Parameters
     ----------
+    edge : float
+        Where the first plane ends and the second begins to be seen, in metres at 1 m; above -0.1,
+        the line.
     sigma, size, rng, quantise
         As in `staircase`.
     """
+    if not -0.1 < edge < 0.6:
+        raise ValueError(f"edge must lie between -0.1 and 0.6, got {edge}")
     slope = 0.8  # the second plane is z = 1 + slope (x + 0.1): it cuts the first one at x = -0.1 m
     second = np.array((slope, 0.0, -1.0, 1 + 0.1 * slope))
     planes = np.array([(0.0, 0.0, -1.0, 1.0), second / np.linalg.norm(second[:3])])
     u = _camera(size).rays(size)[..., 0]
-    return _planes_scene(planes, np.where(u < 0.2, 1, 2), size, sigma, rng, quantise)
+    return _planes_scene(planes, np.where(u < edge, 1, 2), size, sigma, rng, quantise)
 
 
 def _camera(size: tuple[int, int]) -> PinholeCamera:
