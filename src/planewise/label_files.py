@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from planewise.depth_files import check_size, natural_order, read_array
 from planewise.errors import MissingExtraError, PlanewiseError
 
-_KEYS = ("labels", "gt")
+_KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".npy", ".npz")
 _RESULT = "labels.png"
 _PARAMETERS = "planes.json"
@@ -64,9 +64,9 @@ def read_labels(path: str | Path) -> LabelFile:
     ----------
     path : path
         A grey or indexed PNG of 8 or 16 bits, an array of integers (``.npy``), or an archive
-        (``.npz``) with the key ``labels`` or ``gt``. An archive may also hold ``depth`` (0 or NaN
-        where there is no reading) and ``planes``; beside a ``labels.png`` that `planewise detect`
-        wrote lies its ``planes.json``.
+        (``.npz``) with the key ``labels``, ``gt`` or ``plane_instance`` (NYUv2-Plane). An archive
+        may also hold ``depth`` (0 or NaN where there is no reading) and ``planes``; beside a
+        ``labels.png`` that `planewise detect` wrote lies its ``planes.json``.
 
     Returns
     -------
@@ -192,7 +192,9 @@ def _read_archive(path: Path) -> LabelFile:
         key = next((key for key in _KEYS if key in members), None)
         if key is None:
             names = ", ".join(sorted(members)) or "none"
-            raise PlanewiseError(f"must hold an array named 'labels' or 'gt'; it holds {names}")
+            raise PlanewiseError(
+                f"must hold an array named {' or '.join(map(repr, _KEYS))}; it holds {names}"
+            )
         labels, depth, planes = array(key), array("depth"), array("planes")
     assert labels is not None
     labels = _check(labels)
