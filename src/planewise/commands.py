@@ -1,4 +1,4 @@
-"""The commands of the command line: detect, calibrate, demo, eval, bench, info."""
+"""The commands of the command line: detect, calibrate, demo, eval, bench, nyu, info."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from planewise.command_line import (
 from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
 from planewise.jobs import Failed, Job, find_planes
+from planewise.nyu_command import nyu
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
 
 app = typer.Typer(
@@ -326,6 +327,7 @@ def evaluate(
 
 
 app.command()(bench)
+app.command()(nyu)
 
 
 @app.command()
@@ -344,7 +346,7 @@ def info() -> None:
         )
         terminal.say(f"threads: {threads.available()}")
         terminal.say(f"cache: {compilation.cache_directory()} ({state})")
-        terminal.show_presets(
+        terminal.show_table(
             "cameras",
             (
                 (
@@ -356,7 +358,7 @@ def info() -> None:
             ),
             ("--camera", "pixels", "fx", "fy", "cx", "cy"),
         )
-        terminal.show_presets(
+        terminal.show_table(
             "sensors",
             (
                 (

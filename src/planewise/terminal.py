@@ -171,11 +171,11 @@ def show_stages(stages: Mapping[str, Array]) -> None:
     _show(table)
 
 
-def show_presets(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
-    """Print a table of presets; the first column is the name to give."""
+def show_table(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
+    """Print a table of text; the first column is a name."""
     table = Table(
-        box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0), title=title,
-        title_justify="left", title_style="bold",
+        box=None, pad_edge=False, header_style="bold", title=title, title_justify="left",
+        title_style="bold", padding=(0, 2 if _OUT.width >= 90 else 1, 0, 0),
     )  # fmt: skip
     for name in columns:
         table.add_column(name, justify="left" if name in (columns[0], "noise") else "right")

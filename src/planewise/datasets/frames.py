@@ -117,6 +117,11 @@ class Dataset(ABC):
             double = next(each for i, each in enumerate(self.ids) if each in self.ids[:i])
             raise PlanewiseError(f"{name} holds two frames named {double}")
 
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """Ids of the frames that have true planes, as far as names and headers tell."""
+        return self.ids
+
     def __len__(self) -> int:
         return len(self.ids)
 

@@ -69,7 +69,7 @@ class NyuTruth:
             number = _TRUTH.fullmatch(path.stem)
             picture = path.suffix == ".png" and path.stem.startswith(_PLANE_SET)  # to look at
             if number and not picture and path.suffix.lower() in (".png", ".npy", ".npz"):
-                frame = str(int(number[1]))
+                frame = _number(number[1])
                 if frame not in self.files or path.stem.startswith(_PLANE_SET):
                     self.files[frame] = path
         if not self.files:
@@ -80,7 +80,7 @@ class NyuTruth:
 
     def labels(self, frame: str, shape: tuple[int, int]) -> NDArray[np.integer] | None:
         """Labels of a frame, for a depth image of that shape; ``None`` where there are none."""
-        path = self.files.get(frame)
+        path = self.files.get(_number(frame))
         if path is None:
             return None
         labels = read_labels(path).labels
@@ -136,6 +136,11 @@ class NyuLabelled(Dataset):
             except PlanewiseError as error:
                 raise PlanewiseError(f"data: {self.path.name} {error}") from None
         super().__init__(self.path.name, [str(n) for n in range(1, count + 1)])
+
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """Ids of the frames that have true planes."""
+        return _labelled(self.ids, self.truth)
 
     def objects(self, frame: str) -> NDArray[np.uint16]:
         """Regions of the labelled objects, shape (H, W): every instance a number, 0 unlabelled.
@@ -207,17 +212,21 @@ class NyuFolder(Dataset):
         self.truth = NyuTruth(given) if truth is not None or given.is_dir() else None
         super().__init__(self.folder.name, [path.stem for path in paths])
 
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """Ids of the frames that have true planes."""
+        return _labelled(self.ids, self.truth)
+
     def _read(self, frame: str) -> DatasetFrame:
         seen = read_depth(self._depth[frame])
         shape = (seen.depth.shape[0], seen.depth.shape[1])
-        number = frame.lstrip("0") or "0"
         return DatasetFrame(
             id=frame,
             depth=seen.depth,
             camera=self.camera or seen.camera or camera_of(shape),
             depth_scale=None if seen.depth.dtype.kind == "f" else seen.depth_scale or _MILLIMETRE,
             rgb=self._picture(frame),
-            labels=None if self.truth is None else self.truth.labels(number, shape),
+            labels=None if self.truth is None else self.truth.labels(frame, shape),
         )
 
     def _picture(self, frame: str) -> NDArray[np.uint8] | None:
@@ -282,6 +291,17 @@ def camera_of(shape: tuple[int, int]) -> PinholeCamera:
         f"camera: an image of {shape[0]} x {shape[1]} pixels is no whole frame ({FULL[0]} x "
         f"{FULL[1]}) and none of its usual crops; give the camera"
     )
+
+
+def _labelled(ids: tuple[str, ...], truth: NyuTruth | None) -> tuple[str, ...]:
+    if truth is None:
+        return ()
+    return tuple(frame for frame in ids if _number(frame) in truth.files)
+
+
+def _number(name: str) -> str:
+    """Frame 0012 is frame 12."""
+    return name.lstrip("0") or "0"
 
 
 def _nearest(labels: NDArray[np.integer], shape: tuple[int, int]) -> NDArray[np.integer]:
