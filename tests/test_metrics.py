@@ -202,6 +202,72 @@ def test_agrees_with_scikit_image_and_scikit_learn(predicted, truth):
 
 
 @given(label_images, label_images)
+def test_over_labelled_pixels_it_is_what_scikit_image_and_learn_make_of_them(predicted, truth):
+    scores = evaluate(predicted, truth).labelled
+    there = truth > 0
+    if there.sum() < 2:
+        return
+    split, merged = skimage.metrics.variation_of_information(truth, predicted, ignore_labels=[0])
+    assert scores.variation_of_information == pytest.approx(split + merged, abs=1e-9)
+    expected = sklearn.metrics.rand_score(truth[there], predicted[there])
+    assert scores.rand_index == pytest.approx(expected)
+
+
+def masks_one_by_one(predicted, truth):
+    """VOI, RI and SC as the literature's programs have them, mask by mask and pair by pair.
+
+    A mask for every true plane, one for every predicted one and one for what none of them has;
+    only pixels of a true plane count.
+    """
+    there = truth > 0
+    ours = [(truth == label)[there] for label in np.unique(truth[there])]
+    theirs = [(predicted == label)[there] for label in np.unique(predicted)]
+    theirs = [mask for mask in theirs if mask.any()]
+    k = int(there.sum())
+
+    def entropy(masks):
+        return -sum(mask.mean() * math.log2(mask.mean()) for mask in masks if mask.any())
+
+    both = [a & b for a in ours for b in theirs]
+    voi = 2 * entropy(both) - entropy(ours) - entropy(theirs)
+    a, b = truth[there], predicted[there]
+    agree = [(a[i] == a[j]) == (b[i] == b[j]) for i in range(k) for j in range(i)]
+
+    def cover(masks, others):
+        best = (max((m & o).sum() / (m | o).sum() for o in others) for m in masks)
+        return sum(mask.sum() * iou for mask, iou in zip(masks, best, strict=True)) / k
+
+    return voi, np.mean(agree), (cover(ours, theirs) + cover(theirs, ours)) / 2
+
+
+@settings(max_examples=50)
+@given(label_images, label_images)
+def test_over_labelled_pixels_it_is_what_the_literature_computes(predicted, truth):
+    if (truth > 0).sum() < 2:
+        return
+    voi, ri, sc = masks_one_by_one(predicted, truth)
+    scores = evaluate(predicted, truth).labelled
+    assert scores.variation_of_information == pytest.approx(voi, abs=1e-9)
+    assert scores.rand_index == pytest.approx(ri)
+    assert scores.covering == pytest.approx(sc)
+
+
+@given(label_images, label_images)
+def test_tables_and_overlaps_agree_with_scikit_image_and_scikit_learn(predicted, truth):
+    table = contingency_table(predicted, truth)
+    expected = skimage.metrics.contingency_table(truth, predicted).toarray()
+    rows, columns = table.truth_labels, table.predicted_labels
+    padded = np.zeros((5, 5))
+    padded[: expected.shape[0], : expected.shape[1]] = expected
+    assert np.array_equal(table.counts, padded[np.ix_(rows, columns)])
+    for i, row in enumerate(table.overlaps()):
+        for j, overlap in enumerate(row):
+            pair = truth == rows[i + 1], predicted == columns[j + 1]
+            jaccard = sklearn.metrics.jaccard_score(*(each.ravel() for each in pair))
+            assert overlap == pytest.approx(jaccard)
+
+
+@given(label_images, label_images)
 def test_clustering_is_symmetric(first, second):
     forth, back = (contingency_table(*pair) for pair in ((first, second), (second, first)))
     assert np.array_equal(forth.counts.T, back.counts)
