@@ -3,6 +3,7 @@
 import builtins
 import pickle
 import struct
+from concurrent.futures import ThreadPoolExecutor
 
 import h5py
 import numpy as np
@@ -75,6 +76,9 @@ def test_every_reader_keeps_to_the_protocol(kind, request):
     assert one.camera == CAMERA
     copied = pickle.loads(pickle.dumps(dataset))  # to another process
     assert_array_equal(copied[one.id].depth, one.depth)
+    with ThreadPoolExecutor(3) as pool:
+        for seen in pool.map(dataset.__getitem__, dataset.ids * 3):
+            assert_array_equal(seen.depth, dataset[seen.id].depth)
 
 
 @pytest.mark.parametrize("depth", ["depths", "rawDepths"])
