@@ -94,10 +94,10 @@ def test_nats_of_groups(off):
     table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
     error, prior = (0.8, 0.1, 60.0, 9.0, 0.3), (0.05, 8.0, 9.0)
     alone, data = np.empty((2, moments.shape[1]))
-    worth, leaving = np.full((2, 4), 5.0)
+    worth, saved, leaving = np.full((3, 4), 5.0)
     arguments = (*table, 120.0, error, prior)
     total = group_data.group_data(
-        moments, label, first, planes, *arguments, alone, data, worth, leaving
+        moments, label, first, planes, *arguments, alone, data, worth, saved, leaving
     )
     there = np.flatnonzero(moments[COUNT, :end] > 0)
     m, name = moments[:, there], label[there]
@@ -106,8 +106,10 @@ def test_nats_of_groups(off):
     assert_allclose(alone[there], expected_alone, rtol=1e-9)
     assert_allclose(data[there], expected, rtol=1e-9)
     assert total == pytest.approx(expected.sum(), rel=1e-12)
-    saved = np.bincount(name, expected - expected_alone, 4) * [0, 1, 1, 1]
-    assert_allclose(worth, 5 + saved, rtol=1e-9)
+    shorter = np.bincount(name, expected - expected_alone, 4) * [0, 1, 1, 1]
+    assert_allclose(worth, 5 + shorter, rtol=1e-9)
+    shorter = np.bincount(name, expected - m[COUNT] * prior[2], 4) * [0, 1, 1, 1]
+    assert_allclose(saved, 5 + shorter, rtol=1e-9)
     whole = there < first[0]
     lost = np.bincount(name[whole], (expected_alone - expected)[whole], 4) * [0, 1, 1, 1]
     assert_allclose(leaving, 5 + lost, rtol=1e-9)

@@ -30,9 +30,11 @@ def test_four_planes_at_every_seed(name, search, objective):
         assert np.degrees(np.arccos(cosine)).max() < 0.2
 
 
-def test_flatness_ranks_the_bands_by_frequency():
+@pytest.mark.parametrize("search", ["joint", "sequential"])
+def test_flatness_ranks_the_bands_by_frequency(search):
     scene = scenes.flatness()
-    model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, search="sequential")
+    model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, search=search)
+    assert len(model) == 4
     bands = [np.bincount(scene.labels[model.labels == j + 1]).argmax() for j in range(4)]
     assert bands == [1, 2, 3, 4]
 

@@ -185,10 +185,12 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     --------
     >>> reading_steps(1000 + 3 * np.arange(20))[[0, -1]]
     array([3., 3.])
+    >>> reading_steps(np.append(1000, 1195 + np.arange(20)))[:1]  # a wall, and another behind it
+    array([1.])
     """
     if levels.size < _WINDOW:
         return np.zeros(levels.size)
-    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="edge")
+    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="reflect")
     windows = np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW)
     steps = np.partition(windows, _WINDOW // 2, axis=1)[:, _WINDOW // 2]
     return np.append(steps, steps[-1]).astype(np.float64)

@@ -22,7 +22,8 @@ class Plane:
     distance : float
         Metres from the origin.
     information : float
-        Nats that its readings save against being outliers; negative, the lower the better.
+        Nats that its readings save against being outliers, ln(R / eps) each on a ray; negative, the
+        lower the better.
     count : int
         Readings on it.
     rms : float

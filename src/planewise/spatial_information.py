@@ -19,7 +19,7 @@ Both are closed forms of the group's moments. The mask is the adaptive code of `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,10 +49,10 @@ class Ledger:
     Attributes
     ----------
     order : ndarray of int, shape (N,)
-        Planes by worth, best first.
-    worth : ndarray, shape (N,)
-        Nats by which each plane's readings, in this order, are shorter on it than on none;
-        negative.
+        Planes, best first: by worth, unless told otherwise.
+    worth, saved : ndarray, shape (N,)
+        Nats by which each plane's readings, in this order, are shorter on it than on none, and than
+        if each of them might be anything at all; negative.
     curve : ndarray, shape (N + 1,)
         Phi in nats if only the first 0 ... N planes in this order were there and the readings of
         the others on none; the last is Phi of the model.
@@ -60,6 +60,7 @@ class Ledger:
 
     order: NDArray[np.intp]
     worth: Array
+    saved: Array
     curve: Array
 
 
@@ -71,14 +72,19 @@ class GroupData:
     ----------
     total : float
         All of them.
-    worth, leaving : ndarray, shape (N + 1,)
-        By label: what its groups take on its plane less what on none; and what those in blocks
-        with one label take more without it.
+    worth, saved, leaving : ndarray, shape (N + 1,)
+        By label: what its groups take on its plane less what on none, and less what as anything at
+        all; and what those in blocks with one label take more without it.
     """
 
     total: float
     worth: Array
+    saved: Array
     leaving: Array
+
+    def copy(self) -> GroupData:
+        """One more of the same, to be used up."""
+        return replace(self, leaving=self.leaving.copy())
 
 
 @dataclass(frozen=True)
@@ -118,14 +124,14 @@ class Groups:
 
     def data(self, affine: Array) -> GroupData:
         """What the groups take on planes, shape (N, 3); overwrites `nats`."""
-        worth, leaving = np.zeros((2, len(affine) + 1))
+        worth, saved, leaving = np.zeros((3, len(affine) + 1))
         shared, step, drift, per_metre = self.table
         alone, data = self.nats
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
-            per_metre, self.sizes, self.prior, alone, data, worth, leaving,
+            per_metre, self.sizes, self.prior, alone, data, worth, saved, leaving,
         )  # fmt: skip
-        return GroupData(total, worth, leaving)
+        return GroupData(total, worth, saved, leaving)
 
 
 def ledger(
@@ -173,11 +179,13 @@ def book_of(
     data: GroupData,
     range: float,
     resolution: float,
+    order: NDArray[np.intp] | None = None,
 ) -> Ledger:
-    """`ledger` of what the groups of these labels took last; the data are used up."""
-    worth, leaving = data.worth[1:], data.leaving
+    """`ledger` of what the groups of these labels took last, in any order; uses the data up."""
+    worth, saved, leaving = data.worth[1:], data.saved[1:], data.leaving
     planes = len(worth)
-    order: NDArray[np.intp] = np.argsort(worth, kind="stable")
+    if order is None:
+        order = np.argsort(worth, kind="stable")
     place = np.zeros(planes + 1, np.uint16)
     place[order + 1] = np.arange(1, planes + 1)
     loops.groups_left(
@@ -188,7 +196,7 @@ def book_of(
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
     curve += prefix_mask_information(labels, frame.p, place, groups.readings)
-    return Ledger(order=order, worth=worth[order], curve=curve)
+    return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
 
 
 def groups_of(

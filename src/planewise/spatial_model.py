@@ -85,7 +85,7 @@ def spatial_model(
             covariances,
             found.labels,
             place,
-            information=book.worth.tolist(),
+            information=book.saved.tolist(),
             significance=found.significance[order].tolist(),
             residual_correlation=found.residual_correlation[order].tolist(),
         )

@@ -13,7 +13,7 @@ from planewise.information import plane_information
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.spatial import Segmentation, segment
-from planewise.spatial_information import Ledger, book_of, groups_of
+from planewise.spatial_information import GroupData, Groups, Ledger, book_of, groups_of
 from planewise.spatial_refit import refitted
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -21,6 +21,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
+_SURE = 4.0  # times as much: no plane that saves more is cut
 
 
 @dataclass(frozen=True)
@@ -113,11 +114,31 @@ def _judged(
     size = observation.pixel_size
     groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
     affine, data = refitted(groups, found.affine)
-    book = book_of(frame, labels, groups, data, *limits)
-    moves = [Move(kind="agglomerate", planes=len(book.order), information=float(book.curve[-1]))]
-    least = _LEAST * plane_information(3, *limits)
-    curve = book.curve[: np.count_nonzero(book.worth < -least) + 1]
+    pays = _paying(frame, labels, groups, data, *limits)
+    order = np.lexsort((data.saved[1:], ~pays))
+    book = book_of(frame, labels, groups, data, *limits, order)
+    curve = book.curve[: np.count_nonzero(pays) + 1]
+    moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
     best = int(np.argmin(curve))
-    if best < len(book.order):
+    if best < len(order):
         moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
     return SpatialSolution(found, affine, book, curve, tuple(moves))
+
+
+def _paying(
+    frame: Frame,
+    labels: NDArray[np.uint16],
+    groups: Groups,
+    data: GroupData,
+    range: float,
+    resolution: float,
+) -> NDArray[np.bool_]:
+    """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
+    least = _LEAST * plane_information(3, range, resolution)
+    pays = np.asarray(data.worth[1:] < -least)
+    if (data.worth[1:][pays] > -_SURE * least).any():
+        # Phi is lower without some of these, maybe: the last of all by worth.
+        book = book_of(frame, labels, groups, data.copy(), range, resolution)
+        best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
+        pays[book.order[best:]] = False
+    return pays

@@ -36,7 +36,7 @@ def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untype
 @compiled
 def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
-    worth, leaving,
+    worth, saved, leaving,
 ):  # fmt: skip
     """Nats of every group on none and as labelled.
 
@@ -46,8 +46,9 @@ def group_data(  # type: ignore[no-untyped-def]
     and of slow variance of a group's offset, of both of its tilt, and the lateral variance. prior:
     `_on_none`.
 
-    Writes alone and data (.). Adds data - alone to worth (N + 1,), and to leaving (N + 1,) what
-    blocks that are all on a plane have more without it. Returns the sum of data.
+    Writes alone and data (.). Adds to worth (N + 1,) data - alone, to saved (N + 1,) data less what
+    readings take that may be anything at all, and to leaving (N + 1,) what blocks that are all on a
+    plane have more without it. Returns the sum of data.
     """
     blocks, groups = first[0], first[-1]
     near, slow, bent, bend, lateral = error
@@ -117,6 +118,7 @@ def group_data(  # type: ignore[no-untyped-def]
                 else:
                     nats = on - in_common - math.log1p(math.exp(odds))
                 worth[j] += nats - alone[g]
+                saved[j] += nats - count[k] * prior[2]
                 if g < blocks:
                     leaving[j] += alone[g] - nats
             data[g] = nats
