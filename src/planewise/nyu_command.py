@@ -53,9 +53,6 @@ def nyu(
         str | None, optional(f"{CAMERA_HELP} Default: NYU-v2's, or of a usual crop of it.")
     ] = None,
     limit: Annotated[int | None, optional("Take the first n frames that have a truth.")] = None,
-    partition: Annotated[
-        str | None, optional("Regions for the paper's search: as --partition of detect.")
-    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
     threads: Annotated[int | None, optional("Default: one per processor.")] = None,
 ) -> None:
@@ -89,7 +86,7 @@ def nyu(
         )
         options = {"rng": seed, "threads": threads}
         Options(**options)  # type: ignore[arg-type]
-        protocol = Protocol(partition=partition, options=options)
+        protocol = Protocol(options=options)
         ids = dataset.labelled[:limit]
         if not ids:
             raise PlanewiseError(f"truth: {data} brings no true planes; give a folder with --truth")

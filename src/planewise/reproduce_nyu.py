@@ -105,14 +105,10 @@ class Protocol:
 
     Parameters
     ----------
-    partition : object, optional
-        ``partition=`` of the paper's search, which then looks for the paper's N = 4 planes in each
-        region; see `planewise.detect_planes`. Our default goes without.
     options : dict
         Further options of both searches, such as ``threads``.
     """
 
-    partition: Any = None
     options: dict[str, Any] = field(default_factory=dict)
 
     def run(self, frame: DatasetFrame) -> list[Row]:
@@ -146,8 +142,6 @@ class Protocol:
 
     def describe(self) -> str:
         """How the paper's search is set, in words."""
-        if self.partition is not None:
-            return f"in the regions of {self.partition}"
         how = SEARCHES["sequential"]
         return f"N = {how['max_planes']}, c = {how['confidence']}, r = {how['inlier_ratio']}"
 
@@ -155,10 +149,6 @@ class Protocol:
         from planewise.detect import detect_planes
 
         options = SEARCHES[search] | self.options
-        if self.partition is not None and options.get("search") == "sequential":
-            # Each region has its own N and r.
-            options = {name: each for name, each in options.items() if name != "max_planes"}
-            options |= {"partition": self.partition, "rgb": frame.rgb}
         started = time.perf_counter()
         model = detect_planes(
             frame.depth, frame.camera, sensor, depth_scale=frame.depth_scale, **options
