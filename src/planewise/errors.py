@@ -16,10 +16,12 @@ class MissingExtraError(PlanewiseError):
         Name of the missing package.
     purpose : str
         What it is needed for.
+    extra : str
+        Extra that brings it.
     """
 
-    def __init__(self, package: str, purpose: str) -> None:
+    def __init__(self, package: str, purpose: str, extra: str = "cli") -> None:
         super().__init__(
-            f"{purpose} needs the package {package}, which is part of the extra 'cli': "
-            "pip install 'planewise[cli]'"
+            f"{purpose} needs the package {package}, which is part of the extra '{extra}': "
+            f"pip install 'planewise[{extra}]'"
         )
