@@ -209,6 +209,19 @@ def test_sequential_search_in_regions_reports_the_frames_information(corner):
     assert model.settings["partition_options"]["region_planes"] == 4
 
 
+def test_readings_are_reassigned_after_a_search_in_regions(corner):
+    model = pw.detect_planes(
+        corner.depth,
+        corner.camera,
+        corner.sensor,
+        search="sequential",
+        partition=corner.labels,
+        reassign="normals",
+    )
+    assert model.information == pytest.approx(exact_phi(model, corner), rel=1e-9)
+    assert model.curve.moves[-1].kind == "reassign"
+
+
 def corner_empty(scene):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
     return pw.information(seen, np.empty((0, 4)), np.zeros(seen.count, int))

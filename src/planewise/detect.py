@@ -407,6 +407,8 @@ def find(
         solution, curve = sequential_in_regions(
             problem, within, how, structure, max_planes=options.most_planes, rng=rng
         )
+        costs = structure(observation.count, len(solution))
+        problem = replace(problem, structure=costs)
     elif options.search == "sequential":
         trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
         solution, curve = sequential_search(problem, trials=trials, rng=rng)
@@ -428,11 +430,7 @@ def find(
         information=solution.phi,
         curve=curve,
         readings=observation.count,
-        prefix=_prefix(
-            solution.phi,
-            [plane.information for plane in planes],
-            structure(observation.count, len(planes)),
-        ),
+        prefix=_prefix(solution.phi, [each.information for each in planes], problem.structure),
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note="" if len(solution) else curve.reason,
