@@ -4,10 +4,11 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RIVALS := $(VENV)/.ready-bench
+SAM := $(VENV)/.ready-sam
 BENCH_OUTPUT := bench-output
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint types bench bench-quick guard guard-record accuracy ablation pictures clean
+.PHONY: help setup demo test test-sam lint types bench bench-quick guard guard-record accuracy ablation pictures clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -25,6 +26,15 @@ demo: $(READY)  ## build a synthetic room, find its planes, write the pictures
 
 test: $(READY)  ## run all tests, the examples in the docs included
 	$(BIN)/python -m pytest
+
+# Torch and transformers take 1 GB and more, which the other tests do not need.
+TORCH ?= torch==2.13.0
+$(SAM): $(READY) pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check '$(TORCH)' -e '.[sam]'
+	touch $@
+
+test-sam: $(SAM)  ## pass the tests of Segment Anything, on tiny networks made on the spot
+	$(BIN)/python -m pytest tests/test_segment_anything.py
 
 lint: $(READY)  ## style
 	$(BIN)/ruff check .

@@ -27,6 +27,7 @@ from planewise.observation import observe, observe_points
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
+    from planewise import partition
     from planewise.calibration import calibrate
     from planewise.detect import (
         Detector,
@@ -61,6 +62,7 @@ __all__ = [
     "noise",
     "observe",
     "observe_points",
+    "partition",
     "scenes",
     "sensors",
 ]
@@ -77,6 +79,8 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
+    if name == "partition":
+        return import_module("planewise.partition")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -5,6 +5,9 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -13,6 +16,9 @@ from planewise.camera_files import read_sensor
 from planewise.cli import INTERRUPTED
 from planewise.errors import PlanewiseError
 from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.partition import Partitioner
 
 FAILED = 2
 """Exit code where something given cannot be used."""
@@ -89,3 +95,26 @@ def check_numbers(depth_scale: float | None, seed: int) -> None:
         raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
+
+
+def partition_of(
+    partition: str | None, model: str | None, device: str | None
+) -> tuple[Partitioner | None, Path | None]:
+    """Partition as asked for: one that has a name, or else the file or folder of it."""
+    if partition != "sam" and (model is not None or device is not None):
+        raise PlanewiseError("partition: --sam-model and --sam-device go with --partition sam")
+    if partition is None:
+        return None, None
+    from planewise.partition import NAMES, SegmentAnything, as_partitioner
+
+    if partition == "sam":
+        sam = SegmentAnything()
+        return replace(sam, model=model or sam.model, device=device or sam.device), None
+    if partition in NAMES:
+        return as_partitioner(partition), None
+    if not Path(partition).exists():
+        raise PlanewiseError(
+            f"partition: expected {', '.join(NAMES)}, or a file or folder; there is none named "
+            f"{partition}"
+        )
+    return None, Path(partition)

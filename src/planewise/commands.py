@@ -22,6 +22,7 @@ from planewise.command_line import (
     RESOLUTION_HELP,
     check_numbers,
     optional,
+    partition_of,
     reported,
     sensor_of,
 )
@@ -149,13 +150,27 @@ def detect(
             "whose normal is most like theirs (paper's objective)."
         ),
     ] = None,
+    partition: Annotated[
+        str | None,
+        optional(
+            "Regions to search: auto, graph, blocks, sam, a label image (PNG, .npy, .npz), or a "
+            "folder of masks; with a folder of depth images, a folder of these of the same names."
+        ),
+    ] = None,
+    sam_model: Annotated[
+        str | None,
+        optional("Folder or hub name of the weights of Segment Anything, for --partition sam."),
+    ] = None,
+    sam_device: Annotated[
+        str | None, optional("Where Segment Anything runs: cpu (the default), cuda, cuda:1 ...")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
     threads: Annotated[int | None, optional("Default: one per processor.")] = None,
     rgb: Annotated[
         Path | None,
         optional(
-            "Picture of the same view to draw the planes over; with a folder of depth images, a "
-            "folder of pictures of the same names."
+            "Picture of the same view to draw the planes over, and for --partition to look at; "
+            "with a folder of depth images, a folder of pictures of the same names."
         ),
     ] = None,
 ) -> None:
@@ -172,7 +187,9 @@ def detect(
 
         from planewise.detect import Options
 
+        named, regions = partition_of(partition, sam_model, sam_device)
         options = Options(
+            partition=named,
             search=search.value,
             objective=None if objective is None else objective.value,
             instances=instances,
@@ -190,6 +207,7 @@ def detect(
             camera=known_camera,
             depth_scale=depth_scale,
             rgb=rgb,
+            partition=regions,
         )
         if depth.is_dir():
             _detect_folder(job, depth, output)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -16,10 +16,21 @@ from planewise.joint import joint_search
 from planewise.model import Curve, PlaneModel
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
 from planewise.observation import Observation, RayObservation, observe, observe_points
+from planewise.partition import (
+    Partition,
+    Partitioner,
+    PartitionOptions,
+    as_partitioner,
+    describe,
+    regions_of,
+)
+from planewise.partition.partitioner import view_of
+from planewise.partition.regions import Regions
 from planewise.problem import Problem
 from planewise.propose import propose
 from planewise.rank import merge_into_better, rank
 from planewise.reassign import NormalReassignment, as_reassignment, reassign_by_normals
+from planewise.region_search import joint_with_regions, sequential_in_regions
 from planewise.sensor import Sensor
 from planewise.sequential import sequential_search, trial_count
 from planewise.stages import stage
@@ -54,11 +65,18 @@ class Options:
         r of the paper: share of the readings on the smallest plane sought (sequential).
     max_planes : int, optional
         Largest number of planes; ``None`` means 8 for the sequential search, as in the paper, and
-        64 for the joint one, which stops by itself.
+        64 for the joint one, which stops by itself; there is no limit for the sequential search
+        with a partition.
     reassign : {"normals"} or NormalReassignment, optional
         The paper's step after the search: readings that fit several planes go to the one whose
         normal and distance are most like those of the surface around them. For depth images under
         the paper's objective; the planes stay and Phi, exact for the new labels, may rise.
+    partition : str, callable or array_like, optional
+        Regions of a depth image, in which the sequential search looks for planes and the joint one
+        for further candidates, which cannot raise Phi: "graph" or "auto", "blocks", "sam", a label
+        image (H, W), masks (N, H, W), or a function (`planewise.partition`).
+    partition_options : PartitionOptions
+        How the paper's search goes through the regions.
     rng : int or numpy.random.Generator
         Seed. With an int every call gives the same answer for the same input.
     threads : int, optional
@@ -73,10 +91,14 @@ class Options:
     inlier_ratio: float = 0.1
     max_planes: int | None = None
     reassign: NormalReassignment | Literal["normals"] | None = None
+    partition: Partition | None = None
+    partition_options: PartitionOptions = field(default_factory=PartitionOptions)
     rng: Seed = 0
     threads: int | None = None
 
     def __post_init__(self) -> None:
+        if self.partition is not None:
+            object.__setattr__(self, "partition", as_partitioner(self.partition))
         if self.search not in _MAX_PLANES:
             raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
         if self.objective not in (None, SPATIAL):
@@ -116,7 +138,7 @@ class Options:
         out: dict[str, object] = {
             "search": self.search,
             "objective": "custom" if isinstance(self.objective, Objective) else self.objective,
-            "max_planes": self.max_planes or _MAX_PLANES[self.search],
+            "max_planes": self.most_planes,
             "instances": self.instances,
             "significance": self.significance,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
@@ -125,7 +147,23 @@ class Options:
             out |= {"confidence": self.confidence, "inlier_ratio": self.inlier_ratio}
         if reassign := as_reassignment(self.reassign):
             out["reassign"] = {"normals": asdict(reassign)}
+        if self.partitioner is not None:
+            out |= {
+                "partition": describe(self.partitioner),
+                "partition_options": asdict(self.partition_options),
+            }
         return out
+
+    @property
+    def partitioner(self) -> Partitioner | None:
+        """What makes the regions, if any."""
+        return None if self.partition is None else as_partitioner(self.partition)
+
+    @property
+    def most_planes(self) -> int:
+        """Largest number of planes."""
+        regions = self.search == "sequential" and self.partition is not None
+        return self.max_planes or (MAX_PLANES if regions else _MAX_PLANES[self.search])
 
 
 def detect_planes(
@@ -142,6 +180,9 @@ def detect_planes(
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
     reassign: NormalReassignment | Literal["normals"] | None = None,
+    partition: Partition | None = None,
+    partition_options: PartitionOptions = PartitionOptions(),  # noqa: B008 (frozen)
+    rgb: ArrayLike | None = None,
     rng: Seed = 0,
     threads: int | None = None,
 ) -> PlaneModel:
@@ -162,6 +203,10 @@ def detect_planes(
         See `Options`.
     reassign, rng, threads
         See `Options`.
+    partition, partition_options
+        See `Options`.
+    rgb : array_like of uint8, shape (H, W, 3), optional
+        Picture of the same view; only a partition looks at it.
 
     Returns
     -------
@@ -192,12 +237,14 @@ def detect_planes(
         inlier_ratio=inlier_ratio,
         max_planes=max_planes,
         reassign=reassign,
+        partition=partition,
+        partition_options=partition_options,
         rng=rng,
         threads=threads,
     )
     with stage("observe"):
         frame = observe(depth, camera, sensor, depth_scale=depth_scale)
-    return find(frame, options)
+    return find(frame, options, rgb=rgb)
 
 
 def detect_planes_in_points(
@@ -277,8 +324,8 @@ class Detector:
         self.options = Options(**options)  # type: ignore[arg-type]
         self._workspace = Workspace()
 
-    def __call__(self, depth: ArrayLike) -> PlaneModel:
-        """Detect the planes of one frame."""
+    def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:
+        """Detect the planes of one frame; only a partition looks at its picture."""
         with self._workspace.frame():
             with stage("observe"):
                 frame = observe(
@@ -288,11 +335,15 @@ class Detector:
                     depth_scale=self.depth_scale,
                     workspace=self._workspace,
                 )
-            return find(frame, self.options, self._workspace)
+            return find(frame, self.options, self._workspace, rgb=rgb)
 
 
 def find(
-    observation: Observation, options: Options, workspace: Workspace | None = None
+    observation: Observation,
+    options: Options,
+    workspace: Workspace | None = None,
+    *,
+    rgb: ArrayLike | None = None,
 ) -> PlaneModel:
     """Find the planes of an observation: propose, select, label, refine, rank.
 
@@ -304,6 +355,8 @@ def find(
         How to search.
     workspace : Workspace, optional
         Memory to work in.
+    rgb : array_like of uint8, shape (H, W, 3), optional
+        Picture of the same view, for a partition.
 
     Returns
     -------
@@ -311,7 +364,6 @@ def find(
         Planes, best first.
     """
     options = options.resolved(observation)
-    most = options.max_planes or _MAX_PLANES[options.search]
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):
         raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
@@ -323,6 +375,7 @@ def find(
         return _no_planes(observation, options, objective.empty(observation))
 
     compilation.announce()
+    regions = _regions(observation, options, rgb)
     if spatial and isinstance(observation, RayObservation):
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial_model import spatial_model
@@ -334,21 +387,39 @@ def find(
             max_planes=options.max_planes or MAX_PLANES,
             settings=_settings(observation, options),
             workspace=workspace,
+            regions=regions,
         )
+
+    def structure(readings: int, most: int) -> NDArray[np.float64]:
+        costs = [objective.structure(observation, n, readings) for n in range(most + 1)]
+        return np.array(costs)
+
     empty = objective.empty(observation)
-    structure = np.array([objective.structure(observation, n) for n in range(most + 1)])
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
         observation, objective.thresholds(observation), options.threads or threads.available()
     )
-    problem = Problem(evaluator=readings, empty=empty, structure=structure)
-    if options.search == "sequential":
+    most = options.most_planes if regions is None or options.search == "joint" else 0
+    problem = Problem(evaluator=readings, empty=empty, structure=structure(observation.count, most))
+    within = None if regions is None else regions.take(observation.index)
+    how = options.partition_options
+    if within is not None and options.search == "sequential":
+        solution, curve = sequential_in_regions(
+            problem, within, how, structure, max_planes=options.most_planes, rng=rng
+        )
+        costs = structure(observation.count, len(solution))
+        problem = replace(problem, structure=costs)
+    elif options.search == "sequential":
         trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
         solution, curve = sequential_search(problem, trials=trials, rng=rng)
         solution = merge_into_better(problem, solution)
     else:
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)
+        if within is not None:
+            solution, curve = joint_with_regions(
+                problem, solution, curve, within, how, structure, rng=rng
+            )
     if reassign is not None and isinstance(observation, RayObservation) and len(solution):
         solution = reassign_by_normals(observation, problem, solution, reassign)
         curve = curve.then("reassign", len(solution), solution.phi)
@@ -359,12 +430,22 @@ def find(
         information=solution.phi,
         curve=curve,
         readings=observation.count,
-        prefix=_prefix(solution.phi, [plane.information for plane in planes], structure),
+        prefix=_prefix(solution.phi, [each.information for each in planes], problem.structure),
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
         note="" if len(solution) else curve.reason,
         settings=_settings(observation, options),
     )
+
+
+def _regions(observation: Observation, options: Options, rgb: ArrayLike | None) -> Regions | None:
+    """Regions of the partition that is asked for, if any."""
+    if options.partitioner is None:
+        return None
+    if not isinstance(observation, RayObservation):
+        raise ValueError("partition needs a depth image; free points have no regions")
+    with stage("partition"):
+        return regions_of(options.partitioner, view_of(observation, rgb))
 
 
 def _settings(observation: Observation, options: Options) -> dict[str, object]:

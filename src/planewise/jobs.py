@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -68,6 +68,8 @@ class Job:
         Metres per unit of integer depth.
     rgb : Path, optional
         Picture to draw over; for a folder of frames a folder of pictures of the same names.
+    partition : Path, optional
+        Regions, as `read_partition` takes them.
     """
 
     sensor: Sensor
@@ -75,9 +77,12 @@ class Job:
     camera: PinholeCamera | None = None
     depth_scale: float | None = None
     rgb: Path | None = None
+    partition: Path | None = None
 
-    def run(self, path: Path, target: Path) -> Done:
+    def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
         """Detect the planes of one file and write the results to the folder `target`.
+
+        `many` says that it is one of several.
 
         Raises
         ------
@@ -93,9 +98,10 @@ class Job:
             )
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         rgb = self._picture(path, frame)
-        _keep_inputs(target, path, self.rgb)
+        options = self._options(path, rgb, many)
+        _keep_inputs(target, path, self.rgb, self.partition)
         with output_folder(target) as folder:
-            model, seconds = find_planes(frame.depth, camera, self.sensor, scale, self.options)
+            model, seconds = find_planes(frame.depth, camera, self.sensor, scale, options, rgb)
             write_results(
                 folder,
                 model,
@@ -117,9 +123,22 @@ class Job:
         for path in paths:
             name = path.stem if stems[path.stem] == 1 else path.name
             try:
-                yield self.run(path, target / name)
+                yield self.run(path, target / name, many=True)
             except (ValueError, OSError) as error:
                 yield Failed(path=path, reason=str(error))
+
+    def _options(self, path: Path, rgb: NDArray[np.uint8] | None, many: bool) -> Options:
+        """Options for one frame, whose regions may be in a file of their own."""
+        from planewise.partition import SegmentAnything
+
+        if isinstance(self.options.partition, SegmentAnything) and rgb is None:
+            raise PlanewiseError("partition: sam needs a picture of the view; give --rgb")
+        if self.partition is None:
+            return self.options
+        from planewise.partition_files import read_partition
+
+        regions = read_partition(self.partition, path.stem, many=many)
+        return replace(self.options, partition=regions)
 
     def _picture(self, path: Path, frame: DepthFile) -> NDArray[np.uint8] | None:
         if self.rgb is None:
@@ -142,13 +161,14 @@ def find_planes(
     sensor: Sensor,
     depth_scale: float | None,
     options: Options,
+    rgb: NDArray[np.uint8] | None = None,
 ) -> tuple[PlaneModel, float]:
     """Detect planes and say how many seconds it took."""
     from planewise.detect import find
     from planewise.observation import observe
 
     started = time.perf_counter()
-    model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options)
+    model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options, rgb=rgb)
     return model, time.perf_counter() - started
 
 

@@ -79,10 +79,58 @@ def joint_search(
     # Largest loss first: the running sums of the labelling are then the curve.
     order = np.argsort(-_losses(problem, exact), kind="stable")
     solution = record("refit", _finish(problem, problem.solve(exact.parameters[order])))
+    for shorter in _cut(problem, solution):
+        solution = record("cut", shorter)
+    return solution, _curve(problem, solution, spare, moves)
+
+
+def descend(
+    problem: Problem,
+    solution: Solution,
+    curve: Curve,
+    candidates: Array,
+    *,
+    rng: np.random.Generator,
+) -> tuple[Solution, Curve]:
+    """Go on with further candidates, every move by exact Phi of all readings.
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    solution, curve
+        From `joint_search`.
+    candidates : ndarray, shape (T, p)
+        Planes to add or exchange.
+    rng : numpy.random.Generator
+        Draws planes among the outliers.
+
+    Returns
+    -------
+    solution : Solution
+        With Phi no higher; the same object if no move lowers it.
+    curve : Curve
+        The same if there was no move.
+    """
+    moves, now = list(curve.moves), solution
+    for kind, now in _descend(problem, solution, candidates, rng):
+        moves.append(Move(kind=kind, planes=len(now), information=now.phi))
+    order = np.argsort(-_losses(problem, now), kind="stable")
+    now = problem.solve(now.parameters[order])
+    for shorter in _cut(problem, now):
+        now = shorter
+        moves.append(Move(kind="cut", planes=len(now), information=now.phi))
+    if not now.phi < solution.phi:
+        return solution, curve
+    return now, _curve(problem, now, candidates[:0], moves)
+
+
+def _cut(problem: Problem, solution: Solution) -> Iterator[Solution]:
+    """Yield what is left as long as the first planes alone are better than all of them."""
     while (best := int(np.argmin(_phis(problem, solution)))) < len(solution):
         cut = problem.solve(solution.parameters[:best])
-        solution = record("cut", problem.refine(cut, _TRIAL, stretch=2.0))
-    return solution, _curve(problem, solution, spare, moves)
+        solution = problem.refine(cut, _TRIAL, stretch=2.0)
+        yield solution
 
 
 def _finish(problem: Problem, solution: Solution) -> Solution:

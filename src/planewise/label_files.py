@@ -57,7 +57,7 @@ class Pairs:
     only_true: tuple[str, ...] = ()
 
 
-def read_labels(path: str | Path) -> LabelFile:
+def read_labels(path: str | Path, *, name: str = "labels") -> LabelFile:
     """Read one label image.
 
     Parameters
@@ -67,6 +67,8 @@ def read_labels(path: str | Path) -> LabelFile:
         (``.npz``) with the key ``labels``, ``gt`` or ``plane_instance`` (NYUv2-Plane). An archive
         may also hold ``depth`` (0 or NaN where there is no reading) and ``planes``; beside a
         ``labels.png`` that `planewise detect` wrote lies its ``planes.json``.
+    name : str
+        What messages call it.
 
     Returns
     -------
@@ -80,21 +82,21 @@ def read_labels(path: str | Path) -> LabelFile:
     """
     path = Path(path)
     if not path.is_file():
-        raise PlanewiseError(f"labels: there is no file {path}")
+        raise PlanewiseError(f"{name}: there is no file {path}")
     if path.suffix.lower() not in _KINDS:
         raise PlanewiseError(
-            f"labels: {path.name} is of no known kind; expected one of {', '.join(_KINDS)}"
+            f"{name}: {path.name} is of no known kind; expected one of {', '.join(_KINDS)}"
         )
     try:
         return _read(path)
     except MissingExtraError:
         raise
     except PlanewiseError as error:
-        raise PlanewiseError(f"labels: {path.name} {error}") from None
+        raise PlanewiseError(f"{name}: {path.name} {error}") from None
     except Exception as error:  # decoders of foreign bytes may raise anything
         detail = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise PlanewiseError(
-            f"labels: {path.name} cannot be read; it is damaged or not what its name says "
+            f"{name}: {path.name} cannot be read; it is damaged or not what its name says "
             f"({detail})"
         ) from error
 

@@ -109,10 +109,16 @@ class Objective:
             observation.count, 0
         )
 
-    def structure(self, observation: Observation, planes: int) -> float:
-        """Nats that planes cost before they explain anything: their parameters and the mask."""
+    def structure(
+        self, observation: Observation, planes: int, readings: int | None = None
+    ) -> float:
+        """Nats that planes cost before they explain anything: their parameters and the mask.
+
+        `readings` is how many the mask is of, if not all.
+        """
         cost = plane_information(observation.dimension, observation.range, observation.resolution)
-        return planes * cost + self.mask.information(observation.count, planes)
+        count = observation.count if readings is None else readings
+        return planes * cost + self.mask.information(count, planes)
 
 
 PAPER = Objective()

@@ -47,11 +47,11 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         mine = np.flatnonzero(labels == worse + 1)
         readings = problem.evaluator.subset(mine)
         better = alive[: alive.index(worse)]
-        offers = [readings.assign(planes[i : i + 1]) for i in better]
-        pick = int(np.argmin([offer.gain for offer in offers]))
+        pick = int(np.argmin(readings.scores(planes[better])))
+        offer = readings.assign(planes[better[pick]][None])
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        if problem.weight * (offers[pick].gain - gains[mine].sum()) < saved:
-            gains[mine] = offers[pick].best
+        if problem.weight * (offer.gain - gains[mine].sum()) < saved:
+            gains[mine] = offer.best
             labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
             alive.remove(worse)
             merged = True

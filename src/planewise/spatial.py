@@ -170,12 +170,62 @@ class Segments:
         return out
 
 
-def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segments, Array]:
-    """Merge neighbouring cells into segments.
+def planes_within(
+    cells: Cells,
+    inside: NDArray[np.bool_],
+    settled: NDArray[np.bool_],
+    cost: float,
+    significance: float,
+    workspace: Workspace,
+) -> list[tuple[NDArray[np.intp], Array, float]]:
+    """Planes that the search finds in a part of a frame, as if nothing else could be joined.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of the frame, or of a rectangle of it.
+    inside : ndarray of bool, shape (units,)
+        Units that may be joined.
+    settled : ndarray of bool, shape (units,)
+        Others that are on planes already, which pay for the borders with them.
+    cost : float
+        3 ln(R / eps).
+    significance : float
+        Nats that a plane has to save beyond its costs.
+    workspace : Workspace
+        Memory to work in.
+
+    Returns
+    -------
+    list of (units, plane, worth)
+        Units of a plane, its (t0, t1, t2), and what it saves in nats; the best first.
+    """
+    grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
+    segments, discords = _agglomerate(cells, cost, workspace, grid)
+    worth, accepted = _accept(
+        cells, discords, segments, cost, significance, workspace, settled & ~inside
+    )
+    mine = np.zeros(len(worth), np.bool_)
+    mine[segments.of_unit[inside]] = True
+    chosen = np.flatnonzero(mine & accepted)
+    return [
+        (
+            np.flatnonzero(segments.of_unit == k),
+            affine_planes(segments.rows[k : k + 1])[0],
+            float(worth[k]),
+        )
+        for k in chosen[np.argsort(-worth[chosen], kind="stable")]
+    ]
+
+
+def _agglomerate(
+    cells: Cells, cost: float, workspace: Workspace, grid: NDArray[np.int32] | None = None
+) -> tuple[Segments, Array]:
+    """Merge neighbouring cells into segments; those of `grid` only, where it is given.
 
     Returns the discord across every side that two units share, too: to the right, and below.
     """
-    count = len(cells.rows)
+    count, grid = len(cells.rows), cells.grid if grid is None else grid
     forms = workspace.empty((count, comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
     free = workspace.empty(count)
@@ -197,7 +247,7 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     comparing.square_discords(cells.squares, forms, right, below)
     root = np.empty(count, np.int32)
     merging.join_blocks(
-        cells.grid,
+        grid,
         cells.whole,
         right,
         segments.rows,
@@ -215,7 +265,7 @@ def _agglomerate(cells: Cells, cost: float, workspace: Workspace) -> tuple[Segme
     ints, floats = merging.room(sides, len(segments.rows))
     root = root[: len(segments.rows)]
     merging.agglomerate(
-        segments.of_cell(cells.grid, workspace),
+        segments.of_cell(grid, workspace),
         discords,
         _MERGE_BORDER,
         segments.rows,
@@ -238,10 +288,12 @@ def _accept(
     cost: float,
     least: float,
     workspace: Workspace,
+    settled: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What each segment saves in nats, and which pay for being a plane.
 
-    Those that do not save as much as part of a plane, whose parameters are paid for.
+    Those that do not save as much as part of a plane, whose parameters are paid for. Segments of
+    `settled` units are planes, whatever they save.
     """
     rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
     border = np.empty(len(rows))
@@ -249,6 +301,8 @@ def _accept(
     nats = workspace.empty(2 * of_cell.size)
     found = borders.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    if settled is not None:
+        worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += _PLANE_COST * cost

@@ -242,6 +242,90 @@ def _put_creases(
     return True
 
 
+def misfits(
+    frame: Frame, cells: Cells, affine: Array, labels: Labels, pixels: NDArray[np.intp]
+) -> Array:
+    """Half the squared residual in variances of some pixels' readings; infinite on no plane."""
+    w, x, y = (image.reshape(-1)[pixels] for image in (frame.w, frame.x, frame.y))
+    label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
+    planes = _with_none(affine)
+    t, lateral = planes[label], _lateral(cells, planes)[label]
+    with np.errstate(divide="ignore"):
+        row = np.minimum(frame.table.per_metre / w + 0.5, by_depth.size - 1).astype(np.intp)
+    residual = w - t[:, 0] - t[:, 1] * x - t[:, 2] * y
+    out = 0.5 * residual**2 / (by_depth[row] + lateral)
+    return np.where((label > 0) & (w > 0), out, np.inf)
+
+
+def relabelled(
+    frame: Frame,
+    cells: Cells,
+    affine: Array,
+    labels: Labels,
+    inside: NDArray[np.int64],
+    null: float,
+    reach: int,
+) -> Labels:
+    """Labels after sweeps over some pixels, and over those about them that change.
+
+    Parameters
+    ----------
+    frame, cells
+        The readings.
+    affine : ndarray, shape (N, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
+    inside : ndarray of int
+        Pixels, as places in the flattened image.
+    null : float
+        Nats of a reading on none.
+    reach : int
+        Pixels about the rectangle of `inside` where labels may change.
+    """
+    height, width = labels.shape
+    rows, columns = np.divmod(inside, width)
+    top, left = max(0, rows.min() - reach), max(0, columns.min() - reach)
+    bottom, right = min(height, rows.max() + reach + 1), min(width, columns.max() + reach + 1)
+    box = np.s_[top:bottom, left:right]
+    w, x, y = (np.ascontiguousarray(image[box]) for image in (frame.w, frame.x, frame.y))
+    there = frame.p[box] > 0
+    marks = _Marks.of(w.shape, Workspace())
+    marks.label[:], marks.state[:] = label_loops.NONE, label_loops.FIXED
+    marks.busy[:], marks.seen[:] = True, False
+    inner = np.s_[1 : w.shape[0] + 1, 1 : w.shape[1] + 1]
+    marks.label[inner] = np.where(there, labels[box], label_loops.NONE)
+    state = np.where(there, np.uint8(0), label_loops.FIXED)
+    state[rows - top, columns - left] = label_loops.WAITING
+    for edge, end in ((0, top > 0), (-1, bottom < height)):
+        state[edge] = label_loops.FIXED if end else state[edge]
+    for edge, end in ((0, left > 0), (-1, right < width)):
+        state[:, edge] = label_loops.FIXED if end else state[:, edge]
+    marks.state[inner] = state
+    planes = _with_none(affine)
+    label_loops.label_pixels(
+        marks.label.reshape(-1),
+        marks.state.reshape(-1),
+        marks.busy.reshape(-1),
+        marks.seen.reshape(-1),
+        marks.label.shape[1],
+        w.reshape(-1),
+        x.reshape(-1),
+        y.reshape(-1),
+        w.shape[1],
+        _variances(frame, cells)[0],
+        frame.table.per_metre,
+        planes,
+        _lateral(cells, planes),
+        null,
+        _DIFFERING,
+        _SWEEPS,
+    )
+    out = labels.copy()
+    label_loops.without_margin(marks.label, out[box])
+    return out
+
+
 def _with_none(affine: Array) -> Array:
     """Planes by label: a row of zeros for none before them."""
     return np.vstack((np.zeros((1, 3)), affine))
@@ -272,6 +356,21 @@ def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
     sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
     unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
     return np.where(count[1:, None] >= _FEWEST_PURE, sums[1:], planes)
+
+
+def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:
+    """Information (N, 3, 3) on planes, from the units that lie wholly inside their label.
+
+    Where these are few, from all readings as if they erred apart.
+    """
+    sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
+    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    out = information_matrices(sums[1:])
+    for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
+        mine = labels == j + 1
+        x = np.stack((np.ones(np.count_nonzero(mine)), frame.x[mine], frame.y[mine]))
+        out[j] = (x * (frame.p[mine] / cells.error.white)) @ x.T
+    return out
 
 
 def residual_correlation(cells: Cells, labels: Labels, affine: Array) -> Array:

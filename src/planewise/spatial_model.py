@@ -11,6 +11,7 @@ from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
 from planewise.model import Curve, PlaneModel
 from planewise.observation import RayObservation
+from planewise.partition.regions import Regions
 from planewise.rank import describe_image
 from planewise.spatial import turn_to_theta
 from planewise.spatial_solution import solve
@@ -28,6 +29,7 @@ def spatial_model(
     significance: float,
     settings: Mapping[str, object],
     workspace: Workspace | None = None,
+    regions: Regions | None = None,
 ) -> PlaneModel:
     """Find, rank and describe the planes of a depth image under the spatial objective.
 
@@ -45,6 +47,8 @@ def spatial_model(
         Recorded in the model.
     workspace : Workspace, optional
         Memory to work in.
+    regions : Regions, optional
+        That suggest further planes.
 
     Returns
     -------
@@ -65,6 +69,15 @@ def spatial_model(
         significance=significance,
         workspace=workspace,
     )
+    if regions is not None and cells is not None:
+        # Its compiled loops are loaded only where they are used.
+        from planewise.spatial_regions import with_regions
+
+        with stage("regions"):
+            solution = with_regions(
+                observation, frame, cells, solution, regions, instances=instances,
+                max_planes=max_planes, significance=significance, workspace=workspace,
+            )  # fmt: skip
     found, book, best = solution.found, solution.book, solution.best
     order = book.order[:best]
     place = np.zeros(len(book.order) + 1, np.uint16)

@@ -93,7 +93,7 @@ def solve(
             workspace=workspace,
         )
         with stage("ledger"), workspace.stage():
-            return _judged(observation, frame, cells, found, workspace)
+            return judged(observation, frame, cells, found, workspace)
 
     first = look(cells)
     if cells is None or first.best == len(first.book.order) or not cells.bends_more_than_told:
@@ -102,14 +102,24 @@ def solve(
     return closer if closer.information < first.information else first
 
 
-def _judged(
+def judged(
     observation: RayObservation,
     frame: Frame,
     cells: Cells | None,
     found: Segmentation,
     workspace: Workspace,
 ) -> SpatialSolution:
-    """Refit the planes, and cut what exact Phi says is shorter without."""
+    """Refit the planes, and cut what exact Phi says is shorter without.
+
+    Parameters
+    ----------
+    observation, frame, cells
+        The readings.
+    found : Segmentation
+        Of which planes and labels are judged.
+    workspace : Workspace
+        Memory to work in.
+    """
     limits, labels = (observation.range, observation.resolution), found.labels
     size = observation.pixel_size
     groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)

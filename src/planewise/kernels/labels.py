@@ -19,9 +19,8 @@ from planewise.kernels.jit import compiled, internal
 NONE = np.int16(-1)
 CHUNK = 16
 
-FIXED = np.uint8(2)
+WAITING, FIXED = np.uint8(1), np.uint8(2)
 
-_WAITING = np.uint8(1)
 _CHUNK = np.uintp(CHUNK)
 _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
 _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
@@ -113,7 +112,7 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, state, busy):  
                     waits = left if k == 0 else right if k == side - 1 else beyond
                     waits |= 0.5 * e * e * ps[j] > limit
                     waits &= states[j + _1] != FIXED
-                    states[j + _1] = _WAITING if waits else states[j + _1]
+                    states[j + _1] = WAITING if waits else states[j + _1]
                     flags[(j + _1) // _CHUNK] |= waits
 
 
@@ -170,7 +169,7 @@ def label_pixels(  # type: ignore[no-untyped-def]
                 at += (_0 if ahead else _CHUNK - _1) - step
                 for _ in range(CHUNK):
                     at += step
-                    if state[at] != _WAITING:
+                    if state[at] != WAITING:
                         continue
                     state[at] = 0
                     up, down = at - stride, at + stride
@@ -232,7 +231,7 @@ def label_pixels(  # type: ignore[no-untyped-def]
                         seen[flag + left] = seen[flag + right] = True
                         for k in range(3):
                             near = corner + np.uintp(k)
-                            state[near] |= _WAITING if label[near] != best else 0
+                            state[near] |= WAITING if label[near] != best else 0
                         corner, flag = corner + stride, flag + chunks
         if changed == 0:
             break

@@ -1,0 +1,128 @@
+"""Graph-based segmentation of colour and depth, after Felzenszwalb and Huttenlocher (2004).
+
+Neighbouring pixels are joined where they differ by little against how much their regions vary. The
+algorithm is scikit-image's; here are the channels it compares: normals, log depth, and colour where
+there is any.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.errors import MissingExtraError
+from planewise.partition.regions import Regions
+
+if TYPE_CHECKING:
+    from planewise.partition.partitioner import View
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Graph:
+    """Graph-based regions of colour, normals and depth; needs the extra ``partition``.
+
+    Parameters
+    ----------
+    scale : float
+        The larger, the larger regions are.
+    smoothing : float
+        Pixels by which channels are smoothed before.
+    least : int
+        Pixels of the smallest region.
+    colour, normals, depth : float
+        Weights: of a colour from black to white, of normals at right angles, of a step of depth by
+        its whole.
+    reach : int
+        Pixels about a pixel from which its normal is fitted.
+    """
+
+    scale: float = 1000.0
+    smoothing: float = 0.8
+    least: int = 300
+    colour: float = 0.5
+    normals: float = 1.0
+    depth: float = 1.0
+    reach: int = 5
+
+    def __post_init__(self) -> None:
+        if not self.scale > 0:
+            raise ValueError(f"scale must be positive, got {self.scale}")
+        for name in ("smoothing", "colour", "normals", "depth"):
+            if not 0 <= getattr(self, name) < np.inf:
+                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+        for name in ("least", "reach"):
+            if not getattr(self, name) >= 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+    def __call__(self, view: View) -> Regions:
+        """Region of every pixel, from 1."""
+        try:
+            from skimage.segmentation import felzenszwalb
+        except ImportError:
+            raise MissingExtraError("scikit-image", "the partition 'graph'", "partition") from None
+        with warnings.catch_warnings():
+            # It expects colours; more channels are what is meant here.
+            warnings.filterwarnings("ignore", "Got image with third dimension", RuntimeWarning)
+            regions = felzenszwalb(
+                self.channels(view),
+                scale=self.scale,
+                sigma=self.smoothing,
+                min_size=self.least,
+                channel_axis=-1,
+            )
+        return np.asarray(regions + 1, np.int32)
+
+    def channels(self, view: View) -> Array:
+        """What is compared, shape (H, W, 4 or 7): normals, log depth, colour, each weighted."""
+        there = np.isfinite(view.depth)
+        z = np.where(there, view.depth, 1.0)
+        parts = [
+            self.normals * normals(view, self.reach),
+            self.depth * np.where(there, np.log(z), 0.0)[..., None],
+        ]
+        if view.rgb is not None:
+            parts.append(self.colour * view.rgb.astype(np.float64) / 255.0)
+        return np.concatenate(parts, axis=-1)
+
+    def describe(self) -> str:
+        """Say what it is."""
+        return f"graph, scale {self.scale:g}, regions of at least {self.least} pixels"
+
+
+def normals(view: View, reach: int) -> Array:
+    """Unit normals facing the camera, shape (H, W, 3); zeros where there is no reading.
+
+    The plane w = theta . (u, v, 1) of inverse depth fitted to the readings of a square about each
+    pixel by least squares; where they determine none, towards the camera.
+    """
+    from scipy import ndimage
+
+    there = np.isfinite(view.depth)
+    u, v, _ = np.moveaxis(view.camera.rays(view.depth.shape), -1, 0)
+    w = np.where(there, 1.0 / np.where(there, view.depth, 1.0), 0.0)
+    share = ndimage.uniform_filter(there.astype(np.float64), 2 * reach + 1)
+
+    def mean(image: NDArray[Any]) -> Array:
+        """Of the readings about every pixel."""
+        total = ndimage.uniform_filter(np.where(there, image, 0.0), 2 * reach + 1)
+        out: Array = np.divide(total, share, np.zeros_like(total), where=share > 1e-9)
+        return out
+
+    mean_u, mean_v, mean_w = mean(u), mean(v), mean(w)
+    uu, uv, vv = mean(u * u) - mean_u**2, mean(u * v) - mean_u * mean_v, mean(v * v) - mean_v**2
+    uw, vw = mean(u * w) - mean_u * mean_w, mean(v * w) - mean_v * mean_w
+    determinant = uu * vv - uv * uv
+    told = there & (determinant > 1e-6 * uu * vv)
+    one = np.where(told, determinant, 1.0)
+    along_u = np.where(told, (vv * uw - uv * vw) / one, 0.0)
+    along_v = np.where(told, (uu * vw - uv * uw) / one, 0.0)
+    theta = np.stack((along_u, along_v, mean_w - along_u * mean_u - along_v * mean_v), axis=-1)
+    size = np.linalg.norm(theta, axis=-1, keepdims=True)
+    unit: Array = np.divide(-theta, size, np.zeros_like(theta), where=size > 0)
+    return np.asarray(np.where(there[..., None], unit, 0.0))
