@@ -239,6 +239,38 @@ def test_lines_are_means_over_frames():
     assert len(PUBLISHED) == 5
 
 
+def test_the_papers_search_goes_through_regions(folder, out, tmp_path):
+    code, text, errors = run(folder, "-o", out, "--camera", SMALL, "--partition", "blocks")
+    assert (code, errors) == (0, "")
+    assert "sequential: the paper's search as it is here, in regions (blocks" in text
+    row = read(out)[1]
+    assert (row["search"], row["noise"], row["kept"]) == ("sequential", "experimental", "all")
+    depth = np.asarray(Image.open(folder / "depth" / "1.png"))
+    options = {"search": "sequential", "confidence": 0.99, "inlier_ratio": 0.1}
+    model = pw.detect_planes(depth, CAMERA, pw.sensors.KINECT_V1, **options, partition="blocks")
+    region, truth = frame(1)["raw"] > 0, frame(1)["planes"]
+    region &= truth > 0
+    expected = scores_of(model.labels[region], truth[region])
+    assert float(row["voi"]) == pytest.approx(expected.variation_of_information)
+
+    regions = tmp_path / "regions"
+    regions.mkdir()
+    for number in (1, 2, 3):
+        halves = np.repeat([[1, 2]], 48, axis=0).repeat(32, axis=1).astype(np.uint8)
+        Image.fromarray(halves).save(regions / f"{number}.png")
+    code, text, errors = run(folder, "-o", out, "--camera", SMALL, "--partition", regions)
+    assert (code, errors) == (0, "")
+    assert "in the regions of regions" in text
+    (regions / "2.png").unlink()
+    code, text, errors = run(folder, "-o", out, "--camera", SMALL, "--partition", regions)
+    assert code == 2
+    assert "2 of 3 frames scored" in text
+    assert "named 2" in errors
+    code, _, errors = run(folder, "-o", out, "--partition", "nothing")
+    assert code == 2
+    assert "partition: expected auto, graph, blocks" in errors
+
+
 def test_real_frames(real_frames, tmp_path, out):
     """The table of `docs/nyu.md`, on two frames."""
     from .conftest import SHARED

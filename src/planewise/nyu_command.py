@@ -10,7 +10,14 @@ import typer
 
 from planewise import terminal
 from planewise.camera_files import read_camera
-from planewise.command_line import CAMERA_HELP, FAILED, check_numbers, optional, reported
+from planewise.command_line import (
+    CAMERA_HELP,
+    FAILED,
+    check_numbers,
+    optional,
+    partition_of,
+    reported,
+)
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.result_files import output_folder
 
@@ -53,6 +60,20 @@ def nyu(
         str | None, optional(f"{CAMERA_HELP} Default: NYU-v2's, or of a usual crop of it.")
     ] = None,
     limit: Annotated[int | None, optional("Take the first n frames that have a truth.")] = None,
+    partition: Annotated[
+        str | None,
+        optional(
+            "Regions for the paper's search: auto, graph, blocks, sam, or a folder of label images "
+            "or of folders of masks named like the frames."
+        ),
+    ] = None,
+    sam_model: Annotated[
+        str | None,
+        optional("Folder or hub name of the weights of Segment Anything, for --partition sam."),
+    ] = None,
+    sam_device: Annotated[
+        str | None, optional("Where Segment Anything runs: cpu (the default), cuda, cuda:1 ...")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
     threads: Annotated[int | None, optional("Default: one per processor.")] = None,
 ) -> None:
@@ -84,9 +105,10 @@ def nyu(
             depth="rawDepths" if depth is _Depth.raw else "depths",
             camera=known,
         )
+        named, folder_of_regions = partition_of(partition, sam_model, sam_device)
         options = {"rng": seed, "threads": threads}
         Options(**options)  # type: ignore[arg-type]
-        protocol = Protocol(options=options)
+        protocol = Protocol(partition=folder_of_regions or named, options=options)
         ids = dataset.labelled[:limit]
         if not ids:
             raise PlanewiseError(f"truth: {data} brings no true planes; give a folder with --truth")

@@ -105,10 +105,15 @@ class Protocol:
 
     Parameters
     ----------
+    partition : object, optional
+        ``partition=`` of the paper's search (see `planewise.detect_planes`), which then looks for
+        N = 4 planes in each region and N = 8 in what is left; or a folder of regions, as
+        `planewise.partition_files.read_partition` takes it. Our default goes without.
     options : dict
         Further options of both searches, such as ``threads``.
     """
 
+    partition: Any = None
     options: dict[str, Any] = field(default_factory=dict)
 
     def run(self, frame: DatasetFrame) -> list[Row]:
@@ -142,6 +147,12 @@ class Protocol:
 
     def describe(self) -> str:
         """How the paper's search is set, in words."""
+        if isinstance(self.partition, Path):
+            return f"in the regions of {self.partition.name}"
+        if self.partition is not None:
+            from planewise.partition import as_partitioner, describe
+
+            return f"in regions ({describe(as_partitioner(self.partition))})"
         how = SEARCHES["sequential"]
         return f"N = {how['max_planes']}, c = {how['confidence']}, r = {how['inlier_ratio']}"
 
@@ -149,11 +160,22 @@ class Protocol:
         from planewise.detect import detect_planes
 
         options = SEARCHES[search] | self.options
+        regions = self._regions(frame) if options.get("search") == "sequential" else None
+        if regions is not None:
+            # Every region has an N of its own.
+            options |= {"max_planes": None, "partition": regions, "rgb": frame.rgb}
         started = time.perf_counter()
         model = detect_planes(
             frame.depth, frame.camera, sensor, depth_scale=frame.depth_scale, **options
         )
         return model, time.perf_counter() - started
+
+    def _regions(self, frame: DatasetFrame) -> Any:
+        if not isinstance(self.partition, Path):
+            return self.partition
+        from planewise.partition_files import read_partition
+
+        return read_partition(self.partition, frame.id, many=True)
 
 
 def counted(frame: DatasetFrame) -> tuple[NDArray[np.bool_], NDArray[np.integer]]:
