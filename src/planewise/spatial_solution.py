@@ -21,6 +21,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
+_BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times as much: no plane that saves more is cut
 
 
@@ -54,6 +55,11 @@ class SpatialSolution:
         return int(np.argmin(self.curve))
 
     @property
+    def bends(self) -> bool:
+        """Whether a plane has residuals that are not white."""
+        return bool((self.found.residual_correlation > _BENDS).any())  # not where it is NaN
+
+    @property
     def information(self) -> float:
         """Phi in nats with these planes."""
         return float(self.curve.min())
@@ -69,12 +75,13 @@ def solve(
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
-    """Search, and search again closer where a plane turns out not to pay.
+    """Search, and search again closer where a plane turns out not to pay, or to bend.
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
     sake of mixed pixels and surfaces that are nearly flat. What was joined only for that, such as
-    two walls at 175 degrees, is shorter on none: then Phi decides whether to take readings at
-    their word.
+    two walls at 175 degrees, is shorter on none, or its residuals are correlated. Then readings are
+    taken at their word, if that makes Phi lower and residuals white; surfaces that bend all the way
+    would fall into as many planes as the noise lets one see.
 
     Parameters
     ----------
@@ -96,10 +103,11 @@ def solve(
             return judged(observation, frame, cells, found, workspace)
 
     first = look(cells)
-    if cells is None or first.best == len(first.book.order) or not cells.bends_more_than_told:
+    pays = first.best == len(first.book.order) and not first.bends
+    if pays or cells is None or not cells.bends_more_than_told:
         return first
     closer = look(replace(cells, drift=cells.told_drift))
-    return closer if closer.information < first.information else first
+    return closer if closer.information < first.information and not closer.bends else first
 
 
 def judged(
