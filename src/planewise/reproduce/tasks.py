@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.sharedctypes import Synchronized
 from typing import TypeVar
 
 import numpy as np
@@ -47,9 +48,8 @@ def each_in_order(
     if not work:
         return
     compile_once()
-    pool = ProcessPoolExecutor(
-        min(processes, len(work)), multiprocessing.get_context("spawn"), _start
-    )
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(processes, len(work)), context, _start, (context.Value("i", 0),))
     try:
         for future in [pool.submit(function, argument) for function, argument in work]:
             yield future.result()
@@ -69,10 +69,18 @@ def compile_once() -> None:
     detect_planes(wall, camera, Sensor(), search="sequential", threads=1)
 
 
-def _start() -> None:
-    """Prepare a process: Ctrl-C is the parent's to handle, and every library has one thread."""
+def _start(started: Synchronized[int]) -> None:
+    """Prepare a process: Ctrl-C is the parent's to handle, and every library has one thread.
+
+    Open3D's RANSAC ends early, and with several threads chance would decide on which sample.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ["OMP_NUM_THREADS"] = "1"  # Open3D's threads; read when it is imported
+    os.environ["OMP_NUM_THREADS"] = "1"
+    if hasattr(os, "sched_setaffinity"):
+        with started.get_lock():
+            processors = sorted(os.sched_getaffinity(0))
+            os.sched_setaffinity(0, {processors[started.value % len(processors)]})
+            started.value += 1
     threading.Thread(target=_end_with_the_parent, daemon=True).start()
     compile_once()
 
