@@ -5,10 +5,12 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 RIVALS := $(VENV)/.ready-bench
 SAM := $(VENV)/.ready-sam
+REPRODUCE := $(VENV)/.ready-reproduce
 BENCH_OUTPUT := bench-output
+REPORT := report
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-sam lint types bench bench-quick guard guard-record accuracy ablation pictures clean
+.PHONY: help setup demo test test-sam lint types bench bench-quick guard guard-record accuracy ablation pictures reproduce clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -48,6 +50,14 @@ $(RIVALS): $(READY) pyproject.toml
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[bench]'
 	touch $@
 
+# Open3D, of which the report is the poorer where it cannot be had.
+$(REPRODUCE): $(READY) pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[reproduce]'
+	touch $@
+
+reproduce: $(REPRODUCE)  ## run the paper's experiments again, with Open3D beside it, and write a report
+	$(BIN)/planewise reproduce all -o $(REPORT)
+
 bench: $(RIVALS)  ## time the detector here, and OpenCV, Open3D, CGAL and pyransac3d beside it
 	mkdir -p $(BENCH_OUTPUT)
 	$(BIN)/python -m benchmarks.speed --json $(BENCH_OUTPUT)/speed.json --picture $(BENCH_OUTPUT)/speed.png
@@ -72,4 +82,4 @@ pictures: $(READY)  ## draw the pictures of docs/method.md
 	$(BIN)/python -m benchmarks.pictures
 
 clean:  ## remove the environment and everything made
-	rm -rf $(VENV) demo-output $(BENCH_OUTPUT) dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) demo-output $(BENCH_OUTPUT) $(REPORT) dist build .mypy_cache .ruff_cache .pytest_cache

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.cloud import Cloud, Labels, Points, metres, sigma_of
 from benchmarks.frames import Frame
+from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
 from planewise.sequential import trial_count
 
 _SMALLEST = 0.01  # share of the readings at which extracting plane after plane ends
@@ -63,11 +64,7 @@ class Method:
 
     def missing(self) -> str:
         """Why the method cannot be run here; empty where it can."""
-        try:
-            import_module(self.module)
-        except Exception as reason:  # a broken installation may raise anything
-            return f"{type(reason).__name__}: {reason}".splitlines()[0]
-        return ""
+        return why_missing(self.module)
 
 
 def _planewise(**options: Any) -> Callable[[Frame, bool], Ready]:
@@ -99,45 +96,18 @@ def _opencv(**options: Any) -> Callable[[Frame, bool], Ready]:
     return prepare
 
 
-def _one_after_the_other(
-    fit: Callable[[Points], NDArray[np.intp]], points: Points, most: int, smallest: float
-) -> NDArray[np.integer]:
-    """Labels of the points when the largest plane is taken out again and again."""
-    labels, rest = np.zeros(len(points), np.int64), np.arange(len(points))
-    for label in range(1, most + 1):
-        if len(rest) < 3:
-            break
-        inliers = fit(points[rest])
-        if len(inliers) < max(3.0, smallest * len(points)):
-            break
-        labels[rest[inliers]] = label
-        rest = np.delete(rest, inliers)
-    return labels
-
-
 def _open3d_paper(frame: Frame, _: bool) -> Ready:
     """Threshold sigma, c = 0.99, r = 0.1, N = 8: as the paper compares."""
-    o3d, cloud = import_module("open3d"), Cloud.of(frame)
-    trials = trial_count(0.99, 0.1)
-
-    def fit(points: Points) -> NDArray[np.intp]:
-        made = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-        return np.asarray(made.segment_plane(cloud.sigma, 3, trials, 0.99)[1], np.intp)
-
-    o3d.utility.random.seed(0)
-    return Ready(lambda: _one_after_the_other(fit, cloud.points, 8, 0.0), cloud.image)
+    cloud = Cloud.of(frame)
+    fit = segment_plane(cloud.sigma, trial_count(0.99, 0.1), 0.99)
+    return Ready(lambda: one_after_the_other(fit, cloud.points, 8)[0], cloud.image)
 
 
 def _open3d_tuned(frame: Frame, _: bool) -> Ready:
     """Threshold 3 sigma, 1000 trials a plane, until one has less than 1 % of the readings."""
-    o3d, cloud = import_module("open3d"), Cloud.of(frame)
-
-    def fit(points: Points) -> NDArray[np.intp]:
-        made = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-        return np.asarray(made.segment_plane(3 * cloud.sigma, 3, 1000)[1], np.intp)
-
-    o3d.utility.random.seed(0)
-    return Ready(lambda: _one_after_the_other(fit, cloud.points, _MOST, _SMALLEST), cloud.image)
+    cloud = Cloud.of(frame)
+    fit = segment_plane(3 * cloud.sigma, 1000)
+    return Ready(lambda: one_after_the_other(fit, cloud.points, _MOST, _SMALLEST)[0], cloud.image)
 
 
 def _open3d_patches(frame: Frame, _: bool) -> Ready:
@@ -197,12 +167,12 @@ def _pyransac3d(frame: Frame, _: bool) -> Ready:
     pyransac3d, cloud = import_module("pyransac3d"), Cloud.of(frame)
     trials = trial_count(0.99, 0.25)
 
-    def fit(points: Points) -> NDArray[np.intp]:
-        found = pyransac3d.Plane().fit(points, 3 * cloud.sigma, trials)
-        return np.asarray(found[1], np.intp)
+    def fit(points: Points) -> tuple[Points, NDArray[np.intp]]:
+        plane, inliers = pyransac3d.Plane().fit(points, 3 * cloud.sigma, trials)
+        return np.asarray(plane, np.float64), np.asarray(inliers, np.intp)
 
     random.seed(0)
-    return Ready(lambda: _one_after_the_other(fit, cloud.points, _MOST, _SMALLEST), cloud.image)
+    return Ready(lambda: one_after_the_other(fit, cloud.points, _MOST, _SMALLEST)[0], cloud.image)
 
 
 DEFAULT = Method(name="planewise", settings="default", prepare=_planewise())

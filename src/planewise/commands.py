@@ -1,4 +1,4 @@
-"""The commands of the command line: detect, calibrate, demo, eval, bench, nyu, info."""
+"""The commands of the command line: detect, calibrate, demo, eval, bench, nyu, reproduce, info."""
 
 from __future__ import annotations
 
@@ -30,6 +30,7 @@ from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
 from planewise.jobs import Failed, Job, find_planes
 from planewise.nyu_command import nyu
+from planewise.reproduce_command import reproduce
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
 
 app = typer.Typer(
@@ -346,6 +347,7 @@ def evaluate(
 
 app.command()(bench)
 app.command()(nyu)
+app.command()(reproduce)
 
 
 @app.command()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,6 +18,7 @@ from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.noise_estimate import NoiseEstimate
+    from planewise.reproduce.section import Check
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 
@@ -169,6 +170,21 @@ def show_stages(stages: Mapping[str, Array]) -> None:
         bar = ("#" if _OUT.options.ascii_only else "█") * round(_BAR * each / most)
         table.add_row(name, f"{each:.2f} ms", f"{each / whole:.0%}", Text(bar, style="blue"))
     _show(table)
+
+
+def show_checks(checks: Mapping[str, Sequence[Check]]) -> None:
+    """Print claims and targets of every part of a report, and whether they hold."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for name in ("", "what should hold", "measured"):
+        table.add_column(name)
+    for title, rows in checks.items():
+        if rows:
+            table.add_row("", Text(title, style="bold"), "")
+        for check in rows:
+            verdict = Text(check.verdict, style="green" if check.met else "red")
+            table.add_row(verdict, f"{check.source}: {check.text}", check.measured)
+    if table.row_count:
+        _show(table)
 
 
 def show_table(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
