@@ -59,7 +59,7 @@ def read_camera(text: str) -> PinholeCamera:
             "nor fx,fy,cx,cy in pixels, nor a file"
         )
     try:
-        return _from_mapping(_parse(path))
+        return _from_mapping(read_mapping(path))
     except PlanewiseError as error:
         if isinstance(error, MissingExtraError):
             raise
@@ -198,7 +198,14 @@ def _from_numbers(text: str) -> PinholeCamera:
     return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
 
 
-def _parse(path: Path) -> Mapping[str, Any]:
+def read_mapping(path: Path) -> Mapping[str, Any]:
+    """Named values of a JSON or YAML file; those of a part ``camera`` stand beside the others.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is too large, or neither of the two.
+    """
     if path.stat().st_size > _MAX_BYTES:
         raise PlanewiseError("is too large to be a calibration file")
     try:

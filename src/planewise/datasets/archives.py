@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.frames import Dataset, DatasetFrame
+from planewise.datasets.paths import inside
 from planewise.depth_files import natural_order, read_depth
 from planewise.errors import PlanewiseError
 from planewise.label_files import read_labels
 
 _MILLIMETRE = 0.001
+_LABELS = {"gt.npy", "labels.npy"}
 
 
 class ArchiveFolder(Dataset):
@@ -28,6 +31,9 @@ class ArchiveFolder(Dataset):
         For archives without ``K``.
     """
 
+    kind: ClassVar[str] = "archives"
+    holds: ClassVar[str] = "a folder of .npz files, each with depth, K and, where known, rgb and gt"
+
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
         self.folder, self.camera = Path(folder), camera
         if not self.folder.is_dir():
@@ -39,8 +45,14 @@ class ArchiveFolder(Dataset):
         )
         super().__init__(self.folder.name, [path.stem for path in sorted(paths, key=natural_order)])
 
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Whether the folder holds archives, the first of which has depth."""
+        first = next(iter(sorted(path.glob("*.npz"))), None) if path.is_dir() else None
+        return first is not None and zipfile.is_zipfile(first) and "depth.npy" in _names(first)
+
     def _read(self, frame: str) -> DatasetFrame:
-        path = self.folder / f"{frame}.npz"
+        path = inside(self.folder, f"{frame}.npz")
         seen = read_depth(path)
         camera = seen.camera or self.camera
         if camera is None:
@@ -53,11 +65,11 @@ class ArchiveFolder(Dataset):
             depth=seen.depth,
             camera=camera,
             depth_scale=scale,
-            rgb=seen.rgb,
-            labels=read_labels(path).labels if _has_labels(path) else None,
+            rgb=seen.rgb if self.pictures else None,
+            labels=read_labels(path).labels if _LABELS & _names(path) else None,
         )
 
 
-def _has_labels(path: Path) -> bool:
+def _names(path: Path) -> set[str]:
     with zipfile.ZipFile(path) as archive:
-        return not {"gt.npy", "labels.npy"}.isdisjoint(archive.namelist())
+        return set(archive.namelist())

@@ -1,0 +1,112 @@
+"""One call that opens any dataset, and finds out which kind it is."""
+
+from __future__ import annotations
+
+import inspect
+import tarfile
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from planewise.datasets.archives import ArchiveFolder
+from planewise.datasets.frames import Dataset, PointDataset
+from planewise.datasets.generic import GenericFolder
+from planewise.datasets.icl_nuim import IclNuim, IclNuimRendered
+from planewise.datasets.lidar import LidarFolder
+from planewise.datasets.nyu import NyuFolder, NyuLabelled
+from planewise.datasets.nyu_raw import NyuRaw
+from planewise.datasets.redwood import RedwoodFolder
+from planewise.datasets.scannet import ScanNetFolder
+from planewise.datasets.sens import SensFile
+from planewise.datasets.seven_scenes import SevenScenes
+from planewise.datasets.tum import TumSequence
+from planewise.errors import PlanewiseError
+
+Reader = type[Dataset] | type[PointDataset]
+
+READERS: tuple[Reader, ...] = (
+    NyuLabelled,
+    SensFile,
+    TumSequence,
+    IclNuim,
+    IclNuimRendered,
+    SevenScenes,
+    ScanNetFolder,
+    RedwoodFolder,
+    GenericFolder,
+    NyuRaw,
+    ArchiveFolder,
+    LidarFolder,
+    NyuFolder,
+)
+"""Formats, in the order in which they are tried: what only one has comes first."""
+
+KINDS = tuple(reader.kind for reader in READERS)
+"""Names of the formats."""
+
+
+def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset | PointDataset:
+    """Open a dataset of any known kind; frames are read when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        A folder or a file.
+    kind : str, optional
+        One of `KINDS`; ``None`` means whichever the contents look like.
+    options
+        Of the format's class, such as ``camera``; those that are ``None`` are left out.
+
+    Returns
+    -------
+    Dataset or PointDataset
+        Of depth images, or of points.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is of no known kind (the message lists them), or cannot be used.
+    ValueError
+        If the kind has no such option.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise PlanewiseError(f"data: there is no file or folder {path}")
+    reader = reader_of(path) if kind is None else _named(kind)
+    given = {name: value for name, value in options.items() if value is not None}
+    known = list(inspect.signature(reader).parameters)[1:]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise ValueError(
+            f"{unknown[0]} is no option of the kind {reader.kind!r}; it has {_words(known)}"
+        )
+    return reader(path, **given)
+
+
+def reader_of(path: Path) -> Reader:
+    """Class that reads what is there.
+
+    Raises
+    ------
+    PlanewiseError
+        If there is none.
+    """
+    found = next((reader for reader in READERS if reader.recognises(path)), None)
+    if found is not None:
+        return found
+    if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
+        raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
+    looked = "; ".join(reader.holds for reader in READERS)
+    raise PlanewiseError(f"data: {path} is no dataset of a known kind, which are: {looked}")
+
+
+def _named(kind: str) -> Reader:
+    found = next((reader for reader in READERS if reader.kind == kind), None)
+    if found is None:
+        raise PlanewiseError(f"kind must be one of {_words(KINDS)}, got {kind!r}")
+    return found
+
+
+def _words(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"
