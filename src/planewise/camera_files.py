@@ -59,7 +59,7 @@ def read_camera(text: str) -> PinholeCamera:
             "nor fx,fy,cx,cy in pixels, nor a file"
         )
     try:
-        return _from_mapping(read_mapping(path))
+        return camera_of_mapping(read_mapping(path))
     except PlanewiseError as error:
         if isinstance(error, MissingExtraError):
             raise
@@ -239,7 +239,14 @@ def _parse_yaml(text: str) -> Any:
         raise PlanewiseError(f"is not valid YAML ({first})") from None
 
 
-def _from_mapping(content: Mapping[str, Any]) -> PinholeCamera:
+def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
+    """Camera of named values, as files state them; see `read_camera`.
+
+    Raises
+    ------
+    PlanewiseError
+        If they describe no pinhole with radial-tangential distortion.
+    """
     values = {str(key).lower(): value for key, value in content.items()}
     fx, fy, cx, cy = _intrinsics(values)
     width = _first(values, "width", "image_width")

@@ -2,7 +2,7 @@
 
 >>> from planewise import datasets
 >>> datasets.KINDS[:4]
-('nyu-labelled', 'sens', 'tum', 'icl-nuim')
+('nyu-labelled', 'sens', 'ros', 'ros-points')
 """
 
 from planewise.datasets.archives import ArchiveFolder
@@ -14,6 +14,7 @@ from planewise.datasets.nyu import NyuFolder, NyuLabelled, open_nyu
 from planewise.datasets.nyu_raw import NyuRaw
 from planewise.datasets.opening import KINDS, open
 from planewise.datasets.redwood import RedwoodFolder
+from planewise.datasets.ros import RosDepth, RosPoints
 from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
@@ -35,6 +36,8 @@ __all__ = [
     "PointDataset",
     "PointFrame",
     "RedwoodFolder",
+    "RosDepth",
+    "RosPoints",
     "ScanNetFolder",
     "SensFile",
     "SevenScenes",

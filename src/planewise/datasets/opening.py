@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import tarfile
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ from planewise.datasets.lidar import LidarFolder
 from planewise.datasets.nyu import NyuFolder, NyuLabelled
 from planewise.datasets.nyu_raw import NyuRaw
 from planewise.datasets.redwood import RedwoodFolder
+from planewise.datasets.ros import RosDepth, RosPoints
 from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
@@ -28,6 +29,8 @@ Reader = type[Dataset] | type[PointDataset]
 READERS: tuple[Reader, ...] = (
     NyuLabelled,
     SensFile,
+    RosDepth,
+    RosPoints,
     TumSequence,
     IclNuim,
     IclNuimRendered,
@@ -44,6 +47,8 @@ READERS: tuple[Reader, ...] = (
 
 KINDS = tuple(reader.kind for reader in READERS)
 """Names of the formats."""
+
+_SHOWN = 8  # names of what a folder holds, in messages
 
 
 def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset | PointDataset:
@@ -81,7 +86,8 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         raise ValueError(
             f"{unknown[0]} is no option of the kind {reader.kind!r}; it has {_words(known)}"
         )
-    return reader(path, **given)
+    make: Callable[..., Dataset | PointDataset] = reader
+    return make(path, **given)
 
 
 def reader_of(path: Path) -> Reader:
@@ -98,7 +104,17 @@ def reader_of(path: Path) -> Reader:
     if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
         raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
     looked = "; ".join(reader.holds for reader in READERS)
-    raise PlanewiseError(f"data: {path} is no dataset of a known kind, which are: {looked}")
+    raise PlanewiseError(
+        f"data: {path} ({_contents(path)}) is no dataset of a known kind, which are: {looked}"
+    )
+
+
+def _contents(path: Path) -> str:
+    if path.is_file():
+        return "a file"
+    names = sorted(each.name + "/" * each.is_dir() for each in path.iterdir())
+    more = " ..." if len(names) > _SHOWN else ""
+    return f"it holds {', '.join(names[:_SHOWN])}{more}" if names else "an empty folder"
 
 
 def _named(kind: str) -> Reader:
