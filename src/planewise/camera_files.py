@@ -214,6 +214,8 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
         raise PlanewiseError("is not a text file; expected JSON or YAML") from None
     try:
         content = json.loads(text)
+    except RecursionError:
+        raise PlanewiseError("is nested too deeply to be a calibration file") from None
     except json.JSONDecodeError as error:
         if path.suffix.lower() == ".json":
             raise PlanewiseError(f"is not valid JSON ({error})") from None

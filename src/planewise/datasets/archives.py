@@ -51,6 +51,11 @@ class ArchiveFolder(Dataset):
         first = next(iter(sorted(path.glob("*.npz"))), None) if path.is_dir() else None
         return first is not None and zipfile.is_zipfile(first) and "depth.npy" in _names(first)
 
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """All ids: which archives hold labels is known when they are read."""
+        return self.ids
+
     def _read(self, frame: str) -> DatasetFrame:
         path = inside(self.folder, f"{frame}.npz")
         seen = read_depth(path)

@@ -11,6 +11,7 @@ import re
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from itertools import chain
 from pathlib import Path
 from struct import iter_unpack, unpack
@@ -49,6 +50,8 @@ class Bag:
 
     Attributes
     ----------
+    path : Path
+        As given.
     types : dict of str to str
         Type of each topic's messages, such as ``sensor_msgs/msg/Image``.
 
@@ -66,6 +69,7 @@ class Bag:
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
             raise MissingExtraError("rosbags", f"reading {path.name}", "ros") from None
+        self.path = path
         _bound_decoders()
         _check_files(path)
         store = get_typestore(Stores.ROS2_HUMBLE)  # where an old bag does not hold its own types
@@ -85,8 +89,13 @@ class Bag:
     def __enter__(self) -> Bag:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.close()
+    def __exit__(self, kind: object, error: BaseException | None, trace: object) -> None:
+        with suppress(Exception):  # what is damaged may not close either
+            self.close()
+        if isinstance(error, Exception) and not isinstance(error, PlanewiseError):
+            raise PlanewiseError(
+                f"data: the bag {self.path.name} is damaged ({_first_line(error)})"
+            ) from error
 
     def close(self) -> None:
         """Close its files."""
@@ -218,7 +227,8 @@ class Topic:
     def _close(self) -> None:
         bag, self._bag, self._stream = self._bag, None, None
         if bag is not None:
-            bag.close()
+            with suppress(Exception):
+                bag.close()
 
 
 def _connections(storage: Any, topic: str) -> list[Any]:

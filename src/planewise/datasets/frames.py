@@ -179,11 +179,6 @@ class Frames(ABC, Generic[Frame]):
     def _keep(self, ids: Sequence[str]) -> None:
         self.ids, self._known = tuple(ids), frozenset(ids)
 
-    @property
-    def labelled(self) -> tuple[str, ...]:
-        """Ids of the frames that have true planes, as far as names and headers tell."""
-        return self.ids
-
     def __len__(self) -> int:
         return len(self.ids)
 
@@ -285,6 +280,11 @@ class Dataset(Frames[DatasetFrame]):
     """
 
     sensor: Sensor | None = None
+
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """Ids of the frames that have true planes, as far as names and headers tell."""
+        return ()
 
 
 class PointDataset(Frames[PointFrame]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -9,7 +10,7 @@ from planewise.camera import PinholeCamera
 from planewise.camera_files import read_camera, read_mapping, read_sensor
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
-from planewise.errors import PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.sensor import Sensor
 
 CAMERA = "camera.json"
@@ -45,7 +46,7 @@ class GenericFolder(PictureFolder):
     ) -> None:
         root = Path(folder)
         path = inside(root, CAMERA)
-        values = read_mapping(path) if path.is_file() else {}
+        values = _stated(path) if path.is_file() else {}
         scale = values.get("depth_scale") if depth_scale is None else depth_scale
         self.sensor = _sensor_of(values.get("sensor"))
         super().__init__(
@@ -74,6 +75,15 @@ def checked_scale(value: Any) -> float | None:
     if not isinstance(value, int | float) or not 0 < value < float("inf"):
         raise PlanewiseError(f"depth_scale must be a positive number of metres, got {value!r}")
     return float(value)
+
+
+def _stated(path: Path) -> Mapping[str, Any]:
+    try:
+        return read_mapping(path)
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        raise PlanewiseError(f"camera: {path.name} {error}") from None
 
 
 def _sensor_of(name: Any) -> Sensor | None:

@@ -114,5 +114,6 @@ def _frames(root: Path) -> Iterator[FrameFiles]:
     for number, words in timed_list(root, LIST):
         if len(words) < 3:
             raise PlanewiseError(f"{LIST}: expected lines 'number depth number picture'")
-        depth, picture = (words[0], words[2]) if "depth" in words[0] else (words[2], words[0])
+        first = "depth" in words[0] or "depth" not in words[2]  # some lists have pictures first
+        depth, picture = (words[0], words[2]) if first else (words[2], words[0])
         yield FrameFiles(id=Path(depth).stem, depth=depth, rgb=picture, timestamp=number / 30)

@@ -5,26 +5,29 @@ from __future__ import annotations
 import inspect
 import tarfile
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from planewise.datasets.archives import ArchiveFolder
+from planewise.datasets.collection import BETWEEN, Collection, PointCollection
 from planewise.datasets.frames import Dataset, PointDataset
 from planewise.datasets.generic import GenericFolder
 from planewise.datasets.icl_nuim import IclNuim, IclNuimRendered
 from planewise.datasets.lidar import LidarFolder
 from planewise.datasets.nyu import NyuFolder, NyuLabelled
 from planewise.datasets.nyu_raw import NyuRaw
+from planewise.datasets.paths import inside, listed
 from planewise.datasets.redwood import RedwoodFolder
 from planewise.datasets.ros import RosDepth, RosPoints
 from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
-from planewise.errors import PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError
 
 Reader = type[Dataset] | type[PointDataset]
+Part = Dataset | PointDataset | str
 
 READERS: tuple[Reader, ...] = (
     NyuLabelled,
@@ -48,6 +51,7 @@ READERS: tuple[Reader, ...] = (
 KINDS = tuple(reader.kind for reader in READERS)
 """Names of the formats."""
 
+_DEEPEST = 2  # folders below a folder in which datasets are looked for
 _SHOWN = 8  # names of what a folder holds, in messages
 
 
@@ -78,8 +82,29 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     path = Path(path)
     if not path.exists():
         raise PlanewiseError(f"data: there is no file or folder {path}")
-    reader = reader_of(path) if kind is None else _named(kind)
     given = {name: value for name, value in options.items() if value is not None}
+    if kind is not None:
+        return _opened(_named(kind), path, given)
+    reader = reader_of(path)
+    if reader is not None:
+        return _opened(reader, path, given)
+    parts = _parts(path, given, _DEEPEST)
+    if parts:
+        return _collected(path, parts)
+    if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
+        raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
+    looked = "; ".join((*(reader.holds for reader in READERS), Collection.holds))
+    raise PlanewiseError(
+        f"data: {path} ({_contents(path)}) is no dataset of a known kind, which are: {looked}"
+    )
+
+
+def reader_of(path: Path) -> Reader | None:
+    """Class that reads what is there; ``None`` where no format is recognised."""
+    return next((reader for reader in READERS if reader.recognises(path)), None)
+
+
+def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
     known = list(inspect.signature(reader).parameters)[1:]
     unknown = [name for name in given if name not in known]
     if unknown:
@@ -90,22 +115,41 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     return make(path, **given)
 
 
-def reader_of(path: Path) -> Reader:
-    """Class that reads what is there.
+def _named(kind: str) -> Reader:
+    found = next((reader for reader in READERS if reader.kind == kind), None)
+    if found is None:
+        raise PlanewiseError(f"kind must be one of {_words(KINDS)}, got {kind!r}")
+    return found
 
-    Raises
-    ------
-    PlanewiseError
-        If there is none.
-    """
-    found = next((reader for reader in READERS if reader.recognises(path)), None)
-    if found is not None:
-        return found
-    if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
-        raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
-    looked = "; ".join(reader.holds for reader in READERS)
+
+def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
+    """Datasets below a folder by name, in natural order; those that cannot be opened by why."""
+    found: dict[str, Part] = {}
+    for path in listed(root, lambda path: True) if root.is_dir() else ():
+        try:
+            reader = reader_of(inside(root, path.name))
+            if reader is not None:
+                found[path.name] = _opened(reader, path, given)
+        except MissingExtraError:
+            raise
+        except (PlanewiseError, OSError) as error:
+            found[path.name] = str(error)
+            continue
+        if reader is None and deep > 1 and path.is_dir():
+            below = _parts(path, given, deep - 1)
+            found |= {f"{path.name}{BETWEEN}{name}": part for name, part in below.items()}
+    return found if any(not isinstance(part, str) for part in found.values()) else {}
+
+
+def _collected(path: Path, parts: Mapping[str, Part]) -> Dataset | PointDataset:
+    depth = {name: part for name, part in parts.items() if not isinstance(part, PointDataset)}
+    points = {name: part for name, part in parts.items() if not isinstance(part, Dataset)}
+    if len(depth) == len(parts):
+        return Collection(path.name, depth)
+    if len(points) == len(parts):
+        return PointCollection(path.name, points)
     raise PlanewiseError(
-        f"data: {path} ({_contents(path)}) is no dataset of a known kind, which are: {looked}"
+        f"data: {path} holds both depth images and points; open its parts, {_words(list(parts))}"
     )
 
 
@@ -115,13 +159,6 @@ def _contents(path: Path) -> str:
     names = sorted(each.name + "/" * each.is_dir() for each in path.iterdir())
     more = " ..." if len(names) > _SHOWN else ""
     return f"it holds {', '.join(names[:_SHOWN])}{more}" if names else "an empty folder"
-
-
-def _named(kind: str) -> Reader:
-    found = next((reader for reader in READERS if reader.kind == kind), None)
-    if found is None:
-        raise PlanewiseError(f"kind must be one of {_words(KINDS)}, got {kind!r}")
-    return found
 
 
 def _words(names: Sequence[str]) -> str:
