@@ -347,7 +347,7 @@ def test_what_is_not_recognised_is_listed(tmp_path):
     with pytest.raises(PlanewiseError, match="an empty folder") as error:
         datasets.open(tmp_path / "frames")
     for reader in datasets.opening.READERS:
-        assert reader.holds in str(error.value)
+        assert f"{reader.kind} = {reader.holds}" in str(error.value)
     (tmp_path / "frames/notes.txt").write_text("none")
     with pytest.raises(PlanewiseError, match=r"it holds notes.txt\) is no dataset of a known kind"):
         datasets.open(tmp_path / "frames")
@@ -390,3 +390,60 @@ def test_sixteen_bit_colour_is_refused_as_depth_and_read_as_picture(tmp_path):
     Image.fromarray(FRAMES[0]["rgb"]).save(root / "depth/view 0.png")
     with pytest.raises(PlanewiseError, match=r"frame view 0: .*colour picture, not depth"):
         datasets.open(root)[0]
+
+
+# The command
+
+
+@pytest.fixture
+def run(capfd):
+    from typer.testing import CliRunner
+
+    from planewise.commands import app
+
+    def call(*arguments):
+        result = CliRunner().invoke(app, ["frames", *map(str, arguments)])
+        out, err = capfd.readouterr()
+        return result.exit_code, result.stdout + out, result.stderr + err
+
+    return call
+
+
+def test_the_command_says_what_is_there(run, tmp_path):
+    root = files.write_tum(tmp_path / "data")
+    code, out, _ = run(root)
+    assert code == 0
+    assert out.startswith("tum: a folder with depth.txt and rgb.txt")
+    assert "3 frames: 1305031102.160407, " in out
+    assert "camera: fx 525.0, fy 525.0, cx 319.5, cy 239.5" in out
+    assert "sensor: kinect-v1" in out
+    assert "first frame: 64 x 48, units of 0.2 mm, 99% with a reading, 1.82 ... 2.13 m" in out
+    code, out, _ = run(files.write_kitti(tmp_path / "kitti"), "--check")
+    assert (code, "first frame: 100 points" in out) == (0, True)
+    assert "3 of 3 frames can be read" in out
+
+
+def test_the_command_reports_damage(run, tmp_path):
+    root = files.write_generic(tmp_path / "data")
+    (root / "depth/view 1.png").write_bytes(b"\x89PNG")
+    (root / "rgb/view 2.png").write_bytes(b"\x89PNG")
+    code, out, err = run(root, "--check")
+    assert code == 2
+    assert "1 of 3 frames can be read" in out
+    assert [line.split(":")[1].strip() for line in err.splitlines()] == [
+        "data, frame view 1",
+        "data, frame view 2",
+    ]
+    code, _, err = run(tmp_path / "data/rgb")
+    assert (code, err.count("\n")) == (2, 1)
+    code, out, err = run(root, "--camera", "nyu")
+    assert code == 0
+    assert "camera is for images of 640 x 480 pixels" in err
+
+
+def test_the_command_knows_collections(run, tmp_path):
+    files.write_sens(tmp_path / "a.sens")
+    files.write_sens(tmp_path / "b.sens")
+    code, out, _ = run(tmp_path, "--check")
+    assert (code, "collection: 2 datasets" in out) == (0, True)
+    assert "6 of 6 frames can be read" in out

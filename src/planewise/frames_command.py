@@ -45,7 +45,9 @@ def frames(
 
         known = None if camera is None else read_camera(camera)
         dataset = datasets.open(data, kind, camera=known, depth_scale=depth_scale, topic=topic)
-        terminal.say(f"{dataset.kind}: {dataset.holds}")
+        parts = getattr(dataset, "parts", {})
+        known_as = f"{len(parts):,} datasets" if parts else dataset.holds
+        terminal.say(f"{dataset.kind}: {known_as}")
         some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
         terminal.say(f"{len(dataset):,} frames: {some}")
         _show_first(dataset.without_pictures())
@@ -78,6 +80,10 @@ def _show_first(dataset: Dataset | PointDataset) -> None:
     terminal.say(
         f"first frame: {width} x {height}, {unit}, {first.valid.mean():.0%} with a reading{far}"
     )
+    try:
+        first.camera.check((height, width))
+    except ValueError as error:
+        terminal.warning(str(error))
 
 
 def _damaged(dataset: Dataset | PointDataset) -> int:

@@ -142,6 +142,8 @@ class NyuLabelled(Dataset):
                 count = array_of(file, depth, 3, "f").shape[0]
             except PlanewiseError as error:
                 raise PlanewiseError(f"data: {self.path.name} {error}") from None
+            except Exception as error:  # of the library, whose own index is damaged
+                raise PlanewiseError(f"data: {self.path.name} is damaged ({error})") from error
         super().__init__(self.path.name, [str(n) for n in range(1, count + 1)])
 
     @property

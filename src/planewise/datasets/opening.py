@@ -93,9 +93,9 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         return _collected(path, parts)
     if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
         raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
-    looked = "; ".join((*(reader.holds for reader in READERS), Collection.holds))
+    looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
     raise PlanewiseError(
-        f"data: {path} ({_contents(path)}) is no dataset of a known kind, which are: {looked}"
+        f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"
     )
 
 

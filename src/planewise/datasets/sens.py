@@ -32,7 +32,7 @@ from planewise.errors import PlanewiseError
 VERSION = 4
 
 _LONGEST_NAME = 1024
-_MOST_FRAMES = 10_000_000
+_MOST_FRAMES = 1_000_000  # nine hours; more is a damaged header
 _OVERHEAD = 1 << 16  # bytes that a packed image may take beyond 4 a pixel
 _MATRICES = struct.Struct("<64f")
 _HEADER = struct.Struct("<iiIIIIfQ")
