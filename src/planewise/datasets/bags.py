@@ -29,7 +29,7 @@ LARGEST_CHUNK = 1 << 28
 _METADATA = "metadata.yaml"
 _MAGIC = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0")
 _WHOLE = re.compile(r"compression_mode:\s*[\"']?file", re.IGNORECASE)
-_FORWARD = 64  # messages that are passed over rather than looked for
+_FORWARD = 16  # messages that are passed over rather than looked for
 
 
 def is_bag(path: Path) -> bool:
