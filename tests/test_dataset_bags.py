@@ -2,6 +2,7 @@
 
 import builtins
 import pickle
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -293,6 +294,14 @@ def test_another_process_opens_the_bag_anew(tmp_path):
     assert_array_equal(dataset[0].depth, first)
     assert dataset.topic._bag is not opened
     opened.close()
+
+
+def test_several_threads_read_one_bag(tmp_path):
+    dataset = datasets.open(write_bag(tmp_path / "run", "mcap-zstd", everything))
+    numbers = [n % COUNT for n in range(40)]
+    with ThreadPoolExecutor(4) as pool:
+        for n, seen in zip(numbers, pool.map(dataset.__getitem__, numbers), strict=True):
+            assert_array_equal(seen.depth, units(FRAMES[n], 0.001))
 
 
 def test_damaged_clouds_and_images_are_told(tmp_path):

@@ -21,7 +21,7 @@ from planewise.errors import PlanewiseError
 from . import dataset_files as files
 from .bag_files import DEPTH, INFO, START, frames, write_bag
 from .dataset_files import CAMERA, COUNT, FRAMES, POSES, sens_frame, units
-from .nyu_files import write_mat
+from .nyu_files import write_archive, write_mat
 
 FOLDERS = {
     "tum": files.write_tum,
@@ -250,8 +250,6 @@ def pinhole():
 
 def test_a_folder_of_archives_with_one_that_swells(tmp_path):
     """One archive's depth image claims, and could unpack to, 800 MB."""
-    from .nyu_files import write_archive
-
     root = tmp_path / "cut"
     root.mkdir()
     for n, each in enumerate(FRAMES):
@@ -335,6 +333,25 @@ def test_a_collection_does_not_follow_links_out_of_it(tmp_path):
     assert good == COUNT
     assert len(bad) == 2
     assert all("lies outside the dataset" in message for message in bad)
+
+
+def test_a_damaged_first_archive_does_not_hide_the_others(tmp_path):
+    for n, each in enumerate(FRAMES):
+        write_archive(tmp_path / f"{n}.npz", each, CAMERA)
+    (tmp_path / "0.npz").write_bytes(b"PK\x05\x06")
+    bad, good = messages_of(datasets.open(tmp_path))
+    assert (good, len(bad)) == (COUNT - 1, 1)
+
+
+def test_names_that_differ_by_zeros_or_capitals_are_in_one_order(tmp_path):
+    """Shards on several machines have to agree, whatever order a file system lists."""
+    root = files.write_generic(tmp_path / "data")
+    whole = (root / "depth/view 0.png").read_bytes()
+    names = ["b1", "b01", "B1", "B01", "a"]
+    for name in names:
+        (root / f"depth/{name}.png").write_bytes(whole)
+    ids = datasets.open(root).ids
+    assert ids[:5] == ("a", "B01", "B1", "b01", "b1")
 
 
 @pytest.mark.parametrize("name", ["a/b", "..", ".", "", "a\\b", "a\nb", "a\0b"])

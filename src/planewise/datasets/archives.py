@@ -8,13 +8,14 @@ from typing import ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.frames import Dataset, DatasetFrame
-from planewise.datasets.paths import inside
-from planewise.depth_files import natural_order, read_depth
+from planewise.datasets.paths import inside, listed
+from planewise.depth_files import read_depth
 from planewise.errors import PlanewiseError
 from planewise.label_files import read_labels
 
 _MILLIMETRE = 0.001
 _LABELS = {"gt.npy", "labels.npy"}
+_LOOKED_AT = 10  # archives, to recognise a folder of them
 
 
 class ArchiveFolder(Dataset):
@@ -28,7 +29,7 @@ class ArchiveFolder(Dataset):
     folder : path
         Ids are the names of its files without ending.
     camera : PinholeCamera, optional
-        For archives without ``K``.
+        Instead of ``K``.
     """
 
     kind: ClassVar[str] = "archives"
@@ -38,18 +39,13 @@ class ArchiveFolder(Dataset):
         self.folder, self.camera = Path(folder), camera
         if not self.folder.is_dir():
             raise PlanewiseError(f"data: {folder} is not a folder")
-        paths = (
-            path
-            for path in self.folder.iterdir()
-            if path.suffix.lower() == ".npz" and not path.name.startswith(".") and path.is_file()
-        )
-        super().__init__(self.folder.name, [path.stem for path in sorted(paths, key=natural_order)])
+        super().__init__(self.folder.name, [path.stem for path in _archives(self.folder)])
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Whether the folder holds archives, the first of which has depth."""
-        first = next(iter(sorted(path.glob("*.npz"))), None) if path.is_dir() else None
-        return first is not None and zipfile.is_zipfile(first) and "depth.npy" in _names(first)
+        """Whether the folder holds archives, one of the first of which has depth."""
+        first = _archives(path)[:_LOOKED_AT] if path.is_dir() else []
+        return any("depth.npy" in _names(each) for each in first)
 
     @property
     def labelled(self) -> tuple[str, ...]:
@@ -59,7 +55,7 @@ class ArchiveFolder(Dataset):
     def _read(self, frame: str) -> DatasetFrame:
         path = inside(self.folder, f"{frame}.npz")
         seen = read_depth(path)
-        camera = seen.camera or self.camera
+        camera = self.camera or seen.camera
         if camera is None:
             raise PlanewiseError("camera: the file does not hold K, fx, fy, cx, cy")
         scale = seen.depth_scale
@@ -75,6 +71,14 @@ class ArchiveFolder(Dataset):
         )
 
 
+def _archives(folder: Path) -> list[Path]:
+    return listed(folder, lambda path: path.suffix == ".npz" and path.is_file())
+
+
 def _names(path: Path) -> set[str]:
-    with zipfile.ZipFile(path) as archive:
-        return set(archive.namelist())
+    """Names of an archive's members, none where it is damaged."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return set(archive.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError):
+        return set()

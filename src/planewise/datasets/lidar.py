@@ -44,7 +44,7 @@ class LidarFolder(PointDataset):
             raise PlanewiseError(f"columns must be at least 3 (x, y, z), got {columns}")
         self.columns = columns
         self._place = next((place for place in _PLACES if _sweeps(self.folder / place)), "")
-        sweeps = _sweeps(self.folder / self._place)
+        sweeps = _sweeps(inside(self.folder, self._place))
         self._names = {path.stem: path.name for path in sweeps}
         times = _times(self.folder, len(sweeps))
         self._time = dict(zip(self._names, times, strict=True)) if times else {}

@@ -26,8 +26,8 @@ from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.hdf5 import array_of, is_hdf5, opened, row_of
-from planewise.datasets.paths import inside
-from planewise.depth_files import is_depth_file, natural_order, read_depth
+from planewise.datasets.paths import inside, listed
+from planewise.depth_files import is_depth_file, read_depth
 from planewise.errors import PlanewiseError
 from planewise.label_files import read_labels
 
@@ -68,7 +68,7 @@ class NyuTruth:
         if not self.folder.is_dir():
             raise PlanewiseError(f"truth: {folder} is not a folder")
         self.files: dict[str, Path] = {}
-        for path in sorted(self.folder.iterdir(), key=natural_order):
+        for path in listed(self.folder, Path.is_file):
             number = _TRUTH.fullmatch(path.stem)
             picture = path.suffix == ".png" and path.stem.startswith(_PLANE_SET)  # to look at
             if number and not picture and path.suffix.lower() in (".png", ".npy", ".npz"):
@@ -224,7 +224,7 @@ class NyuFolder(Dataset):
         depth = self.folder / "depth"
         if not depth.is_dir():
             raise PlanewiseError(f"data: {folder} has no folder depth/")
-        paths = sorted(filter(is_depth_file, depth.iterdir()), key=natural_order)
+        paths = listed(depth, is_depth_file)
         self._depth = {path.stem: path for path in paths}
         given = self.folder / "gt" if truth is None else Path(truth)
         self.truth = NyuTruth(given) if truth is not None or given.is_dir() else None
