@@ -20,10 +20,12 @@ A reader is a subclass of `Dataset`. To list its frames, it looks at names and h
 from __future__ import annotations
 
 import copy
+import sys
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
@@ -124,7 +126,12 @@ class PointFrame:
             )
 
 
-Frame = TypeVar("Frame", DatasetFrame, PointFrame)
+Frame = TypeVar("Frame", bound=DatasetFrame | PointFrame)
+
+
+def numbered(count: int) -> list[str]:
+    """Ids of frames that have only numbers; datasets share them, for there may be millions."""
+    return [sys.intern(f"{n:06d}") for n in range(count)]
 
 
 class Frames(ABC, Generic[Frame]):
@@ -167,17 +174,20 @@ class Frames(ABC, Generic[Frame]):
     def __init__(self, name: str, ids: Sequence[str]) -> None:
         if not ids:
             raise PlanewiseError(f"{name} holds no frames")
-        self.name = name
-        self._keep(ids)
-        if len(self._known) < len(self.ids):
+        self.name, self.ids = name, tuple(ids)
+        if len(set(self.ids)) < len(self.ids):
             double = Counter(self.ids).most_common(1)[0][0]
             raise PlanewiseError(f"{name} holds two frames named {double}")
         for each in self.ids:
             if not each or each in (".", "..") or not _FORBIDDEN.isdisjoint(each):
                 raise PlanewiseError(f"{name} holds a frame named {each!r}, no name for a file")
 
-    def _keep(self, ids: Sequence[str]) -> None:
-        self.ids, self._known = tuple(ids), frozenset(ids)
+    @cached_property
+    def _known(self) -> frozenset[str]:
+        return frozenset(self.ids)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_known"}
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -209,13 +219,13 @@ class Frames(ABC, Generic[Frame]):
         """
         if isinstance(frame, slice):
             fewer = copy.copy(self)
-            fewer._keep(self.ids[frame])
+            fewer.ids = self.ids[frame]
             return fewer
         if isinstance(frame, int):
             if not -len(self.ids) <= frame < len(self.ids):
                 raise PlanewiseError(f"{self.name} has {len(self.ids)} frames, no number {frame}")
             frame = self.ids[frame]
-        if frame not in self._known:
+        if frame not in self:
             last = f" ... {self.ids[-1]}" if len(self.ids) > 1 else ""
             has = f"it has {self.ids[0]}{last}" if self.ids else "none were chosen"
             raise PlanewiseError(f"{self.name} has no frame {frame!r}; {has}")

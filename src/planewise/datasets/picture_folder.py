@@ -16,7 +16,7 @@ from planewise.datasets.paths import inside, listed, numbers_of
 from planewise.depth_files import is_depth_file, read_depth
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, slots=True)
 class FrameFiles:
     """Files of one frame, as paths below the dataset's folder.
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.bags import Bag, Topic, is_bag
-from planewise.datasets.frames import Dataset, DatasetFrame, PointDataset, PointFrame
+from planewise.datasets.frames import Dataset, DatasetFrame, PointDataset, PointFrame, numbered
 from planewise.datasets.ros_messages import (
     MILLIMETRE,
     camera_of,
@@ -62,7 +62,7 @@ class RosDepth(Dataset):
             chosen = _depth_topic(bag) if topic is None else _checked(bag, topic, _IMAGES)
             self.camera = camera or _camera(bag, chosen, camera_topic)
             self.topic = Topic(self.path, chosen, bag.index(chosen))
-        super().__init__(self.path.name, [f"{n:06d}" for n in range(len(self.topic))])
+        super().__init__(self.path.name, numbered(len(self.topic)))
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
@@ -105,7 +105,7 @@ class RosPoints(PointDataset):
                 found = [name for name, kind in bag.types.items() if kind == _POINTS]
                 topic = _only(bag, found, "points (PointCloud2)")
             self.topic = Topic(self.path, topic, bag.index(_checked(bag, topic, (_POINTS,))))
-        super().__init__(self.path.name, [f"{n:06d}" for n in range(len(self.topic))])
+        super().__init__(self.path.name, numbered(len(self.topic)))
 
     @classmethod
     def recognises(cls, path: Path) -> bool:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from planewise import sensors
 from planewise.camera import PinholeCamera
 from planewise.datasets.colour import read_colour
-from planewise.datasets.frames import Dataset, DatasetFrame
+from planewise.datasets.frames import Dataset, DatasetFrame, numbered
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import known_pose
 from planewise.datasets.scannet import camera_of
@@ -101,7 +101,7 @@ class SensFile(Dataset):
                 raise PlanewiseError(f"data: {self.path.name} {error}") from None
             self._starts = _frame_starts(stream, self.header)
         self.camera = camera or self.header.camera
-        super().__init__(self.path.name, [f"{n:06d}" for n in range(self.header.frames)])
+        super().__init__(self.path.name, numbered(self.header.frames))
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
