@@ -364,6 +364,17 @@ def test_ids_are_names_that_a_store_can_use(name):
         Odd("odd", ["good", name])
 
 
+def test_pipes_are_not_waited_for(tmp_path):
+    """Whoever opens a pipe to read waits until somebody writes."""
+    root = files.write_icl(tmp_path / "parts/data")
+    os.mkfifo(tmp_path / "parts/pipe")
+    for place in ("depth/0.png", "rgb/1.png"):
+        (root / place).unlink()
+        os.mkfifo(root / place)
+    bad, good = messages_of(datasets.open(tmp_path / "parts"))
+    assert (good, len(bad)) == (COUNT - 2, 2)
+
+
 def test_a_camera_file_of_any_size_and_depth_of_brackets(tmp_path):
     root = files.write_generic(tmp_path / "data")
     (root / "camera.json").write_text("[" * 100_000)

@@ -90,6 +90,7 @@ def test_frames_by_number_slice_and_name_are_the_same(dataset):
     assert len(fewer) == 2
     assert_array_equal(fewer[1].depth, dataset[2].depth)
     assert middle.id not in fewer
+    assert dataset[np.int64(1)].id == middle.id
     assert len(dataset[5:]) == 0
     with pytest.raises(PlanewiseError, match="has no frame"):
         fewer[middle.id]
@@ -363,6 +364,15 @@ def test_archives_have_to_be_unpacked(tmp_path):
         made = shutil.make_archive(str(tmp_path / "packed"), form, tmp_path / "data")
         with pytest.raises(PlanewiseError, match="is an archive; unpack it"):
             datasets.open(made)
+
+
+def test_the_current_folder_and_a_single_image(tmp_path, monkeypatch):
+    monkeypatch.chdir(files.write_seven_scenes(tmp_path / "seq-01"))
+    assert datasets.open(".", camera=SIZED).name == "seq-01"
+    with pytest.raises(PlanewiseError, match="is one depth image, no dataset"):
+        datasets.open("frame-000001.depth.png")
+    with pytest.raises(PlanewiseError, match="is one depth image, no dataset"):
+        datasets.open(_archives(tmp_path / "cut") / "1.npz")
 
 
 def test_kinds_and_options_that_are_none(tmp_path):

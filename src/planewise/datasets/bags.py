@@ -36,6 +36,8 @@ def is_bag(path: Path) -> bool:
     """Whether a file begins like a bag, or a folder has the metadata of one."""
     if path.is_dir():
         return (path / _METADATA).is_file()
+    if not path.is_file():
+        return False
     with path.open("rb") as stream:
         return stream.read(16).startswith(_MAGIC)
 

@@ -41,6 +41,8 @@ def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
     except ImportError:
         raise MissingExtraError("pillow", "reading pictures") from None
     name = f" {source.name}" if isinstance(source, Path) else ""
+    if isinstance(source, Path) and not source.is_file():
+        raise PlanewiseError(f"the picture{name} is missing")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below

@@ -20,6 +20,7 @@ A reader is a subclass of `Dataset`. To list its frames, it looks at names and h
 from __future__ import annotations
 
 import copy
+import operator
 import sys
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -27,7 +28,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Generic, Self, TypeVar, overload
+from typing import Any, ClassVar, Generic, Self, SupportsIndex, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,12 +200,12 @@ class Frames(ABC, Generic[Frame]):
         return frame in self._known
 
     @overload
-    def __getitem__(self, frame: str | int) -> Frame: ...
+    def __getitem__(self, frame: str | SupportsIndex) -> Frame: ...
 
     @overload
     def __getitem__(self, frame: slice) -> Self: ...
 
-    def __getitem__(self, frame: str | int | slice) -> Frame | Self:
+    def __getitem__(self, frame: str | SupportsIndex | slice) -> Frame | Self:
         """Read one frame, or choose some without reading them.
 
         Parameters
@@ -221,10 +222,11 @@ class Frames(ABC, Generic[Frame]):
             fewer = copy.copy(self)
             fewer.ids = self.ids[frame]
             return fewer
-        if isinstance(frame, int):
-            if not -len(self.ids) <= frame < len(self.ids):
-                raise PlanewiseError(f"{self.name} has {len(self.ids)} frames, no number {frame}")
-            frame = self.ids[frame]
+        if not isinstance(frame, str):
+            number = operator.index(frame)
+            if not -len(self.ids) <= number < len(self.ids):
+                raise PlanewiseError(f"{self.name} has {len(self.ids)} frames, no number {number}")
+            frame = self.ids[number]
         if frame not in self:
             last = f" ... {self.ids[-1]}" if len(self.ids) > 1 else ""
             has = f"it has {self.ids[0]}{last}" if self.ids else "none were chosen"

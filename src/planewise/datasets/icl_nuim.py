@@ -82,13 +82,13 @@ class IclNuimRendered(Dataset):
         if self.camera.width is None or self.camera.height is None:
             raise PlanewiseError("camera: width and height must be given, the files do not tell")
         self._shape = (self.camera.height, self.camera.width)
-        files = listed(self.folder, lambda path: _DISTANCES.fullmatch(path.name) is not None)
+        files = listed(self.folder, _has_distances)
         super().__init__(self.folder.name, [path.stem for path in files])
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """Whether the folder holds a file named like its distances."""
-        return path.is_dir() and any(_DISTANCES.fullmatch(each.name) for each in path.iterdir())
+        return path.is_dir() and any(map(_has_distances, path.iterdir()))
 
     def _read(self, frame: str) -> DatasetFrame:
         path = inside(self.folder, f"{frame}.depth")
@@ -108,6 +108,10 @@ class IclNuimRendered(Dataset):
             camera=self.camera,
             rgb=read_colour(picture) if self.pictures and picture.is_file() else None,
         )
+
+
+def _has_distances(path: Path) -> bool:
+    return _DISTANCES.fullmatch(path.name) is not None and path.is_file()
 
 
 def _frames(root: Path) -> Iterator[FrameFiles]:

@@ -76,7 +76,7 @@ class LidarFolder(PointDataset):
 def _sweeps(folder: Path) -> list[Path]:
     if not folder.is_dir():
         return []
-    return listed(folder, lambda path: path.suffix.lower() == ".bin")
+    return listed(folder, lambda path: path.suffix.lower() == ".bin" and path.is_file())
 
 
 def _times(folder: Path, count: int) -> list[float]:

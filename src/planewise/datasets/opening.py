@@ -24,6 +24,7 @@ from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
+from planewise.depth_files import is_depth_file
 from planewise.errors import MissingExtraError, PlanewiseError
 
 Reader = type[Dataset] | type[PointDataset]
@@ -82,6 +83,8 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     path = Path(path)
     if not path.exists():
         raise PlanewiseError(f"data: there is no file or folder {path}")
+    if path.name in ("", ".."):
+        path = path.resolve()  # messages want a name
     given = {name: value for name, value in options.items() if value is not None}
     if kind is not None:
         return _opened(_named(kind), path, given)
@@ -91,6 +94,8 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     parts = _parts(path, given, _DEEPEST)
     if parts:
         return _collected(path, parts)
+    if path.is_file() and is_depth_file(path):
+        raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")
     if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
         raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))

@@ -33,9 +33,7 @@ def is_depth(message: Any) -> bool:
 def seconds(message: Any) -> float | None:
     """Time that the message's header states; ``None`` where it states none."""
     stamp = message.header.stamp
-    nanoseconds = stamp.nanosec if hasattr(stamp, "nanosec") else stamp.nsecs
-    whole = stamp.sec if hasattr(stamp, "sec") else stamp.secs
-    return whole + nanoseconds / 1e9 if whole or nanoseconds else None
+    return float(stamp.sec + stamp.nanosec / 1e9) if stamp.sec or stamp.nanosec else None
 
 
 def depth_of(message: Any) -> NDArray[Any]:
