@@ -200,15 +200,20 @@ def test_messages_of_one_time_are_told_apart(tmp_path):
         assert_array_equal(dataset[1].depth, dataset[1].depth)
 
 
-LARGE = [np.full((700, 800), 1000 + n, np.uint16) for n in range(5)]
+def depths(form):
+    """Images of which each fills a chunk; those of MCAP's writer are a megabyte."""
+    shape = (700, 800) if form.startswith("mcap") else (48, 64)
+    return [np.full(shape, 1000 + n, np.uint16) for n in range(5)]
 
 
 @pytest.fixture(params=["bag-bz2", "bag-lz4", "mcap-zstd"])
 def chunks(request, tmp_path):
-    """A bag with one message in each chunk, and where each chunk's packed bytes lie."""
+    """A bag with an image in each chunk, where the chunks' packed bytes lie, and the images."""
+
+    images = depths(request.param)
 
     def contents(messages):
-        for n, depth in enumerate(LARGE):
+        for n, depth in enumerate(images):
             yield DEPTH, START + n * STEP, messages.image(n, depth)
 
     path = write_bag(tmp_path / "run", request.param, contents, chunk=1)
@@ -222,11 +227,11 @@ def chunks(request, tmp_path):
                 (each.chunk_start_offset + 49 + len(each.compression), each.compressed_size)
                 for each in pieces
             ]
-    return path, sorted(places)
+    return path, sorted(places), images
 
 
 def test_a_damaged_chunk_is_reported_and_the_others_are_read(chunks):
-    path, places = chunks
+    path, places, images = chunks
     dataset = datasets.open(path, camera=CAMERA)
     start, size = places[2]
     data = bytearray(path.read_bytes())
@@ -239,15 +244,15 @@ def test_a_damaged_chunk_is_reported_and_the_others_are_read(chunks):
     assert f"frame {dataset.ids[2]}: " in bad[0]
     assert "\n" not in bad[0]
     for n in (3, 0, 4, 1):
-        assert_array_equal(dataset[n].depth, LARGE[n])
-    assert_array_equal(dataset[1::2][1].depth, LARGE[3])  # past the damaged one
+        assert_array_equal(dataset[n].depth, images[n])
+    assert_array_equal(dataset[1::2][1].depth, images[3])  # past the damaged one
 
 
 def test_a_chunk_that_swells_is_refused(chunks, monkeypatch):
-    path, _ = chunks
+    path, _, images = chunks
     dataset = datasets.open(path, camera=CAMERA)
-    monkeypatch.setattr("planewise.datasets.bags.LARGEST_CHUNK", LARGE[0].nbytes)
-    with pytest.raises(PlanewiseError, match="holds more than its 1,120,000 bytes"):
+    monkeypatch.setattr("planewise.datasets.bags.LARGEST_CHUNK", images[0].nbytes)
+    with pytest.raises(PlanewiseError, match=f"holds more than its {images[0].nbytes:,} bytes"):
         dataset[1]
 
 
