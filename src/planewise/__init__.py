@@ -27,7 +27,7 @@ from planewise.observation import observe, observe_points
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
-    from planewise import partition
+    from planewise import datasets, partition
     from planewise.calibration import calibrate
     from planewise.detect import (
         Detector,
@@ -54,6 +54,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "cameras",
+    "datasets",
     "detect_planes",
     "detect_planes_in_points",
     "estimate_noise",
@@ -79,8 +80,8 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name == "partition":
-        return import_module("planewise.partition")
+    if name in ("datasets", "partition"):
+        return import_module(f"planewise.{name}")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

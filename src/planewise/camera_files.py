@@ -59,7 +59,7 @@ def read_camera(text: str) -> PinholeCamera:
             "nor fx,fy,cx,cy in pixels, nor a file"
         )
     try:
-        return _from_mapping(_parse(path))
+        return camera_of_mapping(read_mapping(path))
     except PlanewiseError as error:
         if isinstance(error, MissingExtraError):
             raise
@@ -198,7 +198,14 @@ def _from_numbers(text: str) -> PinholeCamera:
     return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
 
 
-def _parse(path: Path) -> Mapping[str, Any]:
+def read_mapping(path: Path) -> Mapping[str, Any]:
+    """Named values of a JSON or YAML file; those of a part ``camera`` stand beside the others.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is too large, or neither of the two.
+    """
     if path.stat().st_size > _MAX_BYTES:
         raise PlanewiseError("is too large to be a calibration file")
     try:
@@ -207,6 +214,8 @@ def _parse(path: Path) -> Mapping[str, Any]:
         raise PlanewiseError("is not a text file; expected JSON or YAML") from None
     try:
         content = json.loads(text)
+    except RecursionError:
+        raise PlanewiseError("is nested too deeply to be a calibration file") from None
     except json.JSONDecodeError as error:
         if path.suffix.lower() == ".json":
             raise PlanewiseError(f"is not valid JSON ({error})") from None
@@ -232,7 +241,14 @@ def _parse_yaml(text: str) -> Any:
         raise PlanewiseError(f"is not valid YAML ({first})") from None
 
 
-def _from_mapping(content: Mapping[str, Any]) -> PinholeCamera:
+def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
+    """Camera of named values, as files state them; see `read_camera`.
+
+    Raises
+    ------
+    PlanewiseError
+        If they describe no pinhole with radial-tangential distortion.
+    """
     values = {str(key).lower(): value for key, value in content.items()}
     fx, fy, cx, cy = _intrinsics(values)
     width = _first(values, "width", "image_width")

@@ -1,4 +1,4 @@
-"""The commands of the command line: detect, calibrate, demo, eval, bench, nyu, reproduce, info."""
+"""The commands of the command line that are not in a module of their own, and the list of all."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ from planewise.command_line import (
 )
 from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
+from planewise.frames_command import frames
 from planewise.jobs import Failed, Job, find_planes
 from planewise.nyu_command import nyu
 from planewise.reproduce_command import reproduce
@@ -238,6 +239,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
 
 
 app.command()(calibrate)
+app.command()(frames)
 
 
 @app.command()

@@ -153,13 +153,18 @@ def check_size(pixels: int) -> None:
 
 
 def _read_picture(path: Path) -> DepthFile:
+    return DepthFile(depth=read_depth_picture(path))
+
+
+def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
+    """Read a depth image of one channel from a PNG or TIFF; raises what its decoder does."""
     try:
         from PIL import Image
     except ImportError:
-        raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
+        raise MissingExtraError("pillow", "reading PNG and TIFF files") from None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
-        opened = Image.open(path, formats=("PNG", "TIFF"))
+        opened = Image.open(source, formats=("PNG", "TIFF"))
     with opened as image:
         check_size(image.width * image.height)
         if image.mode in ("1", "L", "P"):
@@ -170,7 +175,7 @@ def _read_picture(path: Path) -> DepthFile:
             raise PlanewiseError("holds several images; export one frame a file")
         image.load()
         depth = np.asarray(image)
-    return DepthFile(depth=_check_array(depth.astype(depth.dtype.newbyteorder("="))))
+    return _check_array(depth.astype(depth.dtype.newbyteorder("=")))
 
 
 def _read_pgm(path: Path) -> DepthFile:

@@ -3,10 +3,10 @@
 A reader is a subclass of `Dataset`. To list its frames, it looks at names and headers only, in
 `__init__`; to read one, it has `_read`. What a reader may rely on and has to keep to:
 
-- An id is a string, unique, and stays the same wherever the files lie. Ids are in the order of the
-  frames: of time, or natural order (frame 2 before frame 10).
-- A dataset keeps no file open and no frame in memory: it can be copied, sent to another process,
-  and read by several threads at once.
+- An id is a string, unique, fit for the name of a file, and stays the same wherever the files lie.
+  Ids are in the order of the frames: of time, or natural order (frame 2 before frame 10).
+- A dataset keeps no frame in memory, and no file open that it could not open again: it can be
+  copied, sent to another process, and read by several threads at once.
 - What is wrong with the whole (no folder, no frame, a package that is not installed) is raised by
   `__init__`. What is wrong with one frame is raised when that frame is read, and concerns no other.
   Both are a `PlanewiseError`, one line; that of a frame begins with the dataset and the id.
@@ -19,16 +19,25 @@ A reader is a subclass of `Dataset`. To list its frames, it looks at names and h
 
 from __future__ import annotations
 
+import copy
+import operator
+import sys
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Self, SupportsIndex, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.sensor import Sensor
+
+_FORBIDDEN = frozenset("/\\\0\n\r")  # in ids, which become names of files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +62,8 @@ class DatasetFrame:
         True planes: 0 for none, every other value is one plane.
     planes : ndarray, shape (N, 4), optional
         True parameters: rows (normal, distance), row j - 1 for label j.
+    pose : ndarray, shape (4, 4), optional
+        From the camera's frame to the world's, metres.
     """
 
     id: str
@@ -63,6 +74,7 @@ class DatasetFrame:
     timestamp: float | None = None
     labels: NDArray[np.integer] | None = None
     planes: NDArray[np.float64] | None = None
+    pose: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if self.depth.ndim != 2 or self.depth.dtype.kind not in "fiu":
@@ -86,8 +98,45 @@ class DatasetFrame:
         return np.asarray(np.isfinite(self.depth) & (self.depth > 0))
 
 
-class Dataset(ABC):
-    """Frames by id, read when they are asked for; see the module for what a reader keeps to.
+@dataclass(frozen=True, kw_only=True)
+class PointFrame:
+    """One sweep or cloud of a dataset.
+
+    Attributes
+    ----------
+    id : str
+        Name in its dataset.
+    points : ndarray of float32 or float64, shape (k, 3)
+        Metres, in the sensor's own axes; rows that are not finite are no reading.
+    intensity : ndarray of float32, shape (k,), optional
+        Strength of the echo, in the dataset's own unit.
+    timestamp : float, optional
+        Seconds, on the dataset's clock.
+    """
+
+    id: str
+    points: NDArray[np.floating]
+    intensity: NDArray[np.float32] | None = None
+    timestamp: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.points.ndim != 2 or self.points.shape[1] != 3 or self.points.dtype.kind != "f":
+            raise PlanewiseError(
+                f"points must be floats of shape (k, 3), got {self.points.dtype} of shape "
+                f"{self.points.shape}"
+            )
+
+
+Frame = TypeVar("Frame", bound=DatasetFrame | PointFrame)
+
+
+def numbered(count: int) -> list[str]:
+    """Ids of frames that have only numbers; datasets share them, for there may be millions."""
+    return [sys.intern(f"{n:06d}") for n in range(count)]
+
+
+class Frames(ABC, Generic[Frame]):
+    """Frames by id or number, read when they are asked for; see the module for a reader's duties.
 
     Parameters
     ----------
@@ -96,57 +145,92 @@ class Dataset(ABC):
     ids : sequence of str
         Of all frames, in their order.
 
+    Attributes
+    ----------
+    kind, holds : str
+        Name of the format, as `planewise.datasets.open` knows it, and what it is recognised by.
+    pictures : bool
+        Whether frames come with their pictures.
+
     Examples
     --------
-    ``for frame in dataset`` stops at a frame that cannot be read; to go on past it, ask by id:
+    ``dataset["id"]`` and ``dataset[3]`` read a frame, ``dataset[:100:2]`` is a dataset of fewer
+    frames, and nothing is read yet. ``for frame in dataset`` stops at a frame that cannot be read;
+    to go on past it, use `readable`, or ask by id:
 
-    >>> def readable(dataset):
+    >>> def damaged(dataset):
     ...     for each in dataset.ids:
     ...         try:
-    ...             yield dataset[each]
+    ...             dataset[each]
     ...         except PlanewiseError as error:
-    ...             print(error)
+    ...             yield each, str(error)
     """
+
+    kind: ClassVar[str] = ""
+    holds: ClassVar[str] = ""
+    name: str
+    ids: tuple[str, ...]
+    pictures: bool = True
 
     def __init__(self, name: str, ids: Sequence[str]) -> None:
         if not ids:
             raise PlanewiseError(f"{name} holds no frames")
         self.name, self.ids = name, tuple(ids)
-        self._known = frozenset(self.ids)
-        if len(self._known) < len(self.ids):
-            double = next(each for i, each in enumerate(self.ids) if each in self.ids[:i])
+        if len(set(self.ids)) < len(self.ids):
+            double = Counter(self.ids).most_common(1)[0][0]
             raise PlanewiseError(f"{name} holds two frames named {double}")
+        for each in self.ids:
+            if not each or each in (".", "..") or not _FORBIDDEN.isdisjoint(each):
+                raise PlanewiseError(f"{name} holds a frame named {each!r}, no name for a file")
 
-    @property
-    def labelled(self) -> tuple[str, ...]:
-        """Ids of the frames that have true planes, as far as names and headers tell."""
-        return self.ids
+    @cached_property
+    def _known(self) -> frozenset[str]:
+        return frozenset(self.ids)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_known"}
 
     def __len__(self) -> int:
         return len(self.ids)
 
-    def __iter__(self) -> Iterator[DatasetFrame]:
+    def __iter__(self) -> Iterator[Frame]:
         return (self[each] for each in self.ids)
 
     def __contains__(self, frame: object) -> bool:
         return frame in self._known
 
-    def __getitem__(self, frame: str) -> DatasetFrame:
-        """Read one frame.
+    @overload
+    def __getitem__(self, frame: str | SupportsIndex) -> Frame: ...
+
+    @overload
+    def __getitem__(self, frame: slice) -> Self: ...
+
+    def __getitem__(self, frame: str | SupportsIndex | slice) -> Frame | Self:
+        """Read one frame, or choose some without reading them.
 
         Parameters
         ----------
-        frame : str
-            Its id.
+        frame : str, int or slice
+            Its id; its number from 0, or from the end if negative; or which numbers.
 
         Raises
         ------
         PlanewiseError
-            If there is none of that id, or its files are missing, damaged or too large.
+            If there is none of that id or number, or its files are missing, damaged or too large.
         """
-        if frame not in self._known:
+        if isinstance(frame, slice):
+            fewer = copy.copy(self)
+            fewer.ids = self.ids[frame]
+            return fewer
+        if not isinstance(frame, str):
+            number = operator.index(frame)
+            if not -len(self.ids) <= number < len(self.ids):
+                raise PlanewiseError(f"{self.name} has {len(self.ids)} frames, no number {number}")
+            frame = self.ids[number]
+        if frame not in self:
             last = f" ... {self.ids[-1]}" if len(self.ids) > 1 else ""
-            raise PlanewiseError(f"{self.name} has no frame {frame!r}; it has {self.ids[0]}{last}")
+            has = f"it has {self.ids[0]}{last}" if self.ids else "none were chosen"
+            raise PlanewiseError(f"{self.name} has no frame {frame!r}; {has}")
         try:
             return self._read(frame)
         except MissingExtraError:
@@ -159,6 +243,61 @@ class Dataset(ABC):
                 f"{self.name}, frame {frame}: cannot be read; it is damaged ({detail})"
             ) from error
 
+    def readable(self, report: Callable[[str, PlanewiseError], None]) -> Iterator[Frame]:
+        """Read all frames in their order, and go on past those that cannot be read.
+
+        Parameters
+        ----------
+        report : callable
+            Is given the id and the error of each frame that is left out.
+
+        Raises
+        ------
+        MissingExtraError
+            If a package is missing: that concerns all frames.
+        """
+        for each in self.ids:
+            try:
+                frame = self[each]
+            except MissingExtraError:
+                raise
+            except PlanewiseError as error:
+                report(each, error)
+            else:
+                yield frame
+
+    def without_pictures(self) -> Self:
+        """Return the same frames, whose pictures are not read: decoding them takes longest."""
+        bare = copy.copy(self)
+        bare.pictures = False
+        return bare
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Whether a file or folder looks like one of this format: by contents, not by its name."""
+        return False
+
     @abstractmethod
-    def _read(self, frame: str) -> DatasetFrame:
+    def _read(self, frame: str) -> Frame:
         """Read the frame of a known id; may raise anything."""
+
+
+class Dataset(Frames[DatasetFrame]):
+    """Depth images; see `Frames`.
+
+    Attributes
+    ----------
+    sensor : Sensor, optional
+        What took them, where the dataset tells.
+    """
+
+    sensor: Sensor | None = None
+
+    @property
+    def labelled(self) -> tuple[str, ...]:
+        """Ids of the frames that have true planes, as far as names and headers tell."""
+        return ()
+
+
+class PointDataset(Frames[PointFrame]):
+    """Sweeps and clouds of points; see `Frames`."""

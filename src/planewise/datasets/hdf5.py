@@ -21,7 +21,17 @@ from planewise.depth_files import check_size
 from planewise.errors import MissingExtraError, PlanewiseError
 
 _DEFLATE, _SHUFFLE, _CHECKSUM = 1, 2, 3  # registered numbers of filters
+_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 _MOST_ROWS = 1_000_000
+
+
+def is_hdf5(path: Path) -> bool:
+    """Whether a file begins like HDF5, or does so after the 512 bytes that MATLAB puts before."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as stream:
+        start = stream.read(512 + len(_SIGNATURE))
+    return start.startswith(_SIGNATURE) or start[512:] == _SIGNATURE
 
 
 @contextmanager

@@ -14,17 +14,20 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import sensors
 from planewise.camera import PinholeCamera
 from planewise.cameras import NYU
 from planewise.datasets.archives import ArchiveFolder
+from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
-from planewise.datasets.hdf5 import array_of, opened, row_of
-from planewise.depth_files import is_depth_file, natural_order, read_depth
+from planewise.datasets.hdf5 import array_of, is_hdf5, opened, row_of
+from planewise.datasets.paths import inside, listed
+from planewise.depth_files import is_depth_file, read_depth
 from planewise.errors import PlanewiseError
 from planewise.label_files import read_labels
 
@@ -65,7 +68,7 @@ class NyuTruth:
         if not self.folder.is_dir():
             raise PlanewiseError(f"truth: {folder} is not a folder")
         self.files: dict[str, Path] = {}
-        for path in sorted(self.folder.iterdir(), key=natural_order):
+        for path in listed(self.folder, Path.is_file):
             number = _TRUTH.fullmatch(path.stem)
             picture = path.suffix == ".png" and path.stem.startswith(_PLANE_SET)  # to look at
             if number and not picture and path.suffix.lower() in (".png", ".npy", ".npz"):
@@ -83,7 +86,7 @@ class NyuTruth:
         path = self.files.get(_number(frame))
         if path is None:
             return None
-        labels = read_labels(path).labels
+        labels = read_labels(inside(self.folder, path.name)).labels
         if not path.stem.startswith(_PLANE_SET):
             return labels
         rows, columns = PLANE_CROP
@@ -118,6 +121,10 @@ class NyuLabelled(Dataset):
         ``None`` means `planewise.cameras.NYU`, for whole frames.
     """
 
+    kind: ClassVar[str] = "nyu-labelled"
+    holds: ClassVar[str] = "nyu_depth_v2_labeled.mat, or another HDF5 file with depths"
+    sensor = sensors.NYU
+
     def __init__(
         self,
         path: str | Path,
@@ -135,12 +142,19 @@ class NyuLabelled(Dataset):
                 count = array_of(file, depth, 3, "f").shape[0]
             except PlanewiseError as error:
                 raise PlanewiseError(f"data: {self.path.name} {error}") from None
+            except Exception as error:  # of the library, whose own index is damaged
+                raise PlanewiseError(f"data: {self.path.name} is damaged ({error})") from error
         super().__init__(self.path.name, [str(n) for n in range(1, count + 1)])
 
     @property
     def labelled(self) -> tuple[str, ...]:
         """Ids of the frames that have true planes."""
         return _labelled(self.ids, self.truth)
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Whether it is an HDF5 file, as MATLAB writes them since version 7.3."""
+        return is_hdf5(path)
 
     def objects(self, frame: str) -> NDArray[np.uint16]:
         """Regions of the labelled objects, shape (H, W): every instance a number, 0 unlabelled.
@@ -154,7 +168,7 @@ class NyuLabelled(Dataset):
         """
         with opened(self.path) as file:
             classes, instances = (
-                row_of(array_of(file, name, 3, "iu"), self.ids.index(frame)).T.astype(np.int64)
+                row_of(array_of(file, name, 3, "iu"), int(frame) - 1).T.astype(np.int64)
                 for name in ("labels", "instances")
             )
         pairs = np.where(classes > 0, classes << 32 | instances, 0)
@@ -167,7 +181,7 @@ class NyuLabelled(Dataset):
         with opened(self.path) as file:
             depth = row_of(array_of(file, self.depth, 3, "f"), row).T.astype(np.float32)
             rgb = None
-            if "images" in file:
+            if self.pictures and "images" in file:
                 rgb = row_of(array_of(file, "images", 4, "u"), row).transpose(2, 1, 0)
         shape = (depth.shape[0], depth.shape[1])
         if rgb is not None and (rgb.shape != (*shape, 3) or rgb.dtype != np.uint8):
@@ -195,6 +209,10 @@ class NyuFolder(Dataset):
         ``None`` means `planewise.cameras.NYU`, moved where the frames are a usual crop.
     """
 
+    kind: ClassVar[str] = "nyu"
+    holds: ClassVar[str] = "a folder with depth/ and no camera (NYU-v2; only where asked for)"
+    sensor = sensors.NYU
+
     def __init__(
         self,
         folder: str | Path,
@@ -206,7 +224,7 @@ class NyuFolder(Dataset):
         depth = self.folder / "depth"
         if not depth.is_dir():
             raise PlanewiseError(f"data: {folder} has no folder depth/")
-        paths = sorted(filter(is_depth_file, depth.iterdir()), key=natural_order)
+        paths = listed(depth, is_depth_file)
         self._depth = {path.stem: path for path in paths}
         given = self.folder / "gt" if truth is None else Path(truth)
         self.truth = NyuTruth(given) if truth is not None or given.is_dir() else None
@@ -218,7 +236,7 @@ class NyuFolder(Dataset):
         return _labelled(self.ids, self.truth)
 
     def _read(self, frame: str) -> DatasetFrame:
-        seen = read_depth(self._depth[frame])
+        seen = read_depth(inside(self.folder, f"depth/{self._depth[frame].name}"))
         shape = (seen.depth.shape[0], seen.depth.shape[1])
         return DatasetFrame(
             id=frame,
@@ -230,11 +248,11 @@ class NyuFolder(Dataset):
         )
 
     def _picture(self, frame: str) -> NDArray[np.uint8] | None:
-        from planewise.draw import read_picture
-
         paths = (self.folder / "rgb" / f"{frame}{suffix}" for suffix in _PICTURES)
         path = next((path for path in paths if path.is_file()), None)
-        return None if path is None else np.array(read_picture(path))
+        if path is None or not self.pictures:
+            return None
+        return read_colour(inside(self.folder, f"rgb/{path.name}"))
 
 
 def open_nyu(

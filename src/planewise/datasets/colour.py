@@ -1,0 +1,55 @@
+"""Colour pictures of datasets, from files or from the bytes that a recording holds."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.depth_files import check_size
+from planewise.errors import MissingExtraError, PlanewiseError
+
+_FORMATS = {
+    ".png": "PNG",
+    ".jpg": "JPEG",
+    ".jpeg": "JPEG",
+    ".ppm": "PPM",
+    ".bmp": "BMP",
+    ".tif": "TIFF",
+    ".tiff": "TIFF",
+}
+
+
+def is_picture(path: Path) -> bool:
+    """Whether the name is that of a colour picture."""
+    return path.suffix.lower() in _FORMATS
+
+
+def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
+    """Read a picture, shape (h, w, 3), of the formats above and no other.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is missing, damaged or too large.
+    """
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", "reading pictures") from None
+    name = f" {source.name}" if isinstance(source, Path) else ""
+    if isinstance(source, Path) and not source.is_file():
+        raise PlanewiseError(f"the picture{name} is missing")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
+            opened = Image.open(source, formats=tuple(set(_FORMATS.values())))
+        with opened as image:
+            check_size(image.width * image.height)
+            return np.array(image.convert("RGB"))
+    except Exception as error:  # decoders of foreign bytes may raise anything
+        detail = getattr(error, "strerror", None) or str(error) or type(error).__name__
+        raise PlanewiseError(f"the picture{name} cannot be read ({detail})") from error

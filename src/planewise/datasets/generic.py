@@ -1,0 +1,94 @@
+"""A folder as anybody can make one: depth images, pictures, and one file that says the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+from planewise.camera import PinholeCamera
+from planewise.camera_files import read_camera, read_mapping, read_sensor
+from planewise.datasets.paths import inside
+from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.sensor import Sensor
+
+CAMERA = "camera.json"
+
+
+class GenericFolder(PictureFolder):
+    """Folder with ``depth/``, ``camera.json`` and, where there, ``rgb/`` with the same names.
+
+    ``camera.json`` states fx, fy, cx and cy in pixels and, for integer depth, depth_scale in metres
+    per unit; width, height, distortion and sensor (a key of `planewise.sensors.PRESETS`) may
+    be there, too. `planewise.camera_files.read_camera` says in which other ways a camera may be
+    written down.
+
+    Parameters
+    ----------
+    folder : path
+        Ids are the names of the depth images without ending.
+    camera : PinholeCamera, optional
+        Instead of the one in the file.
+    depth_scale : float, optional
+        Metres per unit, instead of the one in the file.
+    """
+
+    kind: ClassVar[str] = "folder"
+    holds: ClassVar[str] = "a folder with depth/ and camera.json (rgb/ optional)"
+
+    def __init__(
+        self,
+        folder: str | Path,
+        *,
+        camera: PinholeCamera | None = None,
+        depth_scale: float | None = None,
+    ) -> None:
+        root = Path(folder)
+        path = inside(root, CAMERA)
+        values = _stated(path) if path.is_file() else {}
+        scale = values.get("depth_scale") if depth_scale is None else depth_scale
+        self.sensor = _sensor_of(values.get("sensor"))
+        super().__init__(
+            root,
+            depth_and_colour(root, "depth", ("rgb", "color", "image")),
+            read_camera(str(path)) if camera is None else camera,
+            checked_scale(scale),
+        )
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Whether the folder has depth/ and camera.json."""
+        return (path / "depth").is_dir() and (path / CAMERA).is_file()
+
+
+def checked_scale(value: Any) -> float | None:
+    """Metres per unit as a positive number, or ``None`` where it is not stated.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is something else.
+    """
+    if value is None:
+        return None
+    if not isinstance(value, int | float) or not 0 < value < float("inf"):
+        raise PlanewiseError(f"depth_scale must be a positive number of metres, got {value!r}")
+    return float(value)
+
+
+def _stated(path: Path) -> Mapping[str, Any]:
+    try:
+        return read_mapping(path)
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        raise PlanewiseError(f"camera: {path.name} {error}") from None
+
+
+def _sensor_of(name: Any) -> Sensor | None:
+    if name is None:
+        return None
+    if not isinstance(name, str):
+        raise PlanewiseError(f"sensor: {CAMERA} must name a preset, got {name!r}")
+    return read_sensor(name)

@@ -1,0 +1,170 @@
+"""One call that opens any dataset, and finds out which kind it is."""
+
+from __future__ import annotations
+
+import inspect
+import tarfile
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from planewise.datasets.archives import ArchiveFolder
+from planewise.datasets.collection import BETWEEN, Collection, PointCollection
+from planewise.datasets.frames import Dataset, PointDataset
+from planewise.datasets.generic import GenericFolder
+from planewise.datasets.icl_nuim import IclNuim, IclNuimRendered
+from planewise.datasets.lidar import LidarFolder
+from planewise.datasets.nyu import NyuFolder, NyuLabelled
+from planewise.datasets.nyu_raw import NyuRaw
+from planewise.datasets.paths import inside, listed
+from planewise.datasets.redwood import RedwoodFolder
+from planewise.datasets.ros import RosDepth, RosPoints
+from planewise.datasets.scannet import ScanNetFolder
+from planewise.datasets.sens import SensFile
+from planewise.datasets.seven_scenes import SevenScenes
+from planewise.datasets.tum import TumSequence
+from planewise.depth_files import is_depth_file
+from planewise.errors import MissingExtraError, PlanewiseError
+
+Reader = type[Dataset] | type[PointDataset]
+Part = Dataset | PointDataset | str
+
+READERS: tuple[Reader, ...] = (
+    NyuLabelled,
+    SensFile,
+    RosDepth,
+    RosPoints,
+    TumSequence,
+    IclNuim,
+    IclNuimRendered,
+    SevenScenes,
+    ScanNetFolder,
+    RedwoodFolder,
+    GenericFolder,
+    NyuRaw,
+    ArchiveFolder,
+    LidarFolder,
+    NyuFolder,
+)
+"""Formats, in the order in which they are tried: what only one has comes first."""
+
+KINDS = tuple(reader.kind for reader in READERS)
+"""Names of the formats."""
+
+_DEEPEST = 2  # folders below a folder in which datasets are looked for
+_SHOWN = 8  # names of what a folder holds, in messages
+
+
+def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset | PointDataset:
+    """Open a dataset of any known kind; frames are read when they are asked for.
+
+    Parameters
+    ----------
+    path : path
+        A folder or a file.
+    kind : str, optional
+        One of `KINDS`; ``None`` means whichever the contents look like.
+    options
+        Of the format's class, such as ``camera``; those that are ``None`` are left out.
+
+    Returns
+    -------
+    Dataset or PointDataset
+        Of depth images, or of points.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is of no known kind (the message lists them), or cannot be used.
+    ValueError
+        If the kind has no such option.
+    """
+    path = Path(path)
+    if not path.exists():
+        raise PlanewiseError(f"data: there is no file or folder {path}")
+    if path.name in ("", ".."):
+        path = path.resolve()  # messages want a name
+    given = {name: value for name, value in options.items() if value is not None}
+    if kind is not None:
+        return _opened(_named(kind), path, given)
+    reader = reader_of(path)
+    if reader is not None:
+        return _opened(reader, path, given)
+    parts = _parts(path, given, _DEEPEST)
+    if parts:
+        return _collected(path, parts)
+    if path.is_file() and is_depth_file(path):
+        raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")
+    if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
+        raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
+    looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
+    raise PlanewiseError(
+        f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"
+    )
+
+
+def reader_of(path: Path) -> Reader | None:
+    """Class that reads what is there; ``None`` where no format is recognised."""
+    return next((reader for reader in READERS if reader.recognises(path)), None)
+
+
+def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
+    known = list(inspect.signature(reader).parameters)[1:]
+    unknown = [name for name in given if name not in known]
+    if unknown:
+        raise ValueError(
+            f"{unknown[0]} is no option of the kind {reader.kind!r}; it has {_words(known)}"
+        )
+    make: Callable[..., Dataset | PointDataset] = reader
+    return make(path, **given)
+
+
+def _named(kind: str) -> Reader:
+    found = next((reader for reader in READERS if reader.kind == kind), None)
+    if found is None:
+        raise PlanewiseError(f"kind must be one of {_words(KINDS)}, got {kind!r}")
+    return found
+
+
+def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
+    """Datasets below a folder by name, in natural order; those that cannot be opened by why."""
+    found: dict[str, Part] = {}
+    for path in listed(root, lambda path: True) if root.is_dir() else ():
+        try:
+            reader = reader_of(inside(root, path.name))
+            if reader is not None:
+                found[path.name] = _opened(reader, path, given)
+        except MissingExtraError:
+            raise
+        except (PlanewiseError, OSError) as error:
+            found[path.name] = str(error)
+            continue
+        if reader is None and deep > 1 and path.is_dir():
+            below = _parts(path, given, deep - 1)
+            found |= {f"{path.name}{BETWEEN}{name}": part for name, part in below.items()}
+    return found if any(not isinstance(part, str) for part in found.values()) else {}
+
+
+def _collected(path: Path, parts: Mapping[str, Part]) -> Dataset | PointDataset:
+    depth = {name: part for name, part in parts.items() if not isinstance(part, PointDataset)}
+    points = {name: part for name, part in parts.items() if not isinstance(part, Dataset)}
+    if len(depth) == len(parts):
+        return Collection(path.name, depth)
+    if len(points) == len(parts):
+        return PointCollection(path.name, points)
+    raise PlanewiseError(
+        f"data: {path} holds both depth images and points; open its parts, {_words(list(parts))}"
+    )
+
+
+def _contents(path: Path) -> str:
+    if path.is_file():
+        return "a file"
+    names = sorted(each.name + "/" * each.is_dir() for each in path.iterdir())
+    more = " ..." if len(names) > _SHOWN else ""
+    return f"it holds {', '.join(names[:_SHOWN])}{more}" if names else "an empty folder"
+
+
+def _words(names: Sequence[str]) -> str:
+    return ", ".join(names) or "none"

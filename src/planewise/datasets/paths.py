@@ -1,0 +1,83 @@
+"""Files of a dataset, none of which may lie outside it, whatever a list or a link in it says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from planewise.depth_files import natural_order
+from planewise.errors import PlanewiseError
+
+LARGEST_TEXT = 100_000_000
+"""Bytes; lists of frames are far smaller."""
+
+
+def inside(root: Path, name: str | Path) -> Path:
+    """Path of a file that a dataset names, if it leads nowhere else.
+
+    Parameters
+    ----------
+    root : Path
+        Folder of the dataset; it may be a link itself, for the user chose it.
+    name : str or Path
+        Below `root`.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is absolute, climbs out by ``..``, or passes a link that leads out.
+    """
+    path = root / name
+    if not path.resolve().is_relative_to(root.resolve()):
+        raise PlanewiseError(f"{name} lies outside the dataset, or is a link out of it; not read")
+    return path
+
+
+def listed(folder: Path, wanted: Callable[[Path], bool]) -> list[Path]:
+    """Files of a folder in natural order (frame 2 before frame 10); hidden ones are left out.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is no folder.
+    """
+    if not folder.is_dir():
+        raise PlanewiseError(f"{folder} is not a folder")
+    paths = (path for path in folder.iterdir() if not path.name.startswith("."))
+    # Names such as 1.png and 01.png are in one order on every machine, too.
+    return sorted(filter(wanted, paths), key=lambda path: (natural_order(path), path.name))
+
+
+def text_of(root: Path, name: str) -> str:
+    """Text of a list that a dataset has of its frames.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is missing, outside, too large or no text.
+    """
+    path = inside(root, name)
+    if not path.is_file():
+        raise PlanewiseError(f"there is no file {name}")
+    if path.stat().st_size > LARGEST_TEXT:
+        raise PlanewiseError(f"{name} is too large to be a list of frames")
+    try:
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise PlanewiseError(f"{name} is damaged: it is no text") from None
+
+
+def numbers_of(root: Path, name: str, shape: tuple[int, ...]) -> list[float]:
+    """Numbers of a text file that has to hold as many as an array of that shape."""
+    words = text_of(root, name).split()
+    count = 1
+    for size in shape:
+        count *= size
+    try:
+        values = [float(word) for word in words]
+    except ValueError:
+        values = []
+    if len(values) != count:
+        wanted = " x ".join(map(str, shape))
+        raise PlanewiseError(f"{name} must hold {wanted} numbers")
+    return values

@@ -1,0 +1,140 @@
+"""Datasets of one file a depth image: what they have in common. Each says which files these are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import PinholeCamera
+from planewise.datasets.colour import is_picture, read_colour
+from planewise.datasets.frames import Dataset, DatasetFrame
+from planewise.datasets.paths import inside, listed, numbers_of
+from planewise.depth_files import is_depth_file, read_depth
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class FrameFiles:
+    """Files of one frame, as paths below the dataset's folder.
+
+    Attributes
+    ----------
+    id : str
+        Of the frame.
+    depth : str
+        Depth image.
+    rgb : str, optional
+        Colour picture.
+    pose : str, optional
+        Text with a 4 x 4 matrix, from the camera's frame to the world's.
+    timestamp : float, optional
+        Seconds.
+    """
+
+    id: str
+    depth: str
+    rgb: str | None = None
+    pose: str | None = None
+    timestamp: float | None = None
+
+
+class PictureFolder(Dataset):
+    """Frames that are files of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        The dataset; no file outside it is read.
+    frames : iterable of FrameFiles
+        In order.
+    camera : PinholeCamera
+        Of the depth images.
+    depth_scale : float, optional
+        Metres per unit of integer depth; may be left out where depth is in metres.
+    invalid : int, optional
+        Integer depth that means no reading, besides 0.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        frames: Iterable[FrameFiles],
+        camera: PinholeCamera,
+        depth_scale: float | None,
+        invalid: int | None = None,
+    ) -> None:
+        self.folder, self.camera, self.depth_scale = folder, camera, depth_scale
+        self._invalid = invalid
+        known = list(frames)
+        self._files = {each.id: each for each in known}
+        super().__init__(folder.name or str(folder), [each.id for each in known])
+
+    def _read(self, frame: str) -> DatasetFrame:
+        files = self._files[frame]
+        depth = read_depth(inside(self.folder, files.depth)).depth
+        if self._invalid is not None and depth.dtype.kind != "f":
+            depth[depth == self._invalid] = 0
+        return DatasetFrame(
+            id=frame,
+            depth=depth,
+            camera=self.camera,
+            depth_scale=None if depth.dtype.kind == "f" else self.depth_scale,
+            rgb=self._picture(files.rgb),
+            timestamp=files.timestamp,
+            pose=self._pose(files),
+        )
+
+    def _pose(self, files: FrameFiles) -> NDArray[np.float64] | None:
+        return None if files.pose is None else pose_of(self.folder, files.pose)
+
+    def _picture(self, name: str | None) -> NDArray[np.uint8] | None:
+        if name is None or not self.pictures:
+            return None
+        return read_colour(inside(self.folder, name))
+
+
+def depth_and_colour(folder: Path, depth: str, colour: Iterable[str]) -> list[FrameFiles]:
+    """Pair the depth images of a folder with the pictures of another.
+
+    Parameters
+    ----------
+    folder : Path
+        The dataset.
+    depth : str
+        Its folder of depth images, whose names without ending become ids.
+    colour : iterable of str
+        Names the folder of pictures may have; the first that is there is taken.
+
+    Returns
+    -------
+    list of FrameFiles
+        With the picture of the same name; where no name fits but both folders hold as many files,
+        with that of the same number; else without.
+    """
+    images = listed(inside(folder, depth), is_depth_file)
+    place = next((name for name in colour if (folder / name).is_dir()), None)
+    pictures = [] if place is None else listed(inside(folder, place), is_picture)
+    named = {path.stem: path for path in pictures}
+    if named.keys().isdisjoint(path.stem for path in images) and len(pictures) == len(images):
+        named = {path.stem: picture for path, picture in zip(images, pictures, strict=True)}
+    return [
+        FrameFiles(
+            id=path.stem,
+            depth=f"{depth}/{path.name}",
+            rgb=f"{place}/{named[path.stem].name}" if path.stem in named else None,
+        )
+        for path in images
+    ]
+
+
+def pose_of(root: Path, name: str) -> NDArray[np.float64] | None:
+    """Pose in a text file of 4 x 4 numbers; ``None`` where it says that it is not known."""
+    return known_pose(np.array(numbers_of(root, name, (4, 4))).reshape(4, 4))
+
+
+def known_pose(pose: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the pose; ``None`` for infinities and zeros, by which trackers say they are lost."""
+    return pose if np.isfinite(pose).all() and pose[3, 3] else None

@@ -1,0 +1,79 @@
+"""ScanNet scenes, exported from their ``.sens`` recordings as files.
+
+Dai, Chang, Savva, Halber, Funkhouser, Niessner, "ScanNet: richly-annotated 3D reconstructions of
+indoor scenes", CVPR 2017.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+
+from planewise import sensors
+from planewise.camera import PinholeCamera
+from planewise.datasets.paths import numbers_of
+from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
+from planewise.errors import PlanewiseError
+
+DEPTH_SCALE = 0.001
+"""Metres per unit."""
+
+_INTRINSIC = "intrinsic/intrinsic_depth.txt"
+
+
+class ScanNetFolder(PictureFolder):
+    """Folder with ``depth/``, ``color/``, ``pose/`` and ``intrinsic/intrinsic_depth.txt``.
+
+    Pictures are larger than the depth images. Poses of infinities, where tracking was lost, are
+    left out.
+
+    Parameters
+    ----------
+    folder : path
+        As ScanNet's exporter writes it; ids are the numbers of the frames.
+    camera : PinholeCamera, optional
+        Of the depth images, instead of the one in the file.
+    """
+
+    kind: ClassVar[str] = "scannet"
+    holds: ClassVar[str] = "a folder with depth/, color/ and intrinsic/ (ScanNet, exported)"
+    sensor = sensors.STRUCTURE
+
+    def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
+        root = Path(folder)
+        poses = {path.name for path in (root / "pose").iterdir()} if _has(root, "pose") else set()
+        frames = [
+            replace(each, pose=f"pose/{each.id}.txt") if f"{each.id}.txt" in poses else each
+            for each in depth_and_colour(root, "depth", ("color",))
+        ]
+        known = camera or camera_of(np.array(numbers_of(root, _INTRINSIC, (4, 4))).reshape(4, 4))
+        super().__init__(root, frames, known, DEPTH_SCALE)
+
+    @classmethod
+    def recognises(cls, path: Path) -> bool:
+        """Whether the folder has depth/ and the intrinsics of the depth camera."""
+        return _has(path, "depth") and (path / _INTRINSIC).is_file()
+
+
+def camera_of(
+    matrix: np.ndarray, width: int | None = None, height: int | None = None
+) -> PinholeCamera:
+    """Camera of ScanNet's 4 x 4 (or a 3 x 3) matrix of intrinsics.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is no such matrix.
+    """
+    fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    try:
+        return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
+    except ValueError as error:
+        raise PlanewiseError(f"the intrinsics are damaged ({error})") from None
+
+
+def _has(root: Path, name: str) -> bool:
+    return (root / name).is_dir()
