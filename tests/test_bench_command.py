@@ -39,7 +39,7 @@ def test_stages_and_file_say_the_same(tmp_path):
     assert record["median_ms"] == np.median(times)
     assert record["quartiles_ms"] == list(np.percentile(times, (25, 75)))
     assert set(STAGES) <= set(record["stages_ms"])
-    # Medians do not add up where other work interrupts some calls; stages of one call do (below).
+    # Medians do not add up where other work interrupts some calls.
     assert all(0 <= each <= times.max() for each in record["stages_ms"].values())
     for name, each in record["stages_ms"].items():
         assert f"{name} {each:.2f} ms" in text
