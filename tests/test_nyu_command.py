@@ -15,7 +15,7 @@ from planewise.contingency import Clustering
 from planewise.datasets.frames import DatasetFrame
 from planewise.datasets.nyu import FULL
 from planewise.errors import PlanewiseError
-from planewise.reproduce_nyu import PUBLISHED, Protocol, counted, lines_of, scores_of
+from planewise.reproduce.nyu import PUBLISHED, Protocol, counted, lines_of, scores_of
 
 from .nyu_files import frame, write_archive, write_folder, write_mat
 

@@ -22,7 +22,7 @@ from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.result_files import output_folder
 
 if TYPE_CHECKING:
-    from planewise.reproduce_nyu import Row
+    from planewise.reproduce.nyu import Row
 
 
 class _Depth(StrEnum):
@@ -88,7 +88,7 @@ def nyu(
 
         from planewise.datasets.nyu import open_nyu
         from planewise.detect import Options
-        from planewise.reproduce_nyu import (
+        from planewise.reproduce.nyu import (
             COLUMNS,
             MEANING,
             Protocol,
