@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.point_cloud import Array, CloudFile, PointCloud, rounded
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
@@ -51,8 +51,7 @@ def open_e57(path: Path) -> CloudFile:
         if not np.isfinite(places).all():
             raise PlanewiseError("has a scan whose pose is not finite")
         middles = np.array([_middle(header) for header in headers])
-        far = np.abs(middles).max() >= _FAR
-        offset = rounded(middles.mean(axis=0)) if far else np.zeros(3)
+        offset = offset_near(middles.mean(axis=0))
 
     def blocks(size: int) -> Iterator[PointCloud]:
         with _reader(path) as reader:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from planewise.cloud_columns import cloud_of
 from planewise.cloud_records import check_length
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.point_cloud import Array, CloudFile, PointCloud, rounded
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
@@ -64,11 +64,9 @@ def open_las(path: Path) -> CloudFile:
         bounds = np.array((header.mins, header.maxs), np.float64)
         scales, own = np.array(header.scales), np.array(header.offsets)
         names = set(header.point_format.dimension_names)
-        offset = rounded(bounds.mean(axis=0)) if np.isfinite(bounds).all() else np.zeros(3)
+        offset = offset_near(bounds.mean(axis=0)) if np.isfinite(bounds).all() else np.zeros(3)
         if not np.isfinite((scales, own)).all() or not (scales > 0).all():
             raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
-        if np.abs(offset).max() < 10_000:
-            offset = np.zeros(3)
         first = reader.read_points(10_000) if count else None
     sixteen = first is not None and "red" in names and max(
         int(first[name].max()) for name in ("red", "green", "blue")

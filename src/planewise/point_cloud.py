@@ -23,7 +23,7 @@ Points = NDArray[np.float32] | Array
 BLOCK = 1_000_000
 """Points that are read at a time unless another number is asked for."""
 
-_FAR = 10_000.0  # metres from which coordinates get an offset
+_FAR = 10_000.0  # metres from which a coordinate gets an offset
 _STEP = 100.0  # offsets are multiples of it
 
 
@@ -180,7 +180,7 @@ def joined(blocks: Sequence[PointCloud], offset: Array, origins: Array | None) -
 
 
 def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
-    """Choose an offset for coordinates: none near their origin, else their middle, rounded.
+    """Choose an offset for coordinates, by their middle (`offset_near`).
 
     Parameters
     ----------
@@ -193,14 +193,18 @@ def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
         Multiples of 100 m.
     """
     valid = coordinates[np.isfinite(coordinates).all(axis=1)].astype(np.float64)
-    if not len(valid) or np.abs(valid).max() < _FAR:
+    if not len(valid):
         return np.zeros(3)
-    return rounded((valid.min(axis=0) + valid.max(axis=0)) / 2)
+    return offset_near((valid.min(axis=0) + valid.max(axis=0)) / 2)
 
 
-def rounded(place: Array) -> Array:
-    """Nearest multiples of 100 m, the offsets in use."""
-    return np.asarray(np.round(np.asarray(place) / _STEP) * _STEP + 0.0)  # no minus zeros
+def offset_near(middle: Array) -> Array:
+    """Offset for points about a place: its nearest multiples of 100 m.
+
+    A coordinate within 10 km of zero keeps its digits as it is, and has none.
+    """
+    far = np.abs(middle) >= _FAR
+    return np.asarray(np.where(far, np.round(middle / _STEP) * _STEP, 0.0))
 
 
 def less(coordinates: NDArray[np.generic], offset: Array) -> Points:
