@@ -9,6 +9,8 @@ import numpy as np
 import plyfile
 import pye57
 import pytest
+from laspy import VLR
+from laspy.vlrs.vlrlist import VLRList
 from numpy.testing import assert_allclose, assert_array_equal
 from pypcd4 import Encoding
 from pypcd4 import PointCloud as OtherCloud
@@ -260,11 +262,15 @@ def test_las_keeps_what_its_whole_numbers_say(tmp_path, points, colour, ending):
 def test_las_copies_keep_every_field(tmp_path, points, colour, ending, version, point_format):
     source, target = tmp_path / f"a{ending}", tmp_path / f"b{ending}"
     before = las_file(source, points + UTM, colour, version, point_format)
+    if version == "1.4":
+        before.evlrs = VLRList([VLR("me", 7, "behind the points", b"data")])
+        before.write(source)
     labels = (np.arange(500) % 7).astype(np.uint16)
     copy_with_planes(source, target, labels, size=64)
     after = laspy.read(target)
     for name in before.point_format.dimension_names:
         assert_array_equal(after[name], before[name], err_msg=name)
+    assert [each.record_data for each in after.evlrs or []] == [b"data"] * (version == "1.4")
     assert_array_equal(after["plane"], labels)
     assert_array_equal(after.header.scales, before.header.scales)
     copy_with_planes(target, tmp_path / f"c{ending}", labels[::-1].copy())  # once more
@@ -446,9 +452,11 @@ def write_bad(folder, name):
             las_file(source, points, np.zeros((3000, 3), np.uint8))
         data = bytearray(source.read_bytes())
         source.unlink()
-        if "bomb" in name:
+        if "records" in name:
+            data[100:104] = struct.pack("<I", 4 * 10**9)
+        elif "bomb" in name:
             data[247:255] = struct.pack("<Q", 10**12)
-        path.write_bytes(data if "bomb" in name else data[: len(data) * 2 // 3])
+        path.write_bytes(data[: len(data) * 2 // 3] if "short" in name else data)
     return path
 
 
@@ -461,6 +469,7 @@ BAD = [
     "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",
     "names.csv", "no z.csv", "few.pts", "many.pts", "line.xyz", "bomb.npy", "pickle.npy",
     "flat.npy", "text.npy", "other.npz", "uneven.npz", "swollen.npz", "short.las", "bomb.las",
+    "records.las", "records.laz",
     "short.laz", "bomb.laz", "short.e57",
 ]  # fmt: skip
 
@@ -477,6 +486,39 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
     assert "\n" not in message
     assert len(message) < 300
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.las", "a.laz", "a.e57", "a.npz", "a.csv"])
+def test_changed_bytes_are_read_or_refused(tmp_path, points, colour, name):
+    path = tmp_path / name
+    columns = dict(zip("xyz", points.T, strict=True))
+    if name == "a.ply":
+        write_ply(path, 500, [columns], [])
+    elif name == "a.pcd":
+        cloud = OtherCloud.from_xyz_points(points.astype(np.float32))
+        cloud.save(path, Encoding.BINARY_COMPRESSED)
+    elif name == "a.npz":
+        np.savez(path, points=points, rgb=colour)
+    elif name == "a.csv":
+        np.savetxt(path, points, delimiter=",", header="x,y,z", comments="")
+    elif name == "a.e57":
+        names = ("cartesianX", "cartesianY", "cartesianZ")
+        e57_file(path, [(dict(zip(names, points.T.copy(), strict=True)), (1, 0, 0, 0), UTM)])
+    else:
+        las_file(path, points, colour)
+    good, rng = path.read_bytes(), np.random.default_rng(0)
+    messages = []
+    for _ in range(25):
+        bad = bytearray(good)
+        for at in rng.integers(0, min(len(bad), 600), 3):
+            bad[at] = rng.integers(256)
+        path.write_bytes(bad)
+        try:
+            read_cloud(path)
+        except PlanewiseError as error:
+            messages.append(str(error))
+    assert messages
+    assert all(message.isprintable() and len(message) < 400 for message in messages)
 
 
 def test_what_cannot_be_opened(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,20 +17,58 @@ from planewise.cloud_records import check_length
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
+_HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 
 
 @contextmanager
-def _reader(path: Path) -> Iterator[Any]:
+def _reader(path: Path, *, whole: bool = False) -> Iterator[Any]:
     laspy = load_laspy(f"reading {path.suffix} files")
-    with path.open("rb") as stream:
-        if stream.read(4) != b"LASF":
-            raise PlanewiseError("is no LAS file: it does not begin with LASF")
-    with laspy.open(path) as reader:
+    _check_header(path)
+    # Records behind the points may be large, and say nothing about them. The parallel decoder
+    # would allocate whatever a damaged file states, and end the process where it cannot.
+    with laspy.open(path, read_evlrs=whole, laz_backend=laspy.LazBackend.Lazrs) as reader:
         if reader.header.are_points_compressed:
             _need_lazrs("reading compressed .laz files")
+            if reader.header.point_count:
+                _check_chunks(path, reader.header.offset_to_point_data)
         yield reader
+
+
+def _check_header(path: Path) -> None:
+    """Refuse more records than the file has room for; laspy would make them all."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEADER)
+    if head[:4] != b"LASF" or len(head) < _HEADER_1_2:
+        raise PlanewiseError("is no LAS file: it does not begin with LASF and a header")
+    (records,) = struct.unpack_from("<I", head, 100)
+    more = struct.unpack_from("<I", head, 243)[0] if head[25] >= 4 and len(head) == _HEADER else 0
+    if 54 * records + 60 * more > path.stat().st_size:
+        raise PlanewiseError(
+            f"is damaged: it claims {records + more:,} records before and after its points"
+        )
+
+
+def _check_chunks(path: Path, start: int) -> None:
+    """Refuse more pieces of packed points than the file has room for; the decoder trusts them."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        places: list[int] = []
+        for at in (start, size - 8):  # where a stream could not go back, the table's place is last
+            stream.seek(max(at, 0))
+            data = stream.read(8)
+            if len(data) < 8:
+                raise PlanewiseError("is cut short: its packed points are missing")
+            places += struct.unpack("<q", data)
+        for place in places:
+            if 0 <= place <= size - 8:
+                stream.seek(place)
+                _, pieces = struct.unpack("<II", stream.read(8))
+                if pieces > size:
+                    raise PlanewiseError(f"is damaged: it claims {pieces:,} pieces of points")
+                return
+    raise PlanewiseError("is damaged or cut short: the table of its packed points is missing")
 
 
 def load_laspy(purpose: str) -> Any:
@@ -131,7 +170,7 @@ def copy_with_planes(
     laspy = load_laspy("writing .las files")
     if target.suffix.lower() == ".laz":
         _need_lazrs("writing .laz files")
-    with _reader(source) as reader:
+    with _reader(source, whole=True) as reader:
         header = _with_plane(laspy, reader.header)
         with laspy.open(target, mode="w", header=header) as writer:
             done = 0
@@ -143,6 +182,8 @@ def copy_with_planes(
                 out["plane"] = labels[done : done + len(rows)]
                 writer.write_points(out)
                 done += len(rows)
+            if header.evlrs:
+                writer.write_evlrs(header.evlrs)
 
 
 def _with_plane(laspy: Any, header: Any) -> Any:

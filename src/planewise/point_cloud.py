@@ -222,14 +222,20 @@ def readable(path: Path) -> Iterator[None]:
     except (MissingExtraError, GeneratorExit, KeyboardInterrupt, SystemExit, MemoryError):
         raise
     except PlanewiseError as error:
-        message = str(error)
+        message = _printable(str(error), 300)
         raise PlanewiseError(
             message if message.startswith("cloud: ") else f"cloud: {path.name} {message}"
         ) from None
     except OSError as error:
         raise PlanewiseError(f"cloud: {path} cannot be read ({error.strerror or error})") from error
     except BaseException as error:  # decoders may raise anything, those in Rust no Exception
-        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        detail = _printable(str(error).splitlines()[0] if str(error) else type(error).__name__)
         raise PlanewiseError(
             f"cloud: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
         ) from error
+
+
+def _printable(text: str, most: int = 120) -> str:
+    """A line that a terminal can show: files may put anything into what is quoted of them."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return shown if len(shown) <= most else shown[: most - 3] + "..."
