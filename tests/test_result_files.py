@@ -103,8 +103,9 @@ def test_the_document_describes_every_field():
     assert f"Schema version {SCHEMA_VERSION}" in text
     for name in (*schema["properties"], *schema["$defs"]["plane"]["properties"]):
         assert f"`{name}`" in text, name
-    for part in ("input", "curve"):
-        for name in schema["properties"][part]["properties"]:
+    parts = (schema["properties"]["curve"], schema["$defs"]["image"], schema["$defs"]["cloud"])
+    for part in parts:
+        for name in part["properties"]:
             assert f"`{name}`" in text, name
 
 

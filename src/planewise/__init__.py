@@ -29,6 +29,8 @@ from planewise.sensor import Sensor
 if TYPE_CHECKING:
     from planewise import datasets, partition
     from planewise.calibration import calibrate
+    from planewise.cloud_files import open_cloud, read_cloud
+    from planewise.cloud_outlines import outline_points
     from planewise.detect import (
         Detector,
         Options,
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
         detect_planes_in_points,
         find,
     )
+    from planewise.image_outlines import outline_image
     from planewise.noise_estimate import NoiseEstimate, estimate_noise
+    from planewise.point_cloud import PointCloud
     from planewise.reassign import NormalReassignment
 
 __all__ = [
@@ -50,6 +54,7 @@ __all__ = [
     "PinholeCamera",
     "Plane",
     "PlaneModel",
+    "PointCloud",
     "Sensor",
     "__version__",
     "calibrate",
@@ -63,7 +68,11 @@ __all__ = [
     "noise",
     "observe",
     "observe_points",
+    "open_cloud",
+    "outline_image",
+    "outline_points",
     "partition",
+    "read_cloud",
     "scenes",
     "sensors",
 ]
@@ -76,6 +85,10 @@ _LAZY = {
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
     "calibrate": "calibration",
     "NormalReassignment": "reassign",
+    "PointCloud": "point_cloud",
+    **dict.fromkeys(("open_cloud", "read_cloud"), "cloud_files"),
+    "outline_image": "image_outlines",
+    "outline_points": "cloud_outlines",
 }
 
 

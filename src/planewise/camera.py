@@ -158,6 +158,20 @@ class PinholeCamera:
             u, v = self._distort(u, v)
         return np.stack((self.fx * u + self.cx, self.fy * v + self.cy), axis=-1)
 
+    def unproject(self, pixels: Array) -> Array:
+        """Rays (u, v, 1) through any pixel coordinates: the inverse of `project`.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2)
+            x and y; pixel centres are at integers.
+        """
+        u = (pixels[..., 0] - self.cx) / self.fx
+        v = (pixels[..., 1] - self.cy) / self.fy
+        if any(self.distortion) and u.size:
+            u, v = self._undistort(u, v)
+        return np.stack((u, v, np.ones_like(u)), axis=-1)
+
     def scaled(self, factor: float) -> PinholeCamera:
         """Return the camera of the image resized by `factor` (pixel centres at integers)."""
         size = [None if n is None else round(n * factor) for n in (self.width, self.height)]

@@ -28,6 +28,10 @@ CAMERA_HELP = (
     "file. Not needed where an .npz holds K."
 )
 MAX_DEPTH_HELP = "Largest depth in metres; what is beyond is no reading."
+OUTLINES_HELP = (
+    "Write where the planes lie, too: outlines.json, and meshes as planes.obj and planes.ply; with "
+    "--instances each connected piece on its own. Needs the extra 'cloud'."
+)
 RESOLUTION_HELP = "Step between two readings in metres."
 DEPTH_SCALE_HELP = (
     "Metres per unit of an integer image. Default: what an .npz states, else the resolution."
@@ -51,7 +55,7 @@ def reported() -> Iterator[None]:
     except ValueError as error:
         terminal.error(str(error))
     except MemoryError:
-        terminal.error("there is not enough memory for this image")
+        terminal.error("there is not enough memory for this input")
     except OSError as error:
         terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
     except KeyboardInterrupt:

@@ -19,6 +19,7 @@ from planewise.command_line import (
     DEPTH_SCALE_HELP,
     FAILED,
     MAX_DEPTH_HELP,
+    OUTLINES_HELP,
     RESOLUTION_HELP,
     check_numbers,
     optional,
@@ -31,12 +32,13 @@ from planewise.errors import PlanewiseError
 from planewise.frames_command import frames
 from planewise.jobs import Failed, Job, find_planes
 from planewise.nyu_command import nyu
+from planewise.points_command import points
 from planewise.reproduce_command import reproduce
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
 
 app = typer.Typer(
     name="planewise",
-    help="Find every plane a depth image can justify, how many there are, and rank them.",
+    help="Find every plane a depth image or point cloud can justify, how many, and rank them.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -175,6 +177,7 @@ def detect(
             "with a folder of depth images, a folder of pictures of the same names."
         ),
     ] = None,
+    outlines: Annotated[bool, typer.Option("--outlines", help=OUTLINES_HELP)] = False,
 ) -> None:
     """Find the planes of a depth image, or of every one in a folder.
 
@@ -209,6 +212,7 @@ def detect(
             camera=known_camera,
             depth_scale=depth_scale,
             rgb=rgb,
+            outlines=outlines,
             partition=regions,
         )
         if depth.is_dir():
@@ -238,6 +242,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
         raise typer.Exit(FAILED)
 
 
+app.command()(points)
 app.command()(calibrate)
 app.command()(frames)
 

@@ -18,6 +18,7 @@ Picture = NDArray[np.uint8]
 
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
 _TINT = 0.6
+_MOST_COLUMNS = 3  # of the legend; planes beyond are neither listed nor numbered
 _INK, _PAPER, _FAINT = (28, 30, 34), (250, 250, 248), (120, 124, 130)
 
 
@@ -55,7 +56,7 @@ def draw_overlay(
     picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
     labels = model.labels.repeat(factor, axis=0).repeat(factor, axis=1)
     _outline(picture, labels)
-    return _annotate(picture, labels, model)
+    return annotate(picture, labels, model)
 
 
 def read_picture(path: Path) -> Picture:
@@ -238,8 +239,22 @@ def _anchors(labels: NDArray[np.uint16]) -> dict[int, tuple[int, int, int]]:
     return out
 
 
-def _annotate(picture: Picture, labels: NDArray[np.uint16], model: PlaneModel) -> Picture:
-    """Write ranks on the planes and a legend on the right."""
+def annotate(
+    picture: Picture, labels: NDArray[np.uint16], model: PlaneModel, *, note: str = ""
+) -> Picture:
+    """Write ranks on the planes and a legend on the right.
+
+    Parameters
+    ----------
+    picture : ndarray of uint8, shape (H, W, 3)
+        What to write on.
+    labels : ndarray of uint16, shape (H, W)
+        Which plane is seen where.
+    model : PlaneModel
+        The planes.
+    note : str
+        Line for the lower left corner.
+    """
     try:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError:
@@ -248,28 +263,32 @@ def _annotate(picture: Picture, labels: NDArray[np.uint16], model: PlaneModel) -
     size = max(13, height // 34)
     font, bold = ImageFont.load_default(size), ImageFont.load_default(size + 2)
     row = round(1.55 * size)
-    columns = _legend_columns(len(model), height, row)
+    columns = min(_legend_columns(len(model), height, row), _MOST_COLUMNS)
+    listed = min(len(model), columns * _legend_lines(height, row))
     panel = columns * 13 * size
     canvas = Image.new("RGB", (width + panel, height), _PAPER)
     canvas.paste(Image.fromarray(picture), (0, 0))
     pen = ImageDraw.Draw(canvas)
-    for label, (y, x, inside) in _anchors(labels).items():
+    for label, (y, x, inside) in _anchors(np.where(labels <= listed, labels, 0)).items():
         font_here = bold if inside > size else ImageFont.load_default(max(10, size - 3))
         pen.text((x, y), str(label), fill="white", font=font_here, anchor="mm",
                  stroke_width=2, stroke_fill=_INK)  # fmt: skip
+    if note:
+        pen.text((size, height - size), note, fill=_FAINT, font=font, anchor="lb")
     noun = "plane" if len(model) == 1 else "planes"
     left = width + size
-    pen.text((left, size), f"{len(model)} {noun}", fill=_INK, font=bold, anchor="lt")
+    best = "" if listed == len(model) else f", the best {listed}"
+    pen.text((left, size), f"{len(model)} {noun}{best}", fill=_INK, font=bold, anchor="lt")
     if not len(model):
         return np.asarray(canvas)
     top = size + row + row // 3
-    per_column = -(-len(model) // columns)
-    colours = distinct_colours(int(labels.max(initial=0)))
+    per_column = -(-listed // columns)
+    colours = distinct_colours(len(model))
     for column in range(columns):
         at = left + column * 13 * size
         pen.text((at + 7.0 * size, top), "nats", fill=_FAINT, font=font, anchor="rt")
         pen.text((at + 11.0 * size, top), "share", fill=_FAINT, font=font, anchor="rt")
-    for rank, plane in enumerate(model.planes, start=1):
+    for rank, plane in enumerate(model.planes[:listed], start=1):
         column, line = divmod(rank - 1, per_column)
         at, y = left + column * 13 * size, top + (line + 1) * row
         pen.rounded_rectangle(
@@ -284,9 +303,12 @@ def _annotate(picture: Picture, labels: NDArray[np.uint16], model: PlaneModel) -
     return np.asarray(canvas)
 
 
+def _legend_lines(height: int, row: int) -> int:
+    return max(1, height // row - 3)
+
+
 def _legend_columns(planes: int, height: int, row: int) -> int:
-    lines = max(1, height // row - 3)
-    return max(1, -(-planes // lines))
+    return max(1, -(-planes // _legend_lines(height, row)))
 
 
 def _thousands(nats: float) -> str:

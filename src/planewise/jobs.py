@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from planewise.camera import PinholeCamera
 from planewise.depth_files import DepthFile, read_depth
 from planewise.errors import PlanewiseError
-from planewise.result_files import FILES, output_folder, write_results
+from planewise.result_files import FILES, OUTLINE_FILES, output_folder, write_results
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ class Job:
         Metres per unit of integer depth.
     rgb : Path, optional
         Picture to draw over; for a folder of frames a folder of pictures of the same names.
+    outlines : bool
+        Write the outlines of the planes, too.
     partition : Path, optional
         Regions, as `read_partition` takes them.
     """
@@ -77,6 +79,7 @@ class Job:
     camera: PinholeCamera | None = None
     depth_scale: float | None = None
     rgb: Path | None = None
+    outlines: bool = False
     partition: Path | None = None
 
     def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
@@ -112,7 +115,18 @@ class Job:
                 rgb=rgb,
                 source=path.name,
             )
+            if self.outlines:
+                self._write_outlines(folder, model, camera)
         return Done(model=model, seconds=seconds, folder=target)
+
+    def _write_outlines(self, folder: Path, model: PlaneModel, camera: PinholeCamera) -> None:
+        from planewise.image_outlines import outline_image
+        from planewise.outline_files import write_outlines
+
+        surfaces = outline_image(
+            model, camera, instances=self.options.instances, max_depth=self.sensor.max_depth
+        )
+        write_outlines(folder, surfaces, frame="x right, y down, z forward, from the camera")
 
     def run_folder(self, paths: list[Path], target: Path) -> Iterator[Done | Failed]:
         """Do every file of a list, each into its own folder below `target`.
@@ -174,7 +188,7 @@ def find_planes(
 
 def _keep_inputs(target: Path, *inputs: Path | None) -> None:
     """Refuse to write over what is read."""
-    written = {(target / name).resolve() for name in FILES}
+    written = {(target / name).resolve() for name in (*FILES, *OUTLINE_FILES)}
     for path in inputs:
         if path is not None and path.resolve() in written:
             raise PlanewiseError(

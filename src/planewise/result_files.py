@@ -22,6 +22,7 @@ from planewise._version import __version__
 from planewise.camera import PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import Plane, PlaneModel
+from planewise.point_cloud import PointCloud
 from planewise.sensor import Sensor
 
 SCHEMA_VERSION = 1
@@ -30,8 +31,17 @@ SCHEMA_VERSION = 1
 SCHEMA_FILE = Path(__file__).with_name("planes.schema.json")
 """JSON Schema of ``planes.json``."""
 
+CLOUD_FRAME = (
+    "coordinates of the file less input.offset; normal . x + distance = 0 with distance >= 0"
+)
+"""What the coordinates of a point cloud's planes are."""
+
 FILES = ("labels.png", "planes.json", "overlay.png", "curve.png")
 """What `write_results` writes."""
+
+
+OUTLINE_FILES = ("outlines.json", "planes.obj", "planes.mtl", "planes.ply")
+"""What `planewise.outline_files.write_outlines` writes."""
 
 
 @contextmanager
@@ -202,19 +212,69 @@ def describe_model(
     """
     height, width = model.labels.shape
     integer = depth.dtype.kind != "f"
-    return {
-        "schema": "planewise/planes",
-        "schema_version": SCHEMA_VERSION,
-        "planewise_version": __version__,
-        "units": {"length": "metre", "area": "square metre", "information": "nat"},
-        "frame": "x right, y down, z forward; normal . x + distance = 0 with distance >= 0",
-        "input": {
+    return _describe(
+        model,
+        sensor,
+        frame="x right, y down, z forward; normal . x + distance = 0 with distance >= 0",
+        camera=camera.describe(),
+        what={
             "file": source,
             "width": width,
             "height": height,
             "depth_scale": (depth_scale or sensor.resolution) if integer else None,
         },
-        "camera": camera.describe(),
+    )
+
+
+def describe_cloud_model(
+    model: PlaneModel, *, cloud: PointCloud, sensor: Sensor, source: str = ""
+) -> dict[str, Any]:
+    """Say in plain types what was found in a point cloud: the content of its ``planes.json``.
+
+    Parameters
+    ----------
+    model : PlaneModel
+        Of the points of `cloud`, in their coordinates.
+    cloud, sensor
+        What it was found in.
+    source : str
+        Name of the cloud's file.
+
+    Returns
+    -------
+    dict
+        Valid against the schema in `SCHEMA_FILE`; lengths in metres, information in nats.
+    """
+    return _describe(
+        model,
+        sensor,
+        frame=CLOUD_FRAME,
+        camera=None,
+        what={
+            "file": source,
+            "points": len(cloud),
+            "offset": cloud.offset.tolist(),
+            "origins": None if cloud.origins is None else cloud.origins.tolist(),
+        },
+    )
+
+
+def _describe(
+    model: PlaneModel,
+    sensor: Sensor,
+    *,
+    frame: str,
+    camera: dict[str, Any] | None,
+    what: dict[str, Any],
+) -> dict[str, Any]:
+    return {
+        "schema": "planewise/planes",
+        "schema_version": SCHEMA_VERSION,
+        "planewise_version": __version__,
+        "units": {"length": "metre", "area": "square metre", "information": "nat"},
+        "frame": frame,
+        "input": what,
+        "camera": camera,
         "sensor": sensor.describe(),
         "options": dict(model.settings),
         "readings": model.readings,
@@ -256,6 +316,6 @@ def _describe_plane(plane: Plane, rank: int, readings: int) -> dict[str, Any]:
         "residual_correlation": _number_or_none(plane.residual_correlation),
         "area": _number_or_none(plane.area),
         "centroid": plane.centroid.tolist(),
-        "bounding_box": [int(edge) for edge in plane.bounding_box],
+        "bounding_box": [int(edge) for edge in plane.bounding_box] or None,
         "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,
     }

@@ -72,8 +72,8 @@ def show_planes(model: PlaneModel) -> None:
             f"{plane.count:,}",
             f"{plane.count / model.readings:.1%}",
             normal,
-            f"{plane.distance:.3f} m",
-            f"{plane.area:.3f} m2",
+            f"{plane.distance:z.3f} m",
+            f"{plane.area:.3f} m2" if np.isfinite(plane.area) else "",
             f"{1000 * plane.rms:.1f} mm",
         )
     _show(table)

@@ -1,0 +1,49 @@
+"""Picture of docs/clouds.md, from a synthetic room only.
+
+python -m benchmarks.cloud_pictures [--seed 4] [-o docs]
+
+clouds.png: the points of one depth image of a room, the planes found in them as free points, and
+their outlines.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+import planewise as pw
+from planewise.cloud_picture import draw_cloud
+
+COLOURS = 64
+EVERY = 3  # readings of the image that are taken
+WIDTH = 1000
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seed", type=int, default=4)
+    parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
+    given = parser.parse_args()
+    room = pw.scenes.room(given.seed)
+    seen = pw.observe(room.depth, room.camera, room.sensor).positions()[::EVERY]
+    points = seen[:, [0, 2, 1]] * (1, 1, -1)  # z up
+    extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+    model = pw.detect_planes_in_points(points, pw.Sensor(max_depth=extent, noise=room.sensor.noise))
+    surfaces = pw.outline_points(model, points)
+    picture = Image.fromarray(draw_cloud(points, model, surfaces=surfaces))
+    height = round(WIDTH * picture.height / picture.width)
+    small = picture.resize((WIDTH, height), Image.Resampling.LANCZOS)
+    path = given.output / "clouds.png"
+    small.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    print(
+        f"{len(points):,} points, {len(model)} planes; {path}, {path.stat().st_size / 1000:.0f} kB"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""E57, by pye57: each scan in blocks, moved to its pose, with the place of its scanner."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
+
+_CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+_SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+_COLOURS = ("colorRed", "colorGreen", "colorBlue")
+_FAR = 10_000.0
+_PAGES = b"ASTM-E57"
+
+
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    try:
+        import pye57  # type: ignore[import-untyped, import-not-found, unused-ignore]
+    except ImportError:
+        raise MissingExtraError("pye57", f"reading {path.suffix} files", "cloud") from None
+    with path.open("rb") as stream:
+        if stream.read(len(_PAGES)) != _PAGES:
+            raise PlanewiseError("is no E57 file: it does not begin with ASTM-E57")
+    with pye57.E57(str(path)) as reader:
+        yield reader
+
+
+def open_e57(path: Path) -> CloudFile:
+    """Open an E57 file; scan s of its points was taken from ``origins[s]``.
+
+    Points that the file marks as invalid are left out, so `count` is an upper bound where a scan
+    marks any, and is then not stated.
+    """
+    with _reader(path) as reader:
+        headers = [reader.get_header(k) for k in range(reader.scan_count)]
+        if not headers:
+            raise PlanewiseError("holds no scans")
+        count = sum(header.point_count for header in headers)
+        if count > 8 * path.stat().st_size:  # not a bit for each
+            raise PlanewiseError(f"claims {count:,} points, which cannot be in a file of its size")
+        marks = any(_mark(header.point_fields) for header in headers)
+        places = np.array([header.translation for header in headers], np.float64)
+        if not np.isfinite(places).all():
+            raise PlanewiseError("has a scan whose pose is not finite")
+        middles = np.array([_middle(header) for header in headers])
+        offset = offset_near(middles.mean(axis=0))
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        with _reader(path) as reader:
+            for scan in range(reader.scan_count):
+                yield from _scan(reader, scan, size, offset)
+
+    return CloudFile(
+        path=path,
+        count=None if marks else count,
+        offset=offset,
+        origins=places - offset,
+        blocks=blocks,
+    )
+
+
+def _mark(fields: list[str]) -> str | None:
+    """Name of the field that says which points are invalid."""
+    names = ("cartesianInvalidState", "sphericalInvalidState")
+    return next((name for name in names if name in fields), None)
+
+
+def _middle(header: Any) -> Array:
+    """Middle of a scan in the file's coordinates: that of its bounds, moved, else its scanner's.
+
+    Some writers state bounds in the scan's own frame, as the format has it, others in the file's.
+    """
+    place = np.asarray(header.translation, np.float64)
+    if "cartesianBounds" not in header.scan_fields:
+        return place
+    box = header.cartesianBounds
+    low, high = (
+        np.array([float(box[axis + end].value()) for axis in "xyz"])
+        for end in ("Minimum", "Maximum")
+    )
+    middle = (low + high) / 2
+    # A bound that is already far out is not moved a second time.
+    return np.asarray(middle + place if np.abs(middle).max() < _FAR else middle)
+
+
+def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointCloud]:
+    header = reader.get_header(scan)
+    fields = header.point_fields
+    names = next((each for each in (_CARTESIAN, _SPHERICAL) if set(each) <= set(fields)), None)
+    if names is None:
+        raise PlanewiseError(f"has a scan without coordinates; its fields are {', '.join(fields)}")
+    count = header.point_count
+    if not count:
+        return
+    mark = _mark(fields)
+    colours = _COLOURS if set(_COLOURS) <= set(fields) else ()
+    bright = ["intensity"] if "intensity" in fields else []
+    wanted: dict[str, type] = dict.fromkeys((*names, *colours, *bright), np.float64)
+    wanted |= {mark: np.int8} if mark else {}
+    size = min(size, count)
+    columns, buffers = _buffers(reader, wanted, size)
+    limit = _limit(header, "colorLimits", "colorRedMaximum", 255.0)
+    turn, move = header.rotation_matrix, np.asarray(header.translation) - offset
+    stream = header.points.reader(buffers)
+    done = 0
+    try:
+        while done < count and (here := stream.read()):
+            done += here
+            keep = slice(here) if mark is None else np.flatnonzero(columns[mark][:here] == 0)
+            local = np.stack([columns[name][keep] for name in names], axis=1)
+            if names is _SPHERICAL:
+                local = _cartesian(local)
+            rgb = [columns[name][keep] for name in colours]
+            shine = columns["intensity"][keep] if bright else None
+            yield PointCloud(
+                points=local @ turn.T + move,
+                offset=offset,
+                colour=_colour(rgb, limit) if rgb else None,
+                intensity=None if shine is None else shine.astype(np.float32),
+                scan=np.full(len(local), scan, np.int32),
+            )
+    finally:
+        stream.close()
+    if done < count:
+        raise PlanewiseError(f"is cut short: scan {scan} has {done:,} of {count:,} points")
+
+
+def _buffers(reader: Any, wanted: dict[str, type], size: int) -> tuple[dict[str, Any], Any]:
+    from pye57 import libe57
+
+    columns: dict[str, Any] = {name: np.empty(size, kind) for name, kind in wanted.items()}
+    buffers = libe57.VectorSourceDestBuffer()
+    for name, column in columns.items():
+        # Converted to this type, and scaled where the file has scaled whole numbers.
+        buffers.append(libe57.SourceDestBuffer(reader.image_file, name, column, size, True, True))
+    return columns, buffers
+
+
+def _limit(header: Any, group: str, name: str, default: float) -> float:
+    if group not in header.scan_fields:
+        return default
+    node = header[group]
+    return float(node[name].value()) if node.isDefined(name) else default
+
+
+def _colour(columns: list[NDArray[np.float64]], limit: float) -> NDArray[np.uint8]:
+    scaled = np.stack(columns, axis=1) * (255.0 / limit if limit > 0 else 1.0)
+    return np.asarray(scaled.clip(0, 255).round().astype(np.uint8))
+
+
+def _cartesian(spherical: Array) -> Array:
+    """Range, azimuth and elevation (radians, from the x-y plane) to x, y, z."""
+    distance, azimuth, elevation = spherical.T
+    flat = distance * np.cos(elevation)
+    return np.stack(
+        (flat * np.cos(azimuth), flat * np.sin(azimuth), distance * np.sin(elevation)), axis=1
+    )

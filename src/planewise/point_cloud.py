@@ -1,0 +1,241 @@
+"""A point cloud in memory, and one in a file that is read block by block.
+
+Coordinates far from their origin are kept as points less an offset of whole metres: a map grid's
+millions of metres then cost the points no digits, for the difference of two floats that near is
+exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.errors import MissingExtraError, PlanewiseError
+
+Array = NDArray[np.float64]
+Points = NDArray[np.float32] | Array
+
+BLOCK = 1_000_000
+"""Points that are read at a time unless another number is asked for."""
+
+_FAR = 10_000.0  # metres from which a coordinate gets an offset
+_STEP = 100.0  # offsets are multiples of it
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointCloud:
+    """Points with what a file knows of them; row i of every array is one point.
+
+    Attributes
+    ----------
+    points : ndarray of float32 or float64, shape (k, 3)
+        Metres, relative to `offset`. Rows that are not finite are no reading.
+    offset : ndarray, shape (3,)
+        What the file's coordinates have in addition: coordinate = point + offset.
+    colour : ndarray of uint8, shape (k, 3), optional
+        Red, green, blue.
+    intensity : ndarray of float32, shape (k,), optional
+        In the file's own unit.
+    scan : ndarray of int32, shape (k,), optional
+        Row of `origins` that each point was measured from.
+    origins : ndarray, shape (s, 3), optional
+        Where the scanner stood, metres, relative to `offset`.
+    labels : ndarray of int32, shape (k,), optional
+        True plane of each point, 0 for none.
+
+    Raises
+    ------
+    ValueError
+        If an array has another shape.
+    """
+
+    points: Points
+    offset: Array = field(default_factory=lambda: np.zeros(3))
+    colour: NDArray[np.uint8] | None = None
+    intensity: NDArray[np.float32] | None = None
+    scan: NDArray[np.int32] | None = None
+    origins: Array | None = None
+    labels: NDArray[np.int32] | None = None
+
+    def __post_init__(self) -> None:
+        shape = self.points.shape
+        if len(shape) != 2 or shape[1] != 3 or self.points.dtype.kind != "f":
+            raise ValueError(
+                f"points must be floats of shape (k, 3), got {self.points.dtype} of shape {shape}"
+            )
+        if self.offset.shape != (3,) or not np.isfinite(self.offset).all():
+            raise ValueError(f"offset must be three finite numbers, got {self.offset}")
+        for name, row in (("colour", (3,)), ("intensity", ()), ("scan", ()), ("labels", ())):
+            value = getattr(self, name)
+            if value is not None and value.shape != (shape[0], *row):
+                raise ValueError(
+                    f"{name} must have shape {(shape[0], *row)}, one row a point, got {value.shape}"
+                )
+        if self.origins is not None and self.origins.shape[1:] != (3,):
+            raise ValueError(f"origins must have shape (s, 3), got {self.origins.shape}")
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def coordinates(self) -> Array:
+        """Points as the file has them, shape (k, 3), metres."""
+        return np.asarray(self.points + self.offset)
+
+    @property
+    def finite(self) -> NDArray[np.bool_]:
+        """Which rows are readings, shape (k,)."""
+        return np.asarray(np.isfinite(self.points).all(axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudFile:
+    """A file of points that is read block by block.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    count : int, optional
+        Number of points; ``None`` where only reading the whole file tells.
+    bounds : ndarray, shape (2, 3), optional
+        Least and largest coordinates as the file states them, metres; ``None`` where it does not.
+    offset : ndarray, shape (3,)
+        Offset of all its blocks.
+    origins : ndarray, shape (s, 3), optional
+        Where the scanner stood, relative to `offset`.
+    """
+
+    path: Path
+    count: int | None
+    offset: Array
+    blocks: Callable[[int], Iterator[PointCloud]] = field(repr=False)
+    bounds: Array | None = None
+    origins: Array | None = None
+
+    def chunks(self, size: int = BLOCK) -> Iterator[PointCloud]:
+        """Read the file in blocks; no more than one is held in memory.
+
+        Parameters
+        ----------
+        size : int
+            Largest number of points of a block.
+
+        Yields
+        ------
+        PointCloud
+            In the order of the file, all with its `offset`.
+
+        Raises
+        ------
+        PlanewiseError
+            If the file turns out to be damaged, or has changed since it was opened.
+        """
+        if size < 1:
+            raise ValueError(f"size must be at least 1 point, got {size}")
+        with readable(self.path):
+            yield from self.blocks(size)
+
+    def read(self) -> PointCloud:
+        """Read the whole file.
+
+        Raises
+        ------
+        PlanewiseError
+            If it is damaged.
+        """
+        return joined(list(self.chunks()), self.offset, self.origins)
+
+
+def joined(blocks: Sequence[PointCloud], offset: Array, origins: Array | None) -> PointCloud:
+    """Put blocks of one offset together.
+
+    Parameters
+    ----------
+    blocks : sequence of PointCloud
+        In order. What one of them lacks is left out of the result.
+    offset, origins
+        Of the result.
+    """
+    if not blocks:
+        return PointCloud(points=np.empty((0, 3)), offset=offset, origins=origins)
+    if len(blocks) == 1:
+        return replace(blocks[0], origins=origins)
+
+    def column(name: str) -> NDArray[np.generic] | None:
+        parts = [getattr(block, name) for block in blocks]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    names = ("points", "colour", "intensity", "scan", "labels")
+    return PointCloud(
+        offset=offset,
+        origins=origins,
+        **{name: column(name) for name in names},  # type: ignore[arg-type]
+    )
+
+
+def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
+    """Choose an offset for coordinates, by their middle (`offset_near`).
+
+    Parameters
+    ----------
+    coordinates : ndarray, shape (k, 3)
+        Metres; rows that are not finite are ignored.
+
+    Returns
+    -------
+    ndarray, shape (3,)
+        Multiples of 100 m.
+    """
+    valid = coordinates[np.isfinite(coordinates).all(axis=1)].astype(np.float64)
+    if not len(valid):
+        return np.zeros(3)
+    return offset_near((valid.min(axis=0) + valid.max(axis=0)) / 2)
+
+
+def offset_near(middle: Array) -> Array:
+    """Offset for points about a place: its nearest multiples of 100 m.
+
+    A coordinate within 10 km of zero keeps its digits as it is, and has none.
+    """
+    far = np.abs(middle) >= _FAR
+    return np.asarray(np.where(far, np.round(middle / _STEP) * _STEP, 0.0))
+
+
+def less(coordinates: NDArray[np.generic], offset: Array) -> Points:
+    """Coordinates relative to an offset, float32 where they were; the subtraction is exact."""
+    kind = np.float32 if coordinates.dtype == np.float32 else np.float64
+    moved = coordinates.astype(np.float64) - offset if offset.any() else coordinates
+    return np.ascontiguousarray(moved, dtype=kind)  # type: ignore[return-value]
+
+
+@contextmanager
+def readable(path: Path) -> Iterator[None]:
+    """Turn whatever reading foreign bytes raises into one line that names the file."""
+    try:
+        yield
+    except (MissingExtraError, GeneratorExit, KeyboardInterrupt, SystemExit, MemoryError):
+        raise
+    except PlanewiseError as error:
+        message = _printable(str(error), 300)
+        raise PlanewiseError(
+            message if message.startswith("cloud: ") else f"cloud: {path.name} {message}"
+        ) from None
+    except OSError as error:
+        raise PlanewiseError(f"cloud: {path} cannot be read ({error.strerror or error})") from error
+    except BaseException as error:  # decoders may raise anything, those in Rust no Exception
+        detail = _printable(str(error).splitlines()[0] if str(error) else type(error).__name__)
+        raise PlanewiseError(
+            f"cloud: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
+        ) from error
+
+
+def _printable(text: str, most: int = 120) -> str:
+    """A line that a terminal can show: files may put anything into what is quoted of them."""
+    shown = "".join(letter if letter.isprintable() else "?" for letter in text)
+    return shown if len(shown) <= most else shown[: most - 3] + "..."

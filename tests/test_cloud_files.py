@@ -1,0 +1,578 @@
+from __future__ import annotations
+
+import struct
+import sys
+import zipfile
+
+import laspy
+import numpy as np
+import plyfile
+import pye57
+import pytest
+from laspy import VLR
+from laspy.vlrs.vlrlist import VLRList
+from numpy.testing import assert_allclose, assert_array_equal
+from pypcd4 import Encoding
+from pypcd4 import PointCloud as OtherCloud
+
+from planewise.cloud_files import KINDS, open_cloud, read_cloud
+from planewise.cloud_records import read_words
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.kernels.lzf import unpack
+from planewise.las_files import copy_with_planes, write_las
+from planewise.ply_files import write_ply
+from planewise.point_cloud import PointCloud, joined, less, offset_of
+
+UTM = np.array([536_258.0, 6_581_099.0, 47.0])
+FURTHER = np.array([536_262.0, 6_581_099.0, 47.0])
+
+
+@pytest.fixture
+def points():
+    return np.random.default_rng(0).uniform(-3, 3, (500, 3)).round(6)
+
+
+@pytest.fixture
+def colour():
+    return np.random.default_rng(1).integers(0, 256, (500, 3)).astype(np.uint8)
+
+
+def in_blocks(path, size=77):
+    """Read by blocks, which must be no larger than asked for and agree with the whole."""
+    file = open_cloud(path)
+    blocks = list(file.chunks(size))
+    assert all(len(block) <= size for block in blocks)
+    whole = file.read()
+    assert_array_equal(np.concatenate([block.points for block in blocks]), whole.points)
+    assert all(np.array_equal(block.offset, file.offset) for block in blocks)
+    assert file.count in (None, len(whole))
+    return whole
+
+
+@pytest.mark.parametrize("order", ["<", ">", "ascii"])
+@pytest.mark.parametrize("kind", ["f4", "f8"])
+def test_ply_of_another_writer(tmp_path, points, colour, order, kind):
+    rows = np.empty(500, [*((n, kind) for n in "xyz"), ("red", "u1"), ("green", "u1"),
+                          ("blue", "u1"), ("nx", "f4"), ("label", "i4")])  # fmt: skip
+    for k, name in enumerate("xyz"):
+        rows[name] = points[:, k]
+    for k, name in enumerate(("red", "green", "blue")):
+        rows[name] = colour[:, k]
+    rows["nx"], rows["label"] = 0.5, np.arange(500)
+    element = plyfile.PlyElement.describe(rows, "vertex")
+    faces = np.array([([0, 1, 2],)], [("vertex_indices", "i4", (3,))])
+    other = plyfile.PlyElement.describe(faces, "face")
+    path = tmp_path / "a.ply"
+    text = order == "ascii"
+    plyfile.PlyData(
+        [element, other], text=text, byte_order="=" if text else order, comments=["x"]
+    ).write(str(path))
+    cloud = in_blocks(path)
+    assert cloud.points.dtype == (np.float32 if kind == "f4" and not text else np.float64)
+    assert_allclose(cloud.points, points, atol=0 if kind == "f8" else 3e-7)
+    assert_array_equal(cloud.colour, colour)
+    assert_array_equal(cloud.labels, np.arange(500))
+    assert not cloud.offset.any()
+
+
+def test_ply_of_ours_is_read_by_another_reader(tmp_path, points, colour):
+    far = points + UTM
+    blocks = (
+        {"x": far[a:b, 0], "y": far[a:b, 1], "z": far[a:b, 2], "red": colour[a:b, 0],
+         "plane": np.arange(a, b, dtype=np.uint16)}
+        for a, b in ((0, 200), (200, 500))
+    )  # fmt: skip
+    write_ply(tmp_path / "a.ply", 500, blocks, ["by a test"])
+    vertex = plyfile.PlyData.read(str(tmp_path / "a.ply"))["vertex"]
+    assert_array_equal(np.stack([vertex[name] for name in "xyz"], axis=1), far)
+    assert_array_equal(vertex["plane"], np.arange(500))
+    assert_array_equal(vertex["red"], colour[:, 0])
+    write_ply(tmp_path / "none.ply", 0, [], [])
+    assert len(read_cloud(tmp_path / "none.ply")) == 0
+
+
+def test_ply_with_a_camera_and_elements_before_the_points(tmp_path, points):
+    first = plyfile.PlyElement.describe(np.zeros(3, [("a", "f4"), ("b", "u1")]), "other")
+    rows = np.array([tuple(row) for row in points], [(name, "f8") for name in "xyz"])
+    camera = np.array([(1.0, 2.0, 3.0)], [(f"view_p{axis}", "f4") for axis in "xyz"])
+    elements = [
+        first,
+        plyfile.PlyElement.describe(rows, "vertex"),
+        plyfile.PlyElement.describe(camera, "camera"),
+    ]
+    plyfile.PlyData(elements).write(str(tmp_path / "a.ply"))
+    cloud = in_blocks(tmp_path / "a.ply")
+    assert_array_equal(cloud.points, points)
+    assert_array_equal(cloud.origins, [[1, 2, 3]])
+
+
+@pytest.mark.parametrize("encoding", [Encoding.ASCII, Encoding.BINARY, Encoding.BINARY_COMPRESSED])
+def test_pcd_of_another_writer(tmp_path, points, colour, encoding):
+    packed = OtherCloud.encode_rgb(colour)
+    columns = [*points.astype(np.float32).T, packed, np.arange(500, dtype=np.uint16)]
+    cloud = OtherCloud.from_points(
+        columns,
+        ("x", "y", "z", "rgb", "intensity"),
+        (np.float32, np.float32, np.float32, np.float32, np.uint16),
+    )
+    cloud.metadata = cloud.metadata.derive(viewpoint=(1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.0))
+    path = tmp_path / "a.pcd"
+    cloud.save(path, encoding)
+    ours = in_blocks(path)
+    assert_allclose(ours.points, points, atol=3e-7)
+    if encoding != Encoding.ASCII:  # the other writer rounds the packed number away
+        assert_array_equal(ours.colour, colour)
+    assert_array_equal(ours.intensity, np.arange(500))
+    assert_array_equal(ours.origins, [[1, 2, 3]])
+
+
+@pytest.mark.parametrize("kind", ["F", "U"])
+def test_pcd_colours_as_the_point_cloud_library_writes_them(tmp_path, kind):
+    packed = np.array([200 << 16 | 3 << 8 | 9], np.uint32)
+    value = repr(float(packed.view(np.float32)[0])) if kind == "F" else str(packed[0])
+    (tmp_path / "a.pcd").write_text(
+        f"FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F {kind}\nWIDTH 1\nHEIGHT 1\nDATA ascii\n"
+        f"1 2 3 {value}\n"
+    )
+    assert_array_equal(read_cloud(tmp_path / "a.pcd").colour, [[200, 3, 9]])
+
+
+def test_pcd_with_padding_counts_and_nan(tmp_path):
+    head = (
+        "# .PCD v0.7\nVERSION 0.7\nFIELDS x _ y z normal\nSIZE 4 1 4 4 4\nTYPE F U F F F\n"
+        "COUNT 1 4 1 1 3\nWIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA "
+    )
+    rows = [struct.pack("<f4sff3f", 1, b"abcd", 2, 3, 7, 8, 9) for _ in range(2)]
+    path = tmp_path / "a.pcd"
+    path.write_bytes(head.encode() + b"binary\n" + b"".join(rows))
+    assert_array_equal(in_blocks(path).points, [[1, 2, 3]] * 2)
+    path.write_text(head + "ascii\n1 9 9 9 9 2 3 7 8 9\nnan 9 9 9 9 nan nan 7 8 9\n")
+    cloud = in_blocks(path)
+    assert_array_equal(cloud.finite, [True, False])
+    assert cloud.origins is None
+
+
+def test_unpacking_equals_a_plain_reading_of_the_format():
+    import lzf
+
+    def plain(packed):
+        out, at = bytearray(), 0
+        while at < len(packed):
+            control, at = packed[at], at + 1
+            if control < 32:
+                out += packed[at : at + control + 1]
+                at += control + 1
+                continue
+            length = control >> 5
+            if length == 7:
+                length, at = length + packed[at], at + 1
+            back, at = ((control & 31) << 8) + packed[at] + 1, at + 1
+            for _ in range(length + 2):
+                out.append(out[-back])
+        return bytes(out)
+
+    rng = np.random.default_rng(0)
+    for data in (bytes(5000), rng.integers(0, 3, 20_000, np.uint8).tobytes(), b"abc" * 3000):
+        packed = lzf.compress(data)
+        out = np.empty(len(data), np.uint8)
+        assert unpack(np.frombuffer(packed, np.uint8), out) == len(data)
+        assert out.tobytes() == plain(packed) == data
+        short = np.empty(len(data) - 1, np.uint8)
+        assert unpack(np.frombuffer(packed, np.uint8), short) == -1
+        assert unpack(np.frombuffer(packed[:-1], np.uint8), out) < len(data)
+    for packed in (b"\xe0", b"\x20\x00", b"\x05a", b"\x20", b"\x00a\x3f\xff"):
+        assert unpack(np.frombuffer(packed, np.uint8), np.empty(99, np.uint8)) == -1
+
+
+TEXTS = {
+    "spaces.xyz": ("", " ", ""),
+    "commas.csv": ("x,y,z,intensity\n", ",", ",7"),
+    "semicolons.csv": ("Z;Y;X\n", ";", ""),
+    "comment.txt": ("//X Y Z Intensity\n", " ", " 7"),
+    "tabs.asc": ("# made by hand\n\n", "\t", "\t7"),
+    "count.pts": ("500\n", " ", " 7 1 2 3"),
+    "colours.xyz": ("", " ", " 1 2 3"),
+    "normals.xyz": ("", " ", " 0.1 0.2 0.3"),
+}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_text(tmp_path, points, name):
+    head, delimiter, rest = TEXTS[name]
+    order = (2, 1, 0) if head.startswith("Z") else (0, 1, 2)
+    lines = [delimiter.join(repr(float(row[k])) for k in order) + rest for row in points]
+    path = tmp_path / name
+    path.write_text(head + "\n".join(lines) + "\n")
+    cloud = in_blocks(path)
+    assert_array_equal(cloud.points, points)
+    assert (cloud.intensity is not None) == ("7" in rest)
+    assert (cloud.colour is not None) == rest.endswith("1 2 3")
+    if cloud.colour is not None:
+        assert_array_equal(cloud.colour[-1], [1, 2, 3])
+
+
+@pytest.mark.parametrize("fortran", [False, True])
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_npz(tmp_path, points, colour, fortran, save):
+    array = np.asfortranarray(points) if fortran else points
+    path = tmp_path / "a.npz"
+    save(path, points=array, rgb=colour, gt=np.arange(500), intensity=np.ones(500), offset=UTM,
+         origins=np.ones((2, 3)), scan=np.arange(500) % 2)  # fmt: skip
+    cloud = in_blocks(path)
+    assert_array_equal(cloud.points, points)
+    assert_array_equal(cloud.offset, UTM)
+    assert_array_equal(cloud.colour, colour)
+    assert_array_equal(cloud.labels, np.arange(500))
+    assert_array_equal(cloud.scan, np.arange(500) % 2)
+    assert_array_equal(cloud.origins, np.ones((2, 3)))
+    np.save(tmp_path / "a.npy", array.astype(np.float32))
+    assert in_blocks(tmp_path / "a.npy").points.dtype == np.float32
+
+
+def las_file(path, points, colour, version="1.4", point_format=7):
+    header = laspy.LasHeader(point_format=point_format, version=version)
+    header.scales, header.offsets = np.full(3, 0.001), np.floor(points.min(axis=0))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = points.T
+    data.intensity = np.arange(len(points))
+    data.classification = np.arange(len(points)) % 5
+    data.red, data.green, data.blue = colour.astype(np.uint16).T * 257
+    data.write(path)
+    return data
+
+
+@pytest.mark.parametrize("ending", [".las", ".laz"])
+def test_las_keeps_what_its_whole_numbers_say(tmp_path, points, colour, ending):
+    path = tmp_path / f"a{ending}"
+    data = las_file(path, points + UTM, colour)
+    cloud = in_blocks(path)
+    whole = np.stack((data.X, data.Y, data.Z), axis=1).astype(np.int64)
+    # Exact in whole millimetres: offset and header's offset are whole metres.
+    exact = whole + ((data.header.offsets - cloud.offset) * 1000).round().astype(np.int64)
+    assert_allclose(cloud.points, exact / 1000, rtol=0, atol=1e-12)
+    assert np.abs(cloud.points).max() < 200
+    assert_array_equal(cloud.colour, colour)
+    assert_array_equal(cloud.intensity, np.arange(500))
+    bounds = open_cloud(path).bounds
+    assert_allclose(bounds, [cloud.coordinates.min(0), cloud.coordinates.max(0)], atol=2e-3)
+
+
+@pytest.mark.parametrize("ending", [".las", ".laz"])
+@pytest.mark.parametrize(("version", "point_format"), [("1.2", 3), ("1.4", 7)])
+def test_las_copies_keep_every_field(tmp_path, points, colour, ending, version, point_format):
+    source, target = tmp_path / f"a{ending}", tmp_path / f"b{ending}"
+    before = las_file(source, points + UTM, colour, version, point_format)
+    if version == "1.4":
+        before.evlrs = VLRList([VLR("me", 7, "behind the points", b"data")])
+        before.write(source)
+    labels = (np.arange(500) % 7).astype(np.uint16)
+    copy_with_planes(source, target, labels, size=64)
+    after = laspy.read(target)
+    for name in before.point_format.dimension_names:
+        assert_array_equal(after[name], before[name], err_msg=name)
+    assert [each.record_data for each in after.evlrs or []] == [b"data"] * (version == "1.4")
+    assert_array_equal(after["plane"], labels)
+    assert_array_equal(after.header.scales, before.header.scales)
+    copy_with_planes(target, tmp_path / f"c{ending}", labels[::-1].copy())  # once more
+    assert_array_equal(read_cloud(tmp_path / f"c{ending}").labels, labels[::-1])
+
+
+@pytest.mark.parametrize("ending", [".las", ".laz"])
+def test_las_of_ours(tmp_path, points, colour, ending):
+    cloud = PointCloud(points=points, offset=UTM, intensity=np.linspace(0, 1, 500, dtype="f4"))
+    cloud.points[7] = np.nan
+    labels = (np.arange(500) % 7).astype(np.uint16)
+    keep = cloud.finite
+    bounds = np.array((points[keep].min(0), points[keep].max(0))) + UTM
+    path = tmp_path / f"a{ending}"
+    write_las(path, [(cloud, labels, colour)], bounds)
+    data = laspy.read(path)
+    assert_allclose(data.xyz, cloud.coordinates[keep], atol=1e-5)
+    assert_array_equal(data["plane"], labels[keep])
+    assert_array_equal(data.green, colour[keep, 1].astype(int) * 257)
+    assert int(data.intensity.max()) == 65535
+
+
+def e57_file(path, scans):
+    with pye57.E57(str(path), mode="w") as file:
+        for data, rotation, translation in scans:
+            file.write_scan_raw(
+                data, rotation=np.array(rotation, float), translation=np.array(translation, float)
+            )
+
+
+def test_e57_scans_are_moved_to_their_poses(tmp_path, points, colour):
+    half = np.sqrt(0.5)  # the writer has single precision
+    names = ("cartesianX", "cartesianY", "cartesianZ")
+    local = dict(zip(names, points.T.copy(), strict=True))
+    rich = local | {"intensity": np.linspace(0, 1, 500, dtype=np.float32)}
+    rich |= {f"color{name}": colour[:, k].copy() for k, name in enumerate(("Red", "Green", "Blue"))}
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    path = tmp_path / "a.e57"
+    e57_file(path, [(rich, (half, 0, 0, half), UTM), (rich, (1, 0, 0, 0), FURTHER)])
+    cloud = in_blocks(path)
+    assert_allclose(cloud.points[:500], points @ turn.T + (UTM - cloud.offset), atol=5e-7)
+    assert_allclose(cloud.points[500:], points + (FURTHER - cloud.offset), atol=5e-7)
+    assert np.abs(cloud.points).max() < 200
+    assert_array_equal(cloud.scan, np.repeat([0, 1], 500))
+    assert_allclose(cloud.origins + cloud.offset, [UTM, FURTHER])
+    assert_array_equal(cloud.colour[:500], colour)
+    assert_allclose(cloud.intensity[:500], np.linspace(0, 1, 500), atol=1e-6)
+    other = pye57.E57(str(path)).read_scan(0, ignore_missing_fields=True)
+    assert_allclose(cloud.coordinates[:500, 1], other["cartesianY"], atol=1e-8)
+
+
+def test_e57_points_marked_as_invalid_are_left_out(tmp_path, points):
+    names = ("cartesianX", "cartesianY", "cartesianZ")
+    data = dict(zip(names, points.T.copy(), strict=True))
+    data["cartesianInvalidState"] = (np.arange(500) % 5 == 0).astype(np.int8)
+    e57_file(tmp_path / "a.e57", [(data, (1, 0, 0, 0), (0, 0, 0))])
+    assert open_cloud(tmp_path / "a.e57").count is None
+    assert_allclose(in_blocks(tmp_path / "a.e57").points, points[np.arange(500) % 5 > 0])
+
+
+@pytest.mark.parametrize("ending", [".ply", ".xyz", ".npy"])
+def test_coordinates_of_a_map_grid_lose_nothing(tmp_path, points, ending):
+    far = points + UTM
+    path = tmp_path / f"a{ending}"
+    if ending == ".ply":
+        write_ply(path, 500, [dict(zip("xyz", far.T, strict=True))], [])
+    elif ending == ".npy":
+        np.save(path, far)
+    else:
+        path.write_text("\n".join(" ".join(map(repr, row)) for row in far.tolist()))
+    cloud = in_blocks(path)
+    assert np.abs(cloud.points).max() < 200
+    assert_array_equal(cloud.coordinates, far)  # to the last bit
+    assert not (cloud.offset % 100).any()
+
+
+def test_subtraction_of_an_offset_is_exact():
+    from fractions import Fraction
+
+    rng = np.random.default_rng(3)
+    for kind in (np.float32, np.float64):
+        far = (rng.uniform(-60, 60, (200, 3)) + UTM).astype(kind)
+        offset = offset_of(far)
+        near = less(far, offset)
+        assert near.dtype == kind
+        for a, b in zip(far.ravel(), near.ravel(), strict=True):
+            assert Fraction(float(a)) - Fraction(float(b)) in map(Fraction, offset.tolist())
+    assert not offset_of(np.full((3, 3), np.nan)).any()
+
+
+def write_bad(folder, name):
+    """Write a file that cannot be used, and return it."""
+    head = "ply\nformat {} 1.0\nelement vertex {}\n{}end_header\n"
+    xyz = "".join(f"property float {axis}\n" for axis in "xyz")
+    pcd = (
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {0}\nHEIGHT 1\n"
+        "POINTS {0}\nDATA {1}\n"
+    )
+    little = "binary_little_endian"
+    few = np.ones((4, 3), np.float32)
+    made = {
+        "empty.ply": b"",
+        "empty.xyz": b"",
+        "blank.csv": b"\n\n",
+        "names only.csv": b"x,y,z\n",
+        "junk.ply": b"junk" * 99,
+        "junk.pcd": b"junk" * 99,
+        "junk.xyz": bytes(range(256)),
+        "junk.npy": b"junk" * 99,
+        "junk.npz": b"junk" * 99,
+        "junk.las": b"junk" * 99,
+        "junk.laz": b"LASF" + bytes(400),
+        "junk.e57": b"junk" * 99,
+        "magic.e57": b"ASTM-E57" + bytes(400),
+        "bomb.ply": head.format(little, 10**12, xyz).encode() + few.tobytes(),
+        "bomb ascii.ply": head.format("ascii", 10**12, xyz).encode() + b"1 2 3\n",
+        "short.ply": head.format(little, 5, xyz).encode() + few.tobytes(),
+        "short ascii.ply": head.format("ascii", 2, xyz).encode() + b"1 2 3\n" + b" " * 99,
+        "words.ply": head.format("ascii", 2, xyz).encode() + b"1 2 3\n1 two 3\n",
+        "no z.ply": head.format(little, 1, xyz[:-17]).encode() + bytes(40),
+        "twice.ply": head.format(little, 1, xyz * 2).encode() + bytes(40),
+        "unknown type.ply": head.format(little, 1, xyz + "property quad q\n").encode(),
+        "list.ply": head.format(little, 1, xyz + "property list uchar int q\n").encode(),
+        "no vertex.ply": b"ply\nformat ascii 1.0\nelement face 1\nend_header\n1 2 3\n",
+        "no format.ply": b"ply\nelement vertex 1\nend_header\n",
+        "no end.ply": b"ply\nformat ascii 1.0\n",
+        "bomb.pcd": pcd.format(10**12, "binary").encode() + few.tobytes(),
+        "bomb packed.pcd": pcd.format(10**8, "binary_compressed").encode()
+        + struct.pack("<II", 9, 12 * 10**8) + bytes(9),
+        "short packed.pcd": pcd.format(4, "binary_compressed").encode()
+        + struct.pack("<II", 50, 48) + bytes(9),
+        "damaged packed.pcd": pcd.format(4, "binary_compressed").encode()
+        + struct.pack("<II", 9, 48) + b"\xff" * 9,
+        "short.pcd": pcd.format(5, "binary").encode() + few.tobytes(),
+        "sizes.pcd": pcd.format(4, "binary").replace("SIZE 4 4 4", "SIZE 4 4").encode(),
+        "count.pcd": pcd.format(4, "binary").replace("POINTS 4", "POINTS 3").encode() + bytes(99),
+        "kind.pcd": pcd.format(4, "zip").encode() + bytes(99),
+        "fields.pcd": pcd.format(4, "ascii").replace("x y z", "a b c").encode() + bytes(99),
+        "type.pcd": pcd.format(4, "binary").replace("TYPE F", "TYPE Q").encode() + bytes(99),
+        "two.xyz": b"1 2\n3 4\n",
+        "ragged.xyz": b"1 2 3\n1 2\n",
+        "words.xyz": b"1 2 3\n1 two 3\n",
+        "names.csv": b"x,y,z,w\n1,2,3\n",
+        "no z.csv": b"x,y,w\n1,2,3\n",
+        "few.pts": b"3\n1 2 3\n4 5 6\n",
+        "many.pts": b"1\n1 2 3\n4 5 6\n",
+        "line.xyz": b"1" * 100_000,
+    }  # fmt: skip
+    path = folder / name
+    if name in made:
+        path.write_bytes(made[name])
+    elif name == "bomb.npy":
+        np.save(path, few)
+        data = path.read_bytes()
+        path.write_bytes(data.replace(b"(4, 3), }" + b" " * 12, b"(10000000000, 3), }  "))
+    elif name == "pickle.npy":
+        np.save(path, np.array([[{}] * 3]), allow_pickle=True)
+    elif name == "flat.npy":
+        np.save(path, np.ones(9))
+    elif name == "text.npy":
+        np.save(path, np.array([["a"] * 3]))
+    elif name == "other.npz":
+        np.savez(path, depth=few)
+    elif name == "uneven.npz":
+        np.savez(path, points=few, gt=np.zeros(5))
+    elif name == "swollen.npz":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            head = np.lib.format.header_data_from_array_1_0(few) | {"shape": (10**11, 3)}
+            with archive.open("points.npy", "w") as stream:
+                np.lib.format.write_array_header_1_0(stream, head)
+                stream.write(few.tobytes())
+    else:
+        source = folder / f"good{path.suffix}"
+        points = np.random.default_rng(0).uniform(0, 1, (3000, 3))
+        if path.suffix == ".e57":
+            names = ("cartesianX", "cartesianY", "cartesianZ")
+            e57_file(source, [(dict(zip(names, points.T.copy(), strict=True)), (1, 0, 0, 0), UTM)])
+        else:
+            las_file(source, points, np.zeros((3000, 3), np.uint8))
+        data = bytearray(source.read_bytes())
+        source.unlink()
+        if "records" in name:
+            data[100:104] = struct.pack("<I", 4 * 10**9)
+        elif "bomb" in name:
+            data[247:255] = struct.pack("<Q", 10**12)
+        path.write_bytes(data[: len(data) * 2 // 3] if "short" in name else data)
+    return path
+
+
+BAD = [
+    "empty.ply", "empty.xyz", "blank.csv", "names only.csv", "junk.ply", "junk.pcd", "junk.xyz",
+    "junk.npy", "junk.npz", "junk.las", "junk.laz", "junk.e57", "magic.e57", "bomb.ply",
+    "bomb ascii.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply", "twice.ply",
+    "unknown type.ply", "list.ply", "no vertex.ply", "no format.ply", "no end.ply", "bomb.pcd",
+    "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd", "short.pcd", "sizes.pcd",
+    "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",
+    "names.csv", "no z.csv", "few.pts", "many.pts", "line.xyz", "bomb.npy", "pickle.npy",
+    "flat.npy", "text.npy", "other.npz", "uneven.npz", "swollen.npz", "short.las", "bomb.las",
+    "records.las", "records.laz",
+    "short.laz", "bomb.laz", "short.e57",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_files_are_refused_in_one_line(tmp_path, name):
+    path = write_bad(tmp_path, name)
+    before = path.read_bytes()
+    with pytest.raises(PlanewiseError) as caught:
+        read_cloud(path)
+    message = str(caught.value)
+    assert message.startswith("cloud: ")
+    assert name in message
+    assert "\n" not in message
+    assert len(message) < 300
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.las", "a.laz", "a.e57", "a.npz", "a.csv"])
+def test_changed_bytes_are_read_or_refused(tmp_path, points, colour, name):
+    path = tmp_path / name
+    columns = dict(zip("xyz", points.T, strict=True))
+    if name == "a.ply":
+        write_ply(path, 500, [columns], [])
+    elif name == "a.pcd":
+        cloud = OtherCloud.from_xyz_points(points.astype(np.float32))
+        cloud.save(path, Encoding.BINARY_COMPRESSED)
+    elif name == "a.npz":
+        np.savez(path, points=points, rgb=colour)
+    elif name == "a.csv":
+        np.savetxt(path, points, delimiter=",", header="x,y,z", comments="")
+    elif name == "a.e57":
+        names = ("cartesianX", "cartesianY", "cartesianZ")
+        e57_file(path, [(dict(zip(names, points.T.copy(), strict=True)), (1, 0, 0, 0), UTM)])
+    else:
+        las_file(path, points, colour)
+    good, rng = path.read_bytes(), np.random.default_rng(0)
+    messages = []
+    for _ in range(25):
+        bad = bytearray(good)
+        for at in rng.integers(0, min(len(bad), 600), 3):
+            bad[at] = rng.integers(256)
+        path.write_bytes(bad)
+        try:
+            read_cloud(path)
+        except PlanewiseError as error:
+            messages.append(str(error))
+    assert messages
+    assert all(message.isprintable() and len(message) < 400 for message in messages)
+
+
+def test_what_cannot_be_opened(tmp_path):
+    for name in ("none.ply", ".", "a.obj"):
+        (tmp_path / "a.obj").write_text("x")
+        with pytest.raises(PlanewiseError, match="cloud"):
+            open_cloud(tmp_path / name)
+    assert len(KINDS) == 12
+
+
+@pytest.mark.parametrize(
+    ("ending", "package"), [(".las", "laspy"), (".laz", "lazrs"), (".e57", "pye57")]
+)
+def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, points, ending, package):
+    path = tmp_path / f"a{ending}"
+    if ending == ".e57":
+        path.write_bytes(b"ASTM-E57" + bytes(99))
+    else:
+        las_file(path, points, np.zeros((500, 3), np.uint8))
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(MissingExtraError, match=rf"{package}.*planewise\[cloud\]"):
+        read_cloud(path)
+
+
+def test_a_file_that_shrinks_while_it_is_read(tmp_path, points):
+    np.save(tmp_path / "a.npy", points)
+    file = open_cloud(tmp_path / "a.npy")
+    with pytest.raises(ValueError, match="size"):
+        next(file.chunks(0))
+    np.save(tmp_path / "a.npy", points[:100])
+    with pytest.raises(PlanewiseError, match="cut short"):
+        file.read()
+
+
+def test_clouds_of_wrong_shape_are_refused(points):
+    good = PointCloud(points=points)
+    for field, value in {
+        "points": points[:, :2],
+        "offset": np.zeros(2),
+        "colour": np.zeros((9, 3), np.uint8),
+        "intensity": np.zeros((500, 1), np.float32),
+        "origins": np.zeros(3),
+    }.items():
+        with pytest.raises(ValueError, match=field):
+            PointCloud(**({"points": points} | {field: value}))
+    assert joined([good, good], good.offset, None).points.shape == (1000, 3)
+    assert len(joined([], good.offset, None)) == 0
+
+
+def test_blocks_of_words_count_their_lines():
+    import io
+
+    lines = io.StringIO("1 2 3\n\n# note\n4 5 6\n7 8\n")
+    tables = read_words(lines, 3, 2)
+    assert_array_equal(next(tables), [[1, 2, 3], [4, 5, 6]])
+    with pytest.raises(PlanewiseError, match=r"number 3.*'7 8'"):
+        next(tables)

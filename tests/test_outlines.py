@@ -1,0 +1,392 @@
+from __future__ import annotations
+
+import json
+import math
+import sys
+
+import jsonschema
+import numpy as np
+import plyfile
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+from shapely import Polygon as Shape
+
+import planewise as pw
+from planewise.cloud_outlines import outline_points
+from planewise.errors import MissingExtraError
+from planewise.image_outlines import outline_image
+from planewise.label_borders import regions
+from planewise.mesh import triangulate
+from planewise.model import Curve, Plane, PlaneModel
+from planewise.outline_files import (
+    OUTLINES_SCHEMA_FILE,
+    describe_outlines,
+    write_outlines,
+)
+from planewise.outlines import PlaneFrame, as_shapely
+from planewise.result_files import OUTLINE_FILES
+
+CAMERA = pw.PinholeCamera(fx=300, fy=310, cx=160, cy=118)
+SHAPE = (240, 320)
+
+
+def plane_at(normal, centroid):
+    """Plane through a point, its normal turned to the origin."""
+    normal = np.asarray(normal, float) / np.linalg.norm(normal)
+    distance = -normal @ centroid
+    if distance < 0:
+        normal, distance = -normal, -distance
+    return Plane(
+        normal=normal,
+        distance=distance,
+        information=-1.0,
+        count=1,
+        rms=0.0,
+        centroid=np.asarray(centroid, float),
+        covariance=np.eye(4),
+    )
+
+
+def model_of(labels, *planes):
+    return PlaneModel(
+        labels=np.asarray(labels, np.uint16),
+        planes=planes,
+        information=0.0,
+        curve=Curve(information=np.zeros(1), chosen=0, reason=""),
+        readings=1,
+        prefix=(0.0,),
+        search="joint",
+        objective="paper",
+    )
+
+
+def seen(shapes, plane, camera=CAMERA):
+    """Labels of the pixels whose ray meets the plane in a shape: rows of a, b and half sides."""
+    rays = camera.rays(SHAPE)
+    depth = -plane.distance / (rays @ plane.normal)
+    flat = PlaneFrame.of(plane).to_plane(rays * depth[..., None])
+    labels = np.zeros(SHAPE, bool)
+    for (a, b), (half_a, half_b), value in shapes:
+        labels[(abs(flat[..., 0] - a) < half_a) & (abs(flat[..., 1] - b) < half_b)] = value
+    return labels
+
+
+def sampled(shapes, plane, number, rng):
+    """Random points of the same shapes in space."""
+    flat = rng.uniform(-2, 2, (number, 2))
+    inside = np.zeros(number, bool)
+    for (a, b), (half_a, half_b), value in shapes:
+        inside[(abs(flat[:, 0] - a) < half_a) & (abs(flat[:, 1] - b) < half_b)] = value
+    return PlaneFrame.of(plane).to_space(flat[inside])
+
+
+FRAMED = [((0, 0), (0.6, 0.4), True), ((0.1, 0.05), (0.2, 0.15), False)]
+TABLES = [((-0.5, 0), (0.3, 0.3), True), ((0.5, 0.1), (0.2, 0.2), True)]
+TILTED = plane_at((0.3, -0.4, -1), (0.05, 0.1, 2.0))
+
+
+@given(st.lists(st.floats(-1, 1), min_size=3, max_size=3), st.integers(0, 99))
+def test_frames_are_orthonormal_and_lie_on_the_plane(normal, seed):
+    if np.linalg.norm(normal) < 0.1:
+        normal = [0, 0, 1]
+    rng = np.random.default_rng(seed)
+    plane = plane_at(normal, rng.normal(size=3))
+    frame = PlaneFrame.of(plane)
+    axes = np.stack((frame.u, frame.v, frame.normal))
+    assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(axes) == pytest.approx(1)
+    flat = rng.normal(size=(5, 2))
+    points = frame.to_space(flat)
+    assert_allclose(points @ plane.normal + plane.distance, 0, atol=1e-12)
+    assert_allclose(frame.to_plane(points), flat, atol=1e-12)
+
+
+def test_on_a_wall_that_faces_the_camera_u_is_right_and_v_up():
+    frame = PlaneFrame.of(plane_at((0, 0, -1), (0.2, 0.1, 3.0)))
+    assert_array_equal(frame.u, [1, 0, 0])
+    assert_array_equal(frame.v, [0, -1, 0])
+    assert_array_equal(frame.origin, [0.2, 0.1, 3.0])
+
+
+@pytest.mark.parametrize("tolerance", [0.0, 1.5])
+def test_rectangle_with_a_hole_in_an_image(tolerance):
+    labels = seen(FRAMED, TILTED)
+    (surface,) = outline_image(model_of(labels, TILTED), CAMERA, tolerance=tolerance)
+    (polygon,) = surface.polygons
+    (hole,) = polygon.holes
+    pixel = 2.0 / 300 * 1.2  # at its depth and tilt, metres
+    border = 2 * (1.2 + 0.8 + 0.4 + 0.3)
+    assert surface.area == pytest.approx(0.96 - 0.12, abs=border * pixel / 4)
+    assert Shape(hole).area == pytest.approx(0.12, abs=1.4 * pixel / 2)
+    assert surface.extent.length == pytest.approx(1.2, abs=2 * pixel)
+    assert surface.extent.width == pytest.approx(0.8, abs=2 * pixel)
+    true = Shape([(-0.6, -0.4), (0.6, -0.4), (0.6, 0.4), (-0.6, 0.4)])
+    assert Shape(polygon.shell).hausdorff_distance(true) < 3 * pixel
+    if tolerance:
+        assert len(polygon.shell) < 30
+
+
+def test_without_tolerance_regions_are_their_pixels_exactly():
+    labels = np.random.default_rng(0).integers(0, 3, (40, 50))
+    found = regions(labels, 0.0)
+    for label in (1, 2):
+        pieces = found[label]
+        assert sum(piece.area for piece in pieces) == np.count_nonzero(labels == label)
+        assert all(piece.is_valid for piece in pieces)
+        inside = sum(
+            piece.contains(Shape([(j - 0.4, i - 0.4), (j + 0.4, i - 0.4), (j, i + 0.4)]))
+            for piece in pieces
+            for i, j in np.argwhere(labels == label)[:60]
+        )
+        assert inside == 60
+    assert regions(np.zeros((5, 5), int), 0.0) == {}
+
+
+def test_neighbours_keep_a_common_border():
+    rows, columns = np.indices((120, 160))
+    labels = np.where(columns * 0.7 + rows > 100, 1, 2)
+    labels[(rows - 60) ** 2 + (columns - 40) ** 2 < 500] = 3
+    found = regions(labels, 1.5)
+    shapes = [found[label][0] for label in (1, 2, 3)]
+    assert sum(shape.area for shape in shapes) == pytest.approx(labels.size, rel=1e-12)
+    for shape, label in zip(shapes, (1, 2, 3), strict=True):
+        assert shape.area == pytest.approx(np.count_nonzero(labels == label), rel=0.02)
+    assert shapes[0].intersection(shapes[1]).area == 0
+    assert shapes[1].intersection(shapes[2]).area == 0
+    assert len(shapes[0].exterior.coords) < 12
+
+
+def test_a_real_segmentation_keeps_its_areas():
+    scene = pw.scenes.room(0)
+    model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    surfaces = outline_image(model, scene.camera, tolerance=0)
+    assert [surface.plane for surface in surfaces] == list(range(1, len(model) + 1))
+    for surface, plane in zip(surfaces, model.planes, strict=True):
+        assert surface.area == pytest.approx(plane.area, rel=0.02)
+        assert as_shapely(surface).is_valid
+        for rings in surface.rings:
+            assert_allclose(np.vstack(rings) @ plane.normal + plane.distance, 0, atol=1e-9)
+    for rough, fine in zip(outline_image(model, scene.camera), surfaces, strict=True):
+        assert rough.area == pytest.approx(fine.area, rel=0.05)
+
+
+@pytest.mark.parametrize("instances", [False, True])
+def test_two_tables_are_two_surfaces_of_one_plane(instances):
+    rng = np.random.default_rng(0)
+    points = sampled(TABLES, TILTED, 40_000, rng)
+    image = outline_image(model_of(seen(TABLES, TILTED), TILTED), CAMERA, instances=instances)
+    cloud = outline_points(model_of(np.ones(len(points)), TILTED), points, instances=instances)
+    for surfaces in (image, cloud):
+        assert {surface.plane for surface in surfaces} == {1}
+        if instances:
+            assert [surface.surface for surface in surfaces] == [1, 2]
+            areas = [surface.area for surface in surfaces]
+        else:
+            assert [surface.surface for surface in surfaces] == [0]
+            areas = [Shape(each.shell).area for each in surfaces[0].polygons]
+            assert surfaces[0].area == pytest.approx(sum(areas))
+        assert_allclose(areas, [0.36, 0.16], rtol=0.1)
+
+
+@pytest.mark.parametrize("number", [8_000, 40_000, 400_000])
+@pytest.mark.parametrize("turn", [0.0, 0.3])
+def test_rectangle_with_a_hole_in_a_cloud(number, turn):
+    rng = np.random.default_rng(1)
+    # A plane far from the axes: the rectangle is turned on it.
+    plane = plane_at((0.3, -0.4, -1 + turn), (0.05, 0.1, 2.0))
+    points = sampled(FRAMED, plane, number, rng)
+    frame = PlaneFrame.of(plane)
+    flat = frame.to_plane(points)
+    turned = flat @ np.array(((math.cos(turn), math.sin(turn)), (-math.sin(turn), math.cos(turn))))
+    points = frame.to_space(turned) + rng.normal(0, 0.003, len(points))[:, None] * plane.normal
+    (surface,) = outline_points(model_of(np.ones(len(points)), plane), points)
+    (polygon,) = surface.polygons
+    (hole,) = polygon.holes
+    few = number < 10_000  # some four hundred on the plane
+    assert surface.area == pytest.approx(0.84, rel=0.12 if few else 0.03)
+    assert Shape(hole).area == pytest.approx(0.12, rel=0.35 if few else 0.1)
+    assert surface.extent.length == pytest.approx(1.2, rel=0.03)
+    assert surface.extent.width == pytest.approx(0.8, rel=0.03)
+
+
+def test_lines_of_a_scanner_make_a_surface():
+    rng = np.random.default_rng(2)
+    rows = np.repeat(np.arange(0, 1, 0.05), 500)
+    flat = np.column_stack((rng.uniform(0, 2, len(rows)), rows))
+    plane = plane_at((0, 0, 1), (1, 0.5, -3))
+    points = PlaneFrame.of(plane).to_space(flat)
+    (surface,) = outline_points(model_of(np.ones(len(points)), plane), points)
+    assert len(surface.polygons) == 1
+    assert not surface.polygons[0].holes
+    assert surface.area == pytest.approx(2 * 0.95, rel=0.05)
+
+
+def test_strays_far_away_do_not_coarsen_the_outline():
+    rng = np.random.default_rng(0)
+    frame = PlaneFrame.of(TILTED)
+    points = np.vstack(
+        (sampled(FRAMED, TILTED, 40_000, rng), frame.to_space(rng.uniform(-60, 60, (100, 2))))
+    )
+    (surface,) = outline_points(model_of(np.ones(len(points)), TILTED), points)
+    (polygon,) = surface.polygons
+    assert surface.area == pytest.approx(0.84, rel=0.05)
+    assert len(polygon.holes) == 1
+
+
+def test_a_given_spacing_is_used():
+    points = sampled([((0, 0), (1, 1), True)], TILTED, 100_000, np.random.default_rng(0))
+    model = model_of(np.ones(len(points)), TILTED)
+    (coarse,) = outline_points(model, points, spacing=0.3)
+    assert coarse.area == pytest.approx(4, rel=0.05)
+    for bad in (0, -1, math.nan, math.inf):
+        with pytest.raises(ValueError, match="spacing"):
+            outline_points(model, points, spacing=bad)
+
+
+@pytest.mark.parametrize(
+    "flat",
+    [
+        np.ones((50, 2)),
+        np.column_stack((np.linspace(0, 1, 50), np.linspace(0, 2, 50))),
+        np.array(((0.0, 0.0),)),
+        np.array(((0.0, 0.0), (1.0, 0.0))),
+        np.array(((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))),
+        np.empty((0, 2)),
+    ],
+    ids=["one place", "line", "point", "two", "three", "none"],
+)
+def test_points_that_span_no_area_have_an_empty_outline(flat):
+    points = PlaneFrame.of(TILTED).to_space(flat)
+    model = model_of(np.ones(len(points)), TILTED)
+    (surface,) = outline_points(model, points)
+    assert surface.polygons == ()
+    assert surface.area == 0
+    assert surface.extent is None
+    assert surface.corners.shape == (0, 3)
+    assert outline_points(model, points, instances=True) == ()
+    assert len(triangulate(surface).triangles) == 0
+
+
+def test_single_pixels_and_lines_have_an_empty_outline():
+    labels = np.zeros(SHAPE, np.uint16)
+    labels[10, 10] = 1
+    labels[20, 30:60] = 2
+    (pixel, line, none) = outline_image(model_of(labels, TILTED, TILTED, TILTED), CAMERA)
+    assert pixel.polygons == line.polygons == none.polygons == ()
+
+
+def test_a_plane_seen_at_its_edge_stays_within_reach():
+    # The horizon crosses the image: rays of the upper pixels never meet the floor.
+    floor = plane_at((0, -1, -0.05), (0, 1.2, 3.0))
+    (surface,) = outline_image(model_of(np.ones(SHAPE), floor), CAMERA, max_depth=10.0)
+    depth = np.vstack([ring for rings in surface.rings for ring in rings])[:, 2]
+    assert 5 < depth.max() < 16
+    (surface,) = outline_image(model_of(np.ones(SHAPE), floor), CAMERA)
+    assert np.isfinite(surface.area)
+
+
+def test_distortion_bends_borders_in_the_image_only():
+    camera = pw.PinholeCamera(
+        fx=300, fy=310, cx=160, cy=118, distortion=(0.1, -0.02, 0.001, 0.001, 0.0)
+    )
+    labels = seen(FRAMED, TILTED, camera)
+    (surface,) = outline_image(model_of(labels, TILTED), camera)
+    assert surface.area == pytest.approx(0.84, rel=0.02)
+    pixels = np.random.default_rng(0).uniform(0, 230, (50, 2))
+    assert_allclose(camera.project(2 * camera.unproject(pixels)), pixels, atol=1e-6)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_meshes_cover_their_polygons(seed):
+    rng = np.random.default_rng(seed)
+    labels = rng.random((14, 16)) < 0.6
+    plane = plane_at(rng.normal(size=3) - (0, 0, 3), (0.1, 0.2, 2.0))
+    (surface,) = outline_image(
+        model_of(labels, plane), pw.PinholeCamera(fx=16, fy=16, cx=8, cy=7), tolerance=0
+    )
+    mesh = triangulate(surface)
+    a, b, c = np.moveaxis(mesh.vertices[mesh.triangles], 1, 0)
+    normals = np.cross(b - a, c - a)
+    assert np.linalg.norm(normals, axis=1).sum() / 2 == pytest.approx(surface.area, rel=1e-9)
+    assert (normals @ plane.normal > 0).all()
+    assert_allclose(mesh.vertices @ plane.normal + plane.distance, 0, atol=1e-9)
+
+
+OFFSET = np.array([536_258.0, 6_581_099.0, 47.0])
+
+
+def test_files_hold_the_surfaces(tmp_path):
+    plane = plane_at((0, 0.2, -1), (0, 0.1, 2.0))
+    labels = seen(TABLES, TILTED) + 2 * seen([((0, -0.6), (0.2, 0.1), True)], plane)
+    model = model_of(labels, TILTED, plane, TILTED)
+    surfaces = outline_image(model, CAMERA)
+    write_outlines(tmp_path, surfaces, frame="a test", offset=OFFSET)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(OUTLINE_FILES)
+
+    record = json.loads((tmp_path / "outlines.json").read_text())
+    jsonschema.validate(record, json.loads(OUTLINES_SCHEMA_FILE.read_text()))
+    assert [each["properties"]["plane"] for each in record["features"]] == [1, 2, 3]
+    first = record["features"][0]
+    assert len(first["geometry"]["coordinates"]) == 2
+    ring = np.array(first["geometry"]["coordinates"][0][0])
+    flat = np.array(first["properties"]["plane_coordinates"][0][0])
+    assert_array_equal(ring[0], ring[-1])
+    origin, u, v = (np.array(first["properties"][name]) for name in ("origin", "u", "v"))
+    assert_allclose(origin + flat @ np.stack((u, v)), ring, atol=1e-8)
+    assert record["features"][2]["properties"]["extent"] is None
+
+    mesh = plyfile.PlyData.read(str(tmp_path / "planes.ply"))
+    corners = np.stack([mesh["vertex"][name] for name in "xyz"], axis=1)
+    faces = np.stack(mesh["face"]["vertex_indices"])
+    assert set(mesh["face"]["plane"].tolist()) == {1, 2}
+    a, b, c = np.moveaxis(corners[faces] - OFFSET, 1, 0)
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    for surface in surfaces[:2]:
+        mine = mesh["face"]["plane"] == surface.plane
+        assert areas[mine].sum() == pytest.approx(surface.area, rel=1e-6)
+        on = (corners[faces[mine]] - OFFSET) @ surface.frame.normal
+        assert_allclose(on, on.mean(), atol=1e-8)
+
+    lines = (tmp_path / "planes.obj").read_text().splitlines()
+    places = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
+    assert_allclose(places, corners, atol=1e-9)
+    triangles = [
+        [int(word.split("/")[0]) - 1 for word in line.split()[1:]]
+        for line in lines
+        if line.startswith("f ")
+    ]
+    assert_array_equal(triangles, faces)
+    assert [line for line in lines if line.startswith("o ")] == ["o plane_1", "o plane_2"]
+    used = {line.split()[1] for line in lines if line.startswith("usemtl")}
+    made = (tmp_path / "planes.mtl").read_text()
+    assert all(f"newmtl {name}\n" in made for name in used)
+
+
+def test_a_model_without_planes_has_no_surfaces(tmp_path):
+    assert outline_image(model_of(np.zeros(SHAPE)), CAMERA) == ()
+    assert outline_points(model_of(np.zeros(9)), np.zeros((9, 3))) == ()
+    write_outlines(tmp_path, (), frame="")
+    record = describe_outlines((), frame="", offset=np.zeros(3))
+    jsonschema.validate(record, json.loads(OUTLINES_SCHEMA_FILE.read_text()))
+    assert len(plyfile.PlyData.read(str(tmp_path / "planes.ply"))["face"].data) == 0
+
+
+def test_bad_arguments_are_named():
+    model = model_of(np.ones(9), TILTED)
+    with pytest.raises(ValueError, match="points"):
+        outline_points(model, np.zeros((8, 3)))
+    with pytest.raises(ValueError, match="points"):
+        outline_points(model, np.zeros((9, 2)))
+    with pytest.raises(ValueError, match="model"):
+        outline_image(model, CAMERA)
+    with pytest.raises(ValueError, match="tolerance"):
+        outline_image(model_of(np.ones(SHAPE), TILTED), CAMERA, tolerance=-1)
+
+
+def test_without_shapely_the_extra_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "shapely", None)
+    with pytest.raises(MissingExtraError, match=r"shapely.*planewise\[cloud\]"):
+        outline_points(model_of(np.ones(9), TILTED), np.zeros((9, 3)))
