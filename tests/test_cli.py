@@ -334,7 +334,8 @@ def test_interrupt_leaves_nothing(depth, out):
     interrupted = time.monotonic()
     job.send_signal(signal.SIGINT)
     text, errors = job.communicate(timeout=60)
-    assert job.returncode == 130
+    # Where it comes within exec() of a string, CPython ends by the signal: 130 to a shell, too.
+    assert job.returncode in (130, -signal.SIGINT)
     assert time.monotonic() - interrupted < 5
     assert text == ""
     assert errors.strip() == "error: interrupted; nothing was left half-written"
