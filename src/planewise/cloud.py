@@ -1,0 +1,171 @@
+"""A cloud of free points as the spatial search sees it: sorted, in cubes, with their variances."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.cloud_order import Order, extent_of, order_of
+from planewise.kernels import cloud_cells as kernels
+from planewise.kernels import cloud_keys
+from planewise.kernels.cloud_rows import COUNT, ROW
+from planewise.noise import Polynomial
+from planewise.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+_POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
+_THICK = 8.0  # standard deviations that the side of a cube has at least
+_FINER = 2  # levels of the order below the cubes
+_LEAST_PART = 2_000  # cubes that are worth a thread
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points in the order of their cubes.
+
+    Attributes
+    ----------
+    order : Order
+        Sorted keys and where each point stood.
+    centre : ndarray, shape (3,)
+        What all coordinates here are relative to.
+    local : ndarray of float32, shape (k, 3)
+        Points relative to the middle of their cube.
+    starts : ndarray of int, shape (n + 1,)
+        Where the points of each cube begin.
+    cubes : ndarray of uint64, shape (n,)
+        Keys of the occupied cubes, sorted.
+    nodes : ndarray, shape (n, 18)
+        Moments of the points of each (`kernels.cloud_rows`).
+    variance : ndarray, shape (n,)
+        Mean variance of its points as the sensor says, square metres.
+    side : float
+        Of a cube, metres.
+    shift : int
+        Bits of a point's key below its cube.
+    workers : int
+        Threads.
+    """
+
+    order: Order
+    local: NDArray[np.float32]
+    starts: NDArray[np.int64]
+    cubes: NDArray[np.uint64]
+    nodes: Array
+    variance: Array
+    side: float
+    shift: int
+    workers: int
+
+    @property
+    def centre(self) -> Array:
+        """What all coordinates are relative to, shape (3,)."""
+        return self.order.centre
+
+    def over_cubes(self, work: object) -> None:
+        """``work(first, last)`` on parts of the cubes, one a thread."""
+        threads.over_chunks(work, len(self.cubes), self.workers, _LEAST_PART)  # type: ignore[arg-type]
+
+
+def cloud_of(
+    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, workers: int
+) -> Cloud | None:
+    """Sort points into cubes; ``None`` if fewer than three are finite.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (k, 3)
+        Metres, any origin.
+    sensor : Sensor
+        Its noise is evaluated at the distance from the origin of the coordinates.
+    sigma : ndarray, shape (k,), optional
+        Standard deviations of the points, in place of the sensor's.
+    workers : int
+        Threads.
+    """
+    low, high, count = extent_of(points, workers)
+    if count < 3:
+        return None
+    centre = 0.5 * (low + high)
+    reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
+    typical = _typical(points, sensor, sigma, centre)
+    order = order_of(points, centre, reach, 4.0 * typical, workers)
+    side = max(_side_for(order, _POINTS), _THICK * typical)
+    order = order_of(points, centre, reach, side / (1 << _FINER), workers)
+    side, shift = order.side * (1 << _FINER), 3 * _FINER
+
+    starts = np.empty(len(order.keys) + 1, np.int64)
+    n = cloud_keys.run_starts(order.keys, shift, starts)
+    starts = starts[: n + 1].copy()
+    starts[n] = len(order.keys)
+    local = np.empty((len(order.keys), 3), np.float32)
+    nodes = np.empty((n, ROW))
+    threads.over_chunks(
+        lambda first, last: kernels.local_points(
+            points, order.rows, order.keys, starts, shift, order.side, cloud_keys.TURN,
+            centre, first, last, local, nodes,
+        ),
+        n, workers, _LEAST_PART,
+    )  # fmt: skip
+    variance = _variances(points, sensor, sigma, order, starts)
+    kernels.weigh(nodes, variance)
+    cubes = order.keys[starts[:-1]] >> np.uint64(shift)
+    return Cloud(order, local, starts, cubes, nodes, variance, side, shift, workers)
+
+
+def _side_for(order: Order, points: float) -> float:
+    """Side of cubes that hold so many points on average, between powers of two."""
+    counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
+    cloud_keys.separations(order.keys, counts)
+    cubes = np.maximum(len(order.keys) - np.cumsum(counts), 1)
+    held = np.log(len(order.keys) / cubes)
+    level = float(np.interp(math.log(points), held, np.arange(len(held), dtype=float)))
+    return order.side * 2.0**level
+
+
+def _is_constant(sensor: Sensor) -> bool:
+    noise = sensor.noise
+    return isinstance(noise, Polynomial) and not noise.linear and not noise.quadratic
+
+
+def _typical(
+    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, centre: Array
+) -> float:
+    """Standard deviation of most points."""
+    if sigma is not None:
+        return float(np.median(sigma))
+    if _is_constant(sensor):
+        return float(sensor.sigma(np.zeros(1))[0])
+    sample = points[:: 1 + len(points) // 10_000]
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    if not len(sample):
+        return float(sensor.sigma(np.linalg.norm(centre)[None])[0])
+    return float(np.median(sensor.sigma(np.linalg.norm(sample, axis=1))))
+
+
+def _variances(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: Array | None,
+    order: Order,
+    starts: NDArray[np.int64],
+) -> Array:
+    """Mean variance of the points of each cube."""
+    if sigma is None and _is_constant(sensor):
+        return np.full(len(starts) - 1, float(sensor.sigma(np.zeros(1))[0]) ** 2)
+    if sigma is None:
+        out = np.empty(len(points))
+        for first in range(0, len(points), 1_000_000):
+            part = points[first : first + 1_000_000].astype(np.float64)
+            there = np.isfinite(part).all(axis=1)
+            out[first : first + len(part)] = sensor.sigma(
+                np.where(there, np.sqrt((part * part).sum(axis=1)), 0.0)
+            )
+        sigma = out
+    sums = np.add.reduceat(np.square(sigma, dtype=np.float64)[order.rows], starts[:-1])
+    return np.asarray(sums / np.diff(starts))
