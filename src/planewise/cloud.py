@@ -12,13 +12,13 @@ from planewise import threads
 from planewise.cloud_order import Order, extent_of, order_of
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
-from planewise.kernels.cloud_rows import COUNT, ROW
+from planewise.kernels.cloud_rows import ROW
 from planewise.noise import Polynomial
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
 
-_POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
+POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
 _THICK = 8.0  # standard deviations that the side of a cube has at least
 _FINER = 2  # levels of the order below the cubes
 _LEAST_PART = 2_000  # cubes that are worth a thread
@@ -67,13 +67,26 @@ class Cloud:
         """What all coordinates are relative to, shape (3,)."""
         return self.order.centre
 
+    def positions(self) -> Array:
+        """Return the sorted points relative to the centre, shape (k, 3)."""
+        grid = [cloud_keys.coordinates(self.cubes, axis) for axis in (0, 1, 2)]
+        middle = (np.column_stack(grid) + 0.5) * self.side
+        middle -= 0.5 * (1 << cloud_keys.LEVELS) * self.order.side
+        return np.asarray(
+            np.repeat(middle @ cloud_keys.TURN, np.diff(self.starts), axis=0) + self.local
+        )
+
     def over_cubes(self, work: object) -> None:
         """``work(first, last)`` on parts of the cubes, one a thread."""
         threads.over_chunks(work, len(self.cubes), self.workers, _LEAST_PART)  # type: ignore[arg-type]
 
 
 def cloud_of(
-    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, workers: int
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: Array | None,
+    workers: int,
+    held: float = POINTS,
 ) -> Cloud | None:
     """Sort points into cubes; ``None`` if fewer than three are finite.
 
@@ -87,6 +100,8 @@ def cloud_of(
         Standard deviations of the points, in place of the sensor's.
     workers : int
         Threads.
+    held : float
+        Points in an occupied cube, on average, where noise allows cubes that small.
     """
     low, high, count = extent_of(points, workers)
     if count < 3:
@@ -95,7 +110,7 @@ def cloud_of(
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     typical = _typical(points, sensor, sigma, centre)
     order = order_of(points, centre, reach, 4.0 * typical, workers)
-    side = max(_side_for(order, _POINTS), _THICK * typical)
+    side = max(_side_for(order, held), _THICK * typical)
     order = order_of(points, centre, reach, side / (1 << _FINER), workers)
     side, shift = order.side * (1 << _FINER), 3 * _FINER
 

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.cloud import Cloud
 from planewise.kernels import cloud_cells as kernels
-from planewise.kernels.cloud_rows import ROW
+from planewise.kernels.cloud_rows import CX, CZ, ROW, WEIGHT
 
 Array = NDArray[np.float64]
 
@@ -31,6 +30,7 @@ _SAMPLE = 20_000  # pairs
 _LEVELS = 6  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
+_FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _LEAST_DRIFT = 0.1  # of the white variance, over 16 cells
 _HIGHEST = 8  # levels above the least cubes at which cells are looked for
@@ -178,3 +178,25 @@ def _bisected(rows: Array, ends: NDArray[np.int64], unit: float) -> float:
         if step:
             low, high = (factor, high) if above else (low, factor)
     return math.sqrt(low * high) * unit
+
+
+def residual_correlation(cells: CloudCells, of_cell: NDArray[np.int64], planes: Array) -> Array:
+    """Correlation of the residuals of cells side by side on every plane, shape (N,).
+
+    NaN with fewer than ten pairs of cells.
+    """
+    n = len(planes)
+    residual = np.zeros(len(of_cell))
+    on = of_cell >= 0
+    row = planes[of_cell[on]]
+    centroid = cells.rows[on][:, CX : CZ + 1]
+    off = (row[:, :3] * centroid).sum(axis=1) + row[:, 3]
+    residual[on] = off * np.sqrt(cells.rows[on, WEIGHT])
+    u, v = cells.ends.T
+    same = on[u] & (of_cell[u] == of_cell[v])
+    u, v = u[same], v[same]
+    plane = of_cell[u]
+    together = np.bincount(plane, residual[u] * residual[v], n)
+    apart = np.bincount(plane, 0.5 * (residual[u] ** 2 + residual[v] ** 2), n)
+    told = (np.bincount(plane, minlength=n) >= _FEWEST_PAIRS) & (apart > 0)
+    return np.divide(together, apart, np.full(n, np.nan), where=told)

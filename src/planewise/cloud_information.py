@@ -142,5 +142,3 @@ def ledger(
 def _prior(range: float, resolution: float) -> tuple[float, float, float]:
     coordinate = coordinate_information(range, resolution)
     return _SLOPE_PRIOR**2, coordinate, coordinate
-
-

@@ -354,6 +354,7 @@ def _find_in_cloud(
         significance=options.significance,
         settings=options.describe(),
         workers=options.threads or threads.available(),
+        rng=np.random.default_rng(options.rng),
     )
 
 

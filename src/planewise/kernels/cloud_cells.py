@@ -260,9 +260,7 @@ def take_in(nodes, white, chosen, cells, owner):  # type: ignore[no-untyped-def]
 def _stacked(a, b):  # type: ignore[no-untyped-def]
     """Whether one of two cells lies over the other rather than beside it."""
     dx, dy, dz = b[CX] - a[CX], b[CY] - a[CY], b[CZ] - a[CZ]
-    over = max(
-        abs(dx * a[NX] + dy * a[NY] + dz * a[NZ]), abs(dx * b[NX] + dy * b[NY] + dz * b[NZ])
-    )
+    over = max(abs(dx * a[NX] + dy * a[NY] + dz * a[NZ]), abs(dx * b[NX] + dy * b[NY] + dz * b[NZ]))
     square = dx * dx + dy * dy + dz * dz
     reach = _TOUCH * (math.sqrt(a[AREA]) + math.sqrt(b[AREA]))
     return over * over > 0.5 * square or square > reach * reach

@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from planewise.kernels.jit import compiled, internal
 
 ROW = 18

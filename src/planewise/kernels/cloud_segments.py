@@ -42,9 +42,7 @@ def value_pairs(rows, ends, drift, prior, first, last, discords, evidence):  # t
     for e in range(first, last):
         a, b = rows[ends[e, 0]], rows[ends[e, 1]]
         area = min(a[AREA] / a[CELLS], b[AREA] / b[CELLS])
-        discords[e], evidence[e] = compare(
-            a, b, drift, prior[0] * area + prior[2], prior[1]
-        )
+        discords[e], evidence[e] = compare(a, b, drift, prior[0] * area + prior[2], prior[1])
 
 
 @internal
@@ -55,9 +53,7 @@ def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-un
     """
     small = u if rows[u, COUNT] < rows[v, COUNT] else v
     area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
-    discord, evidence = compare(
-        rows[u], rows[v], drift, prior[0] * area + prior[2], prior[1]
-    )
+    discord, evidence = compare(rows[u], rows[v], drift, prior[0] * area + prior[2], prior[1])
     if discord >= APART:
         return -APART, 0.0
     misfit = tempered(discord, rows[small, COUNT])
@@ -134,7 +130,9 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
             valued[edge] = version[u] + version[v]
-            current[edge], misfit[edge] = _merge_gain(rows, u, v, boundary[edge], drift, prior, most)
+            current[edge], misfit[edge] = _merge_gain(
+                rows, u, v, boundary[edge], drift, prior, most
+            )
             if current[edge] > 0.0:
                 _replace(keys, items, size, current[edge], edge)
             else:
