@@ -100,7 +100,7 @@ def building(
     for floor in range(floors):
         for i in range(rooms[0]):
             for j in range(rooms[1]):
-                low = np.array([i, j, floor]) * (size + [_WALL, _WALL, 0.3])
+                low = np.array([i, j, floor]) * (size + np.array((_WALL, _WALL, 0.3)))
                 # No two rooms are built alike.
                 shift = rng.uniform(-_TOLERANCE, _TOLERANCE, (2, 3))
                 _room(surfaces, low + shift[0], size + shift[1], rng)
@@ -123,27 +123,29 @@ def _room(surfaces: _Surfaces, low: Array, size: Array, rng: np.random.Generator
         at = rng.uniform(0.1, 0.6)
         door, window = (at, 0.0, at + 0.2, 0.75), (at, 0.3, at + 0.3, 0.8)
         hole = (door, window, (0.0,) * 4, (0.0,) * 4)[(k + int(rng.integers(4))) % 4]
-        surfaces.add(corner, along, z, scanner, hole)  # type: ignore[arg-type]
+        surfaces.add(corner, along, z, scanner, hole)
     for _ in range(3):
-        place = low + [*(rng.uniform(0.15, 0.7, 2) * size[:2]), 0.0]
+        place = low + np.array((*(rng.uniform(0.15, 0.7, 2) * size[:2]), 0.0))
         turn = rng.uniform(0, np.pi)
         if rng.random() < 0.5:  # a table: top and four legs
             top = rng.uniform(0.8, 1.4), rng.uniform(0.6, 0.9)
             c, s = np.cos(turn), np.sin(turn)
             along, across = top[0] * np.array([c, s, 0]), top[1] * np.array([-s, c, 0])
-            surfaces.add(place + [0, 0, 0.72], along, across, scanner)
+            surfaces.add(place + np.array((0, 0, 0.72)), along, across, scanner)
             for a, b in ((0, 0), (0, 1), (1, 0), (1, 1)):
                 foot = a * (top[0] - 0.05), b * (top[1] - 0.05)
-                at_foot = place + [foot[0] * c - foot[1] * s, foot[0] * s + foot[1] * c, 0]
+                at_foot = place + np.array(
+                    (foot[0] * c - foot[1] * s, foot[0] * s + foot[1] * c, 0)
+                )
                 surfaces.columns.append((at_foot, 0.03, 0.7, scanner))
         else:  # a cabinet
             cabinet = np.array([rng.uniform(0.4, 1.2), rng.uniform(0.3, 0.6), rng.uniform(0.4, 2)])
             surfaces.box(place, cabinet, turn, scanner)
     for _ in range(2):
         radius = rng.uniform(0.1, 0.35)
-        place = low + [*(rng.uniform(0.15, 0.85, 2) * size[:2]), radius]
+        place = low + np.array((*(rng.uniform(0.15, 0.85, 2) * size[:2]), radius))
         surfaces.balls.append((place, radius, scanner))
-    place = low + [*(rng.uniform(0.15, 0.85, 2) * size[:2]), 0.0]
+    place = low + np.array((*(rng.uniform(0.15, 0.85, 2) * size[:2]), 0.0))
     surfaces.columns.append((place, rng.uniform(0.08, 0.25), rng.uniform(0.5, 2.5), scanner))
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
-from planewise.cloud_order import Order, extent_of, order_of
+from planewise.cloud_order import Order, extent_of, order_of, positions
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
 from planewise.kernels.cloud_rows import ROW
@@ -69,7 +69,7 @@ class Cloud:
 
     def positions(self) -> Array:
         """Return the sorted points relative to the centre, shape (k, 3)."""
-        grid = [cloud_keys.coordinates(self.cubes, axis) for axis in (0, 1, 2)]
+        grid = [positions(self.cubes, axis) for axis in (0, 1, 2)]
         middle = (np.column_stack(grid) + 0.5) * self.side
         middle -= 0.5 * (1 << cloud_keys.LEVELS) * self.order.side
         return np.asarray(
@@ -140,7 +140,7 @@ def _side_for(order: Order, points: float) -> float:
     cubes = np.maximum(len(order.keys) - np.cumsum(counts), 1)
     held = np.log(len(order.keys) / cubes)
     level = float(np.interp(math.log(points), held, np.arange(len(held), dtype=float)))
-    return order.side * 2.0**level
+    return float(order.side * 2.0**level)
 
 
 def _is_constant(sensor: Sensor) -> bool:
@@ -174,7 +174,7 @@ def _variances(
     if sigma is None and _is_constant(sensor):
         return np.full(len(starts) - 1, float(sensor.sigma(np.zeros(1))[0]) ** 2)
     if sigma is None:
-        out = np.empty(len(points))
+        out: Array = np.empty(len(points))
         for first in range(0, len(points), 1_000_000):
             part = points[first : first + 1_000_000].astype(np.float64)
             there = np.isfinite(part).all(axis=1)
@@ -182,5 +182,6 @@ def _variances(
                 np.where(there, np.sqrt((part * part).sum(axis=1)), 0.0)
             )
         sigma = out
-    sums = np.add.reduceat(np.square(sigma, dtype=np.float64)[order.rows], starts[:-1])
+    squares = np.asarray(np.square(sigma))
+    sums = np.add.reduceat(squares[order.rows], starts[:-1])
     return np.asarray(sums / np.diff(starts))

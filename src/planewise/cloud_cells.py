@@ -199,4 +199,4 @@ def residual_correlation(cells: CloudCells, of_cell: NDArray[np.int64], planes: 
     together = np.bincount(plane, residual[u] * residual[v], n)
     apart = np.bincount(plane, 0.5 * (residual[u] ** 2 + residual[v] ** 2), n)
     told = (np.bincount(plane, minlength=n) >= _FEWEST_PAIRS) & (apart > 0)
-    return np.divide(together, apart, np.full(n, np.nan), where=told)
+    return np.asarray(np.divide(together, apart, np.full(n, np.nan), where=told))

@@ -29,6 +29,7 @@ from planewise.propose import propose
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
+Limits = tuple[float, float]
 
 MOST = 4096  # points of a cloud that has few
 POINTS = 3.0  # in a cube of such a cloud
@@ -41,8 +42,7 @@ def fewest_nats(
     cloud: Cloud,
     error: CloudError,
     start: Labels,
-    range: float,
-    resolution: float,
+    limits: Limits,
     rng: np.random.Generator,
 ) -> Labels:
     """Labels of the sorted points with the lowest Phi that was found, 1 ... N and 0.
@@ -55,20 +55,19 @@ def fewest_nats(
         Its size.
     start : ndarray of uint16, shape (k,)
         Labels from cells, to be improved on.
-    range, resolution : float
+    limits : (float, float)
         R and eps in metres.
     rng : numpy.random.Generator
         For the planes that are proposed.
     """
-    limits = range, resolution
-    tried = [_paid(cloud, error, start, *limits)]
-    labels = _paper_labels(cloud, *limits, rng)
-    tried.append(_paid(cloud, error, labels, *limits))
-    for _ in np.arange(_RELABELLED):
-        phi, labels = _paid(cloud, error, _relabelled(cloud, error, labels, *limits), *limits)
+    tried = [_paid(cloud, error, start, limits)]
+    labels = _paper_labels(cloud, limits, rng)
+    tried.append(_paid(cloud, error, labels, limits))
+    for _ in range(_RELABELLED):
+        phi, labels = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)
         tried.append((phi, labels))
     phi, labels = min(tried, key=lambda each: each[0])
-    return _merged(cloud, error, phi, labels, *limits)
+    return _merged(cloud, error, phi, labels, limits)
 
 
 def plane_rows(groups: CloudGroups, planes: int, error: CloudError) -> Array:
@@ -84,9 +83,7 @@ def plane_rows(groups: CloudGroups, planes: int, error: CloudError) -> Array:
     return rows
 
 
-def _paid(
-    cloud: Cloud, error: CloudError, labels: Labels, range: float, resolution: float
-) -> tuple[float, Labels]:
+def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tuple[float, Labels]:
     """Phi of labels, and the labels, when planes that do not pay are left out."""
     present = np.unique(labels[labels > 0])
     place = np.zeros(int(labels.max(initial=0)) + 1, np.uint16)
@@ -94,17 +91,15 @@ def _paid(
     labels = place[labels]
     groups = groups_of(cloud, labels, error)
     rows = plane_rows(groups, len(present), error)
-    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, range, resolution)
-    book = ledger(cloud, labels, groups, alone, data, len(rows), range, resolution)
+    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, *limits)
+    book = ledger(cloud, labels, groups, alone, data, len(rows), *limits)
     best = int(np.argmin(book.curve))
     place = np.zeros(len(rows) + 1, np.uint16)
     place[book.order[:best] + 1] = np.arange(1, best + 1)
     return float(book.curve[best]), place[labels]
 
 
-def _relabelled(
-    cloud: Cloud, error: CloudError, labels: Labels, range: float, resolution: float
-) -> Labels:
+def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> Labels:
     """Every point on the plane that its residual and its surroundings say."""
     planes = int(labels.max(initial=0))
     rows = plane_rows(groups_of(cloud, labels, error), planes, error)
@@ -113,53 +108,48 @@ def _relabelled(
     np.add.at(votes, (cube, labels), 1)
     out: Labels = np.empty(len(labels), np.uint16)
     variance = error.white * (1.0 + SHARED) * cloud.variance
-    null = coordinate_information(range, resolution)
+    null = coordinate_information(*limits)
     kernels.label_points(
         cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
         cloud.cubes, votes.argmax(axis=1), variance, np.zeros(planes + 1), planes_of(rows), null,
-        resolution, 0, len(cloud.cubes), out,
+        limits[1], 0, len(cloud.cubes), out,
     )  # fmt: skip
     return out
 
 
-def _merged(
-    cloud: Cloud, error: CloudError, phi: float, labels: Labels, range: float, resolution: float
-) -> Labels:
+def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits: Limits) -> Labels:
     """Merge pairs of planes, the one that saves most first, while Phi falls."""
-    limits = range, resolution
     while True:
         planes = int(labels.max(initial=0))
         normals = planes_of(plane_rows(groups_of(cloud, labels, error), planes, error))[:, :3]
         best = phi, labels
-        for i, j in combinations(np.arange(planes), 2):
+        for i, j in combinations(range(planes), 2):
             if abs(normals[i] @ normals[j]) < _PARALLEL:
                 continue
             joint = np.where(labels == j + 1, i + 1, labels).astype(np.uint16)
-            best = min(best, _paid(cloud, error, joint, *limits), key=lambda each: each[0])
+            best = min(best, _paid(cloud, error, joint, limits), key=lambda each: each[0])
         if best[0] >= phi:
             return labels
         phi, labels = best
-        again = _paid(cloud, error, _relabelled(cloud, error, labels, *limits), *limits)
+        again = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)
         if again[0] < phi:
             phi, labels = again
 
 
-def _paper_labels(
-    cloud: Cloud, range: float, resolution: float, rng: np.random.Generator
-) -> Labels:
+def _paper_labels(cloud: Cloud, limits: Limits, rng: np.random.Generator) -> Labels:
     """Labels of the sorted points under the paper's objective."""
     points = cloud.positions()
     seen = PointObservation(
         errors=np.sqrt(np.repeat(cloud.variance, np.diff(cloud.starts))),
         rows=np.arange(len(points)),
         shape=(len(points),),
-        range=range,
-        resolution=resolution,
+        range=limits[0],
+        resolution=limits[1],
         points=np.ascontiguousarray(points.T),
         origin=np.zeros(3),
     )
     readings = evaluator(seen, PAPER.thresholds(seen), 1)
-    structure = np.array([PAPER.structure(seen, n) for n in np.arange(_MOST_PLANES + 1)])
+    structure = np.array([PAPER.structure(seen, n) for n in range(_MOST_PLANES + 1)])
     problem = Problem(evaluator=readings, empty=PAPER.empty(seen), structure=structure)
     solution, _ = joint_search(problem, propose(seen, readings, rng), rng=rng)
     return solution.assignment.labels.astype(np.uint16)

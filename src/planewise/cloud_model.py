@@ -54,7 +54,7 @@ class _Found:
     error : CloudError
         Its size.
     significance, correlation : ndarray, shape (N,)
-        Nats that each saves, all its costs paid, NaN if unknown; of residuals of cells side by side.
+        Nats that each saves, all its costs paid; of the residuals of cells side by side.
     left_out : int
         Planes that pay but are more than was asked for.
     """
@@ -179,13 +179,13 @@ def _from_few(
     limits = sensor.range, sensor.resolution
     start = np.zeros(int(cloud.order.rows.max()) + 1, np.uint16)
     start[found.cloud.order.rows] = found.labels
-    labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.order.rows], *limits, rng)
+    labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.order.rows], limits, rng)
     n = int(labels.max(initial=0))
     groups = groups_of(cloud, labels, found.error)
     rows = cloud_few.plane_rows(groups, n, found.error)
     alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], found.error, *limits)
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
-    saved = worth - plane_information(3, *limits)
+    saved = np.asarray(worth - plane_information(3, *limits), np.float64)
     keep = np.argsort(-saved, kind="stable")
     keep = keep[saved[keep] > significance]
     left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])

@@ -43,14 +43,12 @@ def extent_of(points: NDArray[np.floating], workers: int) -> tuple[Array, Array,
     low, high = np.empty((2, workers, 3))
     count = np.zeros(workers, np.int64)
     bounds = _parts(len(points), workers)
-    threads.over_chunks(
-        lambda first, last: [
-            kernels.extent(points, bounds[p], bounds[p + 1], p, low, high, count)
-            for p in range(first, last)
-        ],
-        workers,
-        workers,
-    )
+
+    def look(first: int, last: int) -> None:
+        for part in range(first, last):
+            kernels.extent(points, bounds[part], bounds[part + 1], part, low, high, count)
+
+    threads.over_chunks(look, workers, workers)
     return low.min(axis=0), high.max(axis=0), int(count.sum())
 
 
@@ -86,6 +84,14 @@ def order_of(
     # Keys of points without one are the largest of all.
     there = int(np.searchsorted(keys, kernels.NO_KEY))
     return Order(keys[:there], rows[:there], centre, side)
+
+
+def positions(keys: Keys, axis: int) -> Array:
+    """Coordinate of keys along an axis of the grid."""
+    out = np.zeros(len(keys))
+    for bit in range(kernels.LEVELS):
+        out += ((keys >> np.uint64(3 * bit + axis)) & np.uint64(1)) * float(1 << bit)
+    return out
 
 
 def radix_sort(keys: Keys, workers: int) -> tuple[Keys, NDArray[np.uint32]]:

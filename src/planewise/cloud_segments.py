@@ -94,7 +94,7 @@ def segments_of(
         rest = order[~accepted[order] & (worth[order] + _PLANE_COST * cost > 0)]
         planes = _joined_through_gaps(planes, rows, chosen, rest, drift, range, owner)
     kept = owner >= 0
-    total = np.bincount(owner[kept], worth[kept], len(planes))
+    total = np.asarray(np.bincount(owner[kept], worth[kept], len(planes)), np.float64)
     left_out = max(0, len(planes) - max_planes)
     if left_out:
         keep = np.sort(np.argsort(-total, kind="stable")[:max_planes])

@@ -39,7 +39,7 @@ from planewise.kernels.jit import compiled, in_order, internal
 
 FEW, PLANE, MIXED = 0, 1, 2
 NEIGHBOURS = 18  # of a cube: across faces and edges
-_TOUCH = 0.9  # of the sum of their extents: cells whose centroids are farther apart do not touch
+_TOUCH = 0.8  # of the sum of their extents: cells whose centroids are farther apart do not touch
 
 
 @compiled
@@ -193,6 +193,7 @@ def owners(spans, owner):  # type: ignore[no-untyped-def]
 
 @in_order
 def first_at_least(keys, key):  # type: ignore[no-untyped-def]
+    """Where the first of sorted keys stands that is not less than a key."""
     low, high = 0, keys.size
     while low < high:
         middle = (low + high) >> 1
@@ -338,12 +339,10 @@ def sibling_pairs(nodes, keys, limits, ends):  # type: ignore[no-untyped-def]
         other = k + 1
         while other < keys.size and keys[other] >> np.uint64(3) == keys[k] >> np.uint64(3):
             bits = keys[k] ^ keys[other]
-            if states[other] == PLANE and (
-                bits == np.uint64(1) or bits == np.uint64(2) or bits == np.uint64(4)
-            ):
-                if found < ends.shape[0]:
-                    ends[found, 0], ends[found, 1] = k, other
-                    found += 1
+            side = bits == np.uint64(1) or bits == np.uint64(2) or bits == np.uint64(4)
+            if states[other] == PLANE and side and found < ends.shape[0]:
+                ends[found, 0], ends[found, 1] = k, other
+                found += 1
             other += 1
     return found
 

@@ -126,11 +126,3 @@ def run_starts(keys, shift, starts):  # type: ignore[no-untyped-def]
             found += 1
             before = key
     return found
-
-
-def coordinates(keys, axis):  # type: ignore[no-untyped-def]
-    """Coordinate of keys (n,) along an axis of the grid, as floating-point numbers."""
-    out = np.zeros(keys.size)
-    for bit in range(LEVELS):
-        out += ((keys >> np.uint64(3 * bit + axis)) & np.uint64(1)) * float(1 << bit)
-    return out

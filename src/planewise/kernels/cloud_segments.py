@@ -22,8 +22,8 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
+from planewise.kernels.heap import pop, push, replace
 from planewise.kernels.jit import compiled, in_order, internal
-from planewise.kernels.segments import _pop, _push, _replace
 
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
 
@@ -64,10 +64,10 @@ def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-un
 def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, root):  # type: ignore[no-untyped-def]
     """Merge neighbouring segments, what saves most first, while a merge saves anything.
 
-    ends (m, 2): pairs of neighbours, boundary (m,): the nats that a merge saves there besides what
-    `compare` says; discords and evidence (m,): what it says of them now (`value_pairs`), evidence
-    counts up to `most`; prior: variance of the offset of an unrelated plane in areas of a cell, of
-    its slopes, and of the offset in m^2. boundary is changed, like rows (n, 18): the row of a root holds its whole segment.
+    ends (m, 2): pairs of neighbours; discords and evidence (m,): what `value_pairs` says of them,
+    of which evidence counts up to `most`; boundary (m,): the nats that a merge saves besides, which
+    is changed; prior: variance of the offset of an unrelated plane in areas of a cell, of its
+    slopes, and of the offset in m^2. rows (n, 18) are changed: that of a root holds its segment.
     Writes the root of every segment.
 
     Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
@@ -121,11 +121,11 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
                 gain = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
                 current[edge] = gain
             if current[edge] > 0.0:
-                size = _push(keys, items, size, current[edge], edge)
+                size = push(keys, items, size, current[edge], edge)
     while size > 0:
         key, edge = keys[0], items[0]
         if not alive[edge] or key != current[edge]:
-            size = _pop(keys, items, size)
+            size = pop(keys, items, size)
             continue
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
@@ -134,11 +134,11 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
                 rows, u, v, boundary[edge], drift, prior, most
             )
             if current[edge] > 0.0:
-                _replace(keys, items, size, current[edge], edge)
+                replace(keys, items, size, current[edge], edge)
             else:
-                size = _pop(keys, items, size)
+                size = pop(keys, items, size)
             continue
-        size = _pop(keys, items, size)
+        size = pop(keys, items, size)
         if rows[u, COUNT] < rows[v, COUNT]:
             u, v = v, u
         add_row(rows[u], rows[v])
@@ -181,7 +181,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
                         rows, u, other, boundary[kept], drift, prior, most
                     )
                     if current[kept] > 0.0:
-                        size = _push(keys, items, size, current[kept], kept)
+                        size = push(keys, items, size, current[kept], kept)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -196,7 +196,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
             size = 0
             for other_edge in range(edges):
                 if alive[other_edge] and current[other_edge] > 0.0:
-                    size = _push(keys, items, size, current[other_edge], other_edge)
+                    size = push(keys, items, size, current[other_edge], other_edge)
     for u in range(count):
         top = root[u]
         while root[top] != top:
