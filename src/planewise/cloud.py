@@ -93,7 +93,8 @@ def cloud_of(
     Parameters
     ----------
     points : ndarray of float, shape (k, 3)
-        Metres, any origin.
+        Metres, any origin. Points more than two million standard deviations from the others are no
+        reading, like those that are not finite.
     sensor : Sensor
         Its noise is evaluated at the distance from the origin of the coordinates.
     sigma : ndarray, shape (k,), optional
@@ -109,6 +110,11 @@ def cloud_of(
     centre = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     typical = _typical(points, sensor, sigma, centre)
+    farthest = float(1 << (cloud_keys.LEVELS - 1)) * _THICK * typical / (1 << _FINER)
+    if reach > farthest:
+        # Points far off must not make cubes larger than noise does.
+        there = np.isfinite(points).all(axis=1)
+        centre, reach = np.median(points[there], axis=0).astype(np.float64), farthest
     order = order_of(points, centre, reach, 4.0 * typical, workers)
     side = max(_side_for(order, held), _THICK * typical)
     order = order_of(points, centre, reach, side / (1 << _FINER), workers)
@@ -156,10 +162,10 @@ def _typical(
         return float(np.median(sigma))
     if _is_constant(sensor):
         return float(sensor.sigma(np.zeros(1))[0])
-    sample = points[:: 1 + len(points) // 10_000]
+    sample = np.asarray(points[:: 1 + len(points) // 10_000], np.float64)
     sample = sample[np.isfinite(sample).all(axis=1)]
     if not len(sample):
-        return float(sensor.sigma(np.linalg.norm(centre)[None])[0])
+        return float(sensor.sigma(np.atleast_1d(np.linalg.norm(centre)))[0])
     return float(np.median(sensor.sigma(np.linalg.norm(sample, axis=1))))
 
 

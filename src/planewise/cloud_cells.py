@@ -26,8 +26,9 @@ PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the c
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
 _QUARTILE_CHI2_3 = 1.2125
-_SAMPLE = 20_000  # pairs
-_LEVELS = 6  # sizes of cells at which the drift is looked for
+_SAMPLE = 4_000  # pairs
+_CUBES = 40_000  # that stand for a cloud
+_LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
@@ -84,8 +85,9 @@ class CloudCells:
 
 def cells_of(cloud: Cloud) -> CloudCells | None:
     """Cells of a cloud; ``None`` if there is none."""
-    white = _white(cloud)
-    drift = _drift(cloud, white)
+    nodes, keys = _sampled(cloud)
+    white = _white(nodes)
+    drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
 
@@ -128,26 +130,36 @@ def _neighbours(
     return ends[:found].copy(), sides[:found].copy()
 
 
-def _white(cloud: Cloud) -> float:
+def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
+    """Cubes that stand for the cloud: whole blocks of an octree, drawn by a hash of their keys."""
+    keys = cloud.cubes
+    stride = np.uint64(1 + len(keys) // _CUBES)
+    block = (keys >> np.uint64(3 * (_LEVELS - 1))) * np.uint64(0x9E3779B97F4A7C15)
+    chosen = (block >> np.uint64(32)) % stride == 0
+    if stride == 1 or not chosen.any():
+        return cloud.nodes, keys
+    return cloud.nodes[chosen], keys[chosen]
+
+
+def _white(nodes: Array) -> float:
     """White variance against the description: the quietest quarter of the cells says it.
 
     A cloud whose cells are farther from planes than its points can err has no such noise, but no
     planes: then the description stands.
     """
-    ratios = np.empty(len(cloud.cubes))
-    found = kernels.roughness(cloud.nodes, STEEPEST, FEWEST + 2.0, ratios)
+    ratios = np.empty(len(nodes))
+    found = kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, ratios)
     if found < _FEWEST_TOLD:
         return 1.0
     factor = max(1.0, float(np.quantile(ratios[:found], 0.25)))
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
-def _drift(cloud: Cloud, white: float) -> float:
+def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -> float:
     """Drift of the error: from cubes side by side, of several sizes.
 
     The smallest of what they say counts: more is shape, or what a cube cuts off.
     """
-    nodes, keys = cloud.nodes, cloud.cubes
     typical = white * float(np.median(cloud.variance))
     limits = CloudError(white, 0.0).limits()
     told = math.inf

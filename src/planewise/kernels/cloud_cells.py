@@ -192,9 +192,21 @@ def owners(spans, owner):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def first_at_least(keys, key):  # type: ignore[no-untyped-def]
-    """Where the first of sorted keys stands that is not less than a key."""
-    low, high = 0, keys.size
+def first_at_least(keys, key, hint):  # type: ignore[no-untyped-def]
+    """Where the first of sorted keys stands that is not less than a key, sought from a hint on."""
+    step = 1
+    if hint < keys.size and keys[hint] < key:
+        low = hint + 1
+        while hint + step < keys.size and keys[hint + step] < key:
+            low = hint + step + 1
+            step *= 2
+        high = min(hint + step, keys.size)
+    else:
+        high = hint
+        while hint - step >= 0 and keys[hint - step] >= key:
+            high = hint - step
+            step *= 2
+        low = max(hint - step + 1, 0)
     while low < high:
         middle = (low + high) >> 1
         if keys[middle] < key:
@@ -205,10 +217,11 @@ def first_at_least(keys, key):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def beside(keys, cube, level, out):  # type: ignore[no-untyped-def]
+def beside(keys, cube, level, hint, out):  # type: ignore[no-untyped-def]
     """Least cubes in the 26 neighbours of a cube `level` levels up, the first of each, or -1.
 
-    keys (n,) of the least cubes, sorted; cube: key at its level. Writes out (27,), [13] is itself.
+    keys (n,) of the least cubes, sorted; cube: key at its level; hint: where to look first. Writes
+    out (27,), [13] is itself.
     """
     u = np.int64(gather(cube))
     v = np.int64(gather(cube >> np.uint64(1)))
@@ -220,7 +233,7 @@ def beside(keys, cube, level, out):  # type: ignore[no-untyped-def]
         if min(u + i, v + j, w + k) < 0:
             continue
         key = spread(u + i) | (spread(v + j) << np.uint64(1)) | (spread(w + k) << np.uint64(2))
-        at = first_at_least(keys, key << shift)
+        at = first_at_least(keys, key << shift, hint)
         if at < keys.size and keys[at] >> shift == key:
             out[direction] = at
 
@@ -233,7 +246,7 @@ def absorb(nodes, keys, cells, white, owner, first, last, chosen):  # type: igno
         chosen[cube] = -1
         if owner[cube] >= 0:
             continue
-        beside(keys, keys[cube], 0, near)
+        beside(keys, keys[cube], 0, cube, near)
         n = nodes[cube, COUNT]
         least = white * (n + 3.0 * math.sqrt(2.0 * n) + 1.0)
         for direction in range(27):
@@ -282,7 +295,7 @@ def neighbours(keys, owner, level_of, nodes, cells, first, last, ends, sides):  
         end = at + NEIGHBOURS
         if cell >= 0:
             level = level_of[cell]
-            beside(keys, keys[cube] >> np.uint64(3 * level), level, near)
+            beside(keys, keys[cube] >> np.uint64(3 * level), level, cube, near)
             for direction in range(27):
                 if direction == 13 or near[direction] < 0:
                     continue

@@ -185,7 +185,7 @@ def mask_lengths(labels, starts, cubes, place, changes, lengths):  # type: ignor
             if min(a, b, c) < 0:
                 continue
             wanted = spread(a) | (spread(b) << np.uint64(1)) | (spread(c) << np.uint64(2))
-            at = first_at_least(cubes, wanted)
+            at = first_at_least(cubes, wanted, cube)
             if at < cubes.size and cubes[at] == wanted:
                 beside[axis] = place[labels[starts[at + 1] - 1]]
         for i in range(starts[cube], starts[cube + 1]):

@@ -65,7 +65,7 @@ def label_points(  # type: ignore[no-untyped-def]
     for cube in range(first, last):
         count, none = 0, _ALPHA
         for level in range(_HIGHER):
-            beside(cubes, cubes[cube] >> np.uint64(3 * level), level, near)
+            beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, near)
             for direction in range(27):
                 other = near[direction]
                 if other < 0:

@@ -125,9 +125,8 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     row[ZZ] -= chi2 * nz * nz
     for e in range(XX, ZZ + 1):
         row[e] /= noise
-    # Of a rectangle with this scatter; of few points it comes out too small.
-    few = count / math.sqrt((count - 1.0) * (count - 2.0))
-    row[AREA] = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * few
+    # Of a rectangle with this scatter; the root of its determinant has the mean (n - 2) / n.
+    row[AREA] = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * count / (count - 2.0)
     own = white * count / row[WEIGHT]  # variance of a point
     row[WEIGHT] = 1.0 / (noise / row[WEIGHT] + offset_share * own)
     v1, v2 = noise / largest, noise / middle
