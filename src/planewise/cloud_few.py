@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.cloud import Cloud
-from planewise.cloud_cells import SHARED, CloudError
+from planewise.cloud_cells import SHARED, STEEPEST, CloudError
 from planewise.cloud_information import CloudGroups, data_of, groups_of, ledger, refitted
 from planewise.cloud_rows import planes_of
 from planewise.evaluate import evaluator
@@ -77,20 +77,23 @@ def plane_rows(groups: CloudGroups, planes: int, error: CloudError) -> Array:
     write_normals(rows)
     xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
     scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
-    inside = np.linalg.eigvalsh(scatter)[:, 1:].clip(0).prod(axis=1)
-    # Of a rectangle with this scatter.
-    rows[:, AREA] = 12.0 * np.sqrt(inside) / np.maximum(rows[:, WEIGHT], 1e-300)
+    inside = np.linalg.eigvalsh(scatter)[:, 1:].clip(0)
+    # Of a rectangle with this scatter; of points near a line none, for they tell no plane.
+    told = inside[:, 0] * STEEPEST > 1.0
+    area = 12.0 * np.sqrt(inside.prod(axis=1)) / np.maximum(rows[:, WEIGHT], 1e-300)
+    rows[:, AREA] = np.where(told, area, 0.0)
     return rows
 
 
 def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tuple[float, Labels]:
-    """Phi of labels, and the labels, when planes that do not pay are left out."""
-    present = np.unique(labels[labels > 0])
-    place = np.zeros(int(labels.max(initial=0)) + 1, np.uint16)
-    place[present] = np.arange(1, len(present) + 1)
-    labels = place[labels]
+    """Phi of labels, and the labels, when planes that do not pay or are not told are left out."""
+    planes = int(labels.max(initial=0))
+    rows = plane_rows(groups_of(cloud, labels, error), planes, error)
+    told = np.flatnonzero(rows[:, AREA] > 0)
+    place = np.zeros(planes + 1, np.uint16)
+    place[told + 1] = np.arange(1, len(told) + 1)
+    labels, rows = place[labels], rows[told]
     groups = groups_of(cloud, labels, error)
-    rows = plane_rows(groups, len(present), error)
     alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, *limits)
     book = ledger(cloud, labels, groups, alone, data, len(rows), *limits)
     best = int(np.argmin(book.curve))

@@ -275,7 +275,7 @@ def _described(
                 distance=sign * distance,
                 information=float(worth[rank]),
                 count=int(count[j]),
-                rms=float(np.sqrt(squares[j] / count[j])),
+                rms=float(np.sqrt(max(squares[j], 0.0) / max(count[j], 1.0))),
                 centroid=centroid[j] + cloud.centre,
                 covariance=covariance(rows[j], cloud.centre),
                 significance=float(found.significance[j]),
