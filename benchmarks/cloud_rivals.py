@@ -89,15 +89,17 @@ def _open3d(neighbours: int, variance: float) -> Callable[[Scan], tuple[float, L
     return run
 
 
-def _cgal(neighbours: int, smallest: int, cosine: float) -> Callable[[Scan], tuple[float, Labels]]:
-    """Threshold 3 sigma, clusters five spacings apart, probability 1 %."""
+def _cgal(
+    neighbours: int, smallest: int, cosine: float, gap: float
+) -> Callable[[Scan], tuple[float, Labels]]:
+    """Threshold 3 sigma, clusters so many spacings apart, probability 1 %."""
 
     def run(scan: Scan) -> tuple[float, Labels]:
         sets, processing, detection = (
             import_module(f"CGAL.CGAL_{name}")
             for name in ("Point_set_3", "Point_set_processing_3", "Shape_detection")
         )
-        apart = max(5 * scan.spacing, 6 * scan.sigma)
+        apart = max(gap * scan.spacing, 6 * scan.sigma)
         made = sets.Point_set_3()
         made.insert_range(scan.points.ravel().tolist())
         made.add_normal_map()
@@ -122,9 +124,13 @@ def methods() -> Iterator[CloudMethod]:
             f"{neighbours} neighbours, {variance:g} deg",
             _open3d(neighbours, variance),
         )
-    for neighbours, smallest, cosine in ((30, 50, 0.8), (15, 20, 0.8), (60, 100, 0.9)):
+    for neighbours, smallest, cosine, gap in (
+        (30, 50, 0.8, 5.0),
+        (15, 20, 0.8, 10.0),
+        (60, 50, 0.9, 20.0),
+    ):
         yield CloudMethod(
             "CGAL Efficient RANSAC",
-            f"{neighbours} neighbours, {smallest} points, cosine {cosine}",
-            _cgal(neighbours, smallest, cosine),
+            f"{neighbours} neighbours, {smallest} points, cosine {cosine}, {gap:g} spacings",
+            _cgal(neighbours, smallest, cosine, gap),
         )
