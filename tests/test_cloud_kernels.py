@@ -242,7 +242,7 @@ def test_neighbours_are_cells_side_by_side_on_a_surface(cloud):
             key = sum(
                 int(cloud_keys.spread(x)) << axis for axis, x in enumerate((u + i, v + j, w + k))
             )
-            assert near[direction] == place.get(key, -1)
+            assert near[direction] == cloud.about[cube, direction] == place.get(key, -1)
 
 
 def test_agglomeration_merges_what_saves_most_first():
@@ -330,8 +330,8 @@ def test_labels_follow_residual_and_surroundings(cloud):
     null = math.log(1e4)
     label_loops.label_points(
         cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side,
-        cloud_keys.TURN, cloud.cubes, label_of, cloud.variance, np.zeros(4), planes, null,
-        0.001, 0, len(cloud.cubes), labels,
+        cloud_keys.TURN, cloud.cubes, cloud.about, label_of, cloud.variance, np.zeros(4),
+        planes, null, 0.001, 0, len(cloud.cubes), labels,
     )  # fmt: skip
     expected = labelled(cloud, label_of, planes, null, 0.001)
     assert (labels != expected).mean() < 1e-3  # float32 against float64, at equal costs
@@ -416,7 +416,7 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
     place = np.array([0, 2, 3, 1])
     lengths = np.empty(4)
     changes = np.zeros((4, nats.CODES), np.int64)
-    nats.mask_lengths(labels, cloud.starts, cloud.cubes, place, changes, lengths)
+    nats.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
     ranked = place[labels]
     for n in range(4):
         expected = coded(cloud, np.where(ranked <= n, ranked, 0), n)

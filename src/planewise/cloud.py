@@ -40,6 +40,8 @@ class Cloud:
         Where the points of each cube begin.
     cubes : ndarray of uint64, shape (n,)
         Keys of the occupied cubes, sorted.
+    about : ndarray of int32, shape (n, 27)
+        Cubes about each, -1 for none (`kernels.cloud_cells.cubes_about`).
     nodes : ndarray, shape (n, 18)
         Moments of the points of each (`kernels.cloud_rows`).
     variance : ndarray, shape (n,)
@@ -56,6 +58,7 @@ class Cloud:
     local: NDArray[np.float32]
     starts: NDArray[np.int64]
     cubes: NDArray[np.uint64]
+    about: NDArray[np.int32]
     nodes: Array
     variance: Array
     side: float
@@ -136,7 +139,12 @@ def cloud_of(
     variance = _variances(points, sensor, sigma, order, starts)
     kernels.weigh(nodes, variance)
     cubes = order.keys[starts[:-1]] >> np.uint64(shift)
-    return Cloud(order, local, starts, cubes, nodes, variance, side, shift, workers)
+    about = np.full((n, 27), -1, np.int32)
+    threads.over_chunks(
+        lambda first, last: kernels.cubes_about(cubes, first, last, about),
+        n, workers, _LEAST_PART,
+    )  # fmt: skip
+    return Cloud(order, local, starts, cubes, about, nodes, variance, side, shift, workers)
 
 
 def _side_for(order: Order, points: float) -> float:

@@ -26,7 +26,7 @@ PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the c
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
 _QUARTILE_CHI2_3 = 1.2125
-_SAMPLE = 4_000  # pairs
+_SAMPLE = 2_000  # pairs
 _CUBES = 40_000  # that stand for a cloud
 _LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
@@ -106,7 +106,7 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     for _ in range(_ABSORBED):
         cloud.over_cubes(
             lambda first, last: kernels.absorb(
-                cloud.nodes, cloud.cubes, rows, white, owner, first, last, chosen
+                cloud.nodes, cloud.about, rows, white, owner, first, last, chosen
             )
         )
         if not kernels.take_in(cloud.nodes, white, chosen, rows, owner):
@@ -122,7 +122,7 @@ def _neighbours(
     ends, sides = np.empty((most * n, 2), np.int32), np.empty(most * n, np.float32)
     cloud.over_cubes(
         lambda first, last: kernels.neighbours(
-            cloud.cubes, owner, level_of, cloud.nodes, rows, first, last,
+            cloud.cubes, cloud.about, owner, level_of, cloud.nodes, rows, first, last,
             ends[most * first : most * last], sides[most * first : most * last],
         )
     )  # fmt: skip
@@ -162,18 +162,22 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
     """
     typical = white * float(np.median(cloud.variance))
     limits = CloudError(white, 0.0).limits()
+    levels = [(nodes, keys)]
+    while len(levels) < _LEVELS:
+        nodes, keys = levels[-1]
+        parents, above = np.empty_like(nodes), np.empty_like(keys)
+        found = kernels.parents_of(nodes, keys, parents, above)
+        levels.append((parents[:found], above[:found]))
     told = math.inf
-    for level in range(_LEVELS):
+    for level in reversed(range(_LEVELS)):
+        # Large cubes come first: where they agree, no more has to be asked.
+        nodes, keys = levels[level]
         planes, ends = nodes.copy(), np.empty((_SAMPLE, 2), np.int64)
         ends = ends[: kernels.sibling_pairs(planes, keys, limits, ends)]
         if len(ends) >= _FEWEST_TOLD:
-            unit = typical / (cloud.side * 2**level)
-            told = min(told, _bisected(planes, ends, unit))
-        if told == 0.0 or len(keys) < _FEWEST_TOLD:
+            told = min(told, _bisected(planes, ends, typical / (cloud.side * 2**level)))
+        if told == 0.0:
             break
-        parents, above = np.empty_like(nodes), np.empty_like(keys)
-        found = kernels.parents_of(nodes, keys, parents, above)
-        nodes, keys = parents[:found], above[:found]
     return told if told < math.inf else 0.0
 
 

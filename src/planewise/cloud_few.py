@@ -114,8 +114,8 @@ def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits)
     null = coordinate_information(*limits)
     kernels.label_points(
         cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
-        cloud.cubes, votes.argmax(axis=1), variance, np.zeros(planes + 1), planes_of(rows), null,
-        limits[1], 0, len(cloud.cubes), out,
+        cloud.cubes, cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
+        planes_of(rows), null, limits[1], 0, len(cloud.cubes), out,
     )  # fmt: skip
     return out
 

@@ -135,7 +135,7 @@ def ledger(
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
     curve += 2.0 * len(labels) * coordinate_information(range, resolution)
     lengths, changes = np.empty(planes + 1), np.zeros((planes + 1, kernels.CODES), np.int64)
-    kernels.mask_lengths(labels, cloud.starts, cloud.cubes, place, changes, lengths)
+    kernels.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
     return CloudLedger(order=order, worth=worth[order], curve=curve + lengths)
 
 

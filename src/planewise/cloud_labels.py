@@ -51,7 +51,7 @@ def label_points(
     cloud.over_cubes(
         lambda first, last: kernels.label_points(
             cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
-            cloud.cubes, label_of, variance, extra, planes, null, resolution,
+            cloud.cubes, cloud.about, label_of, variance, extra, planes, null, resolution,
             first, last, labels,
         )
     )  # fmt: skip

@@ -238,15 +238,43 @@ def beside(keys, cube, level, hint, out):  # type: ignore[no-untyped-def]
             out[direction] = at
 
 
+@in_order
+def cubes_about(keys, first, last, out):  # type: ignore[no-untyped-def]
+    """Where the cubes about cubes[first:last] are, and they in theirs.
+
+    keys (n,) of the cubes, sorted. Writes out (n, 27) int32, which holds -1: [13] is the cube
+    itself, [26 - d] lies opposite [d].
+    """
+    for cube in range(first, last):
+        key = keys[cube]
+        u = np.int64(gather(key))
+        v = np.int64(gather(key >> np.uint64(1)))
+        w = np.int64(gather(key >> np.uint64(2)))
+        out[cube, 13] = cube
+        for direction in range(14, 27):
+            i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+            if min(u + i, v + j, w + k) < 0:
+                continue
+            wanted = (
+                spread(u + i) | (spread(v + j) << np.uint64(1)) | (spread(w + k) << np.uint64(2))
+            )
+            at = first_at_least(keys, wanted, cube)
+            if at < keys.size and keys[at] == wanted:
+                out[cube, direction] = at
+                out[at, 26 - direction] = cube
+
+
 @compiled
-def absorb(nodes, keys, cells, white, owner, first, last, chosen):  # type: ignore[no-untyped-def]
-    """Cells on whose plane the points of loose cubes[first:last] beside them lie, -1 for none."""
-    near = np.empty(27, np.int64)
+def absorb(nodes, about, cells, white, owner, first, last, chosen):  # type: ignore[no-untyped-def]
+    """Cells on whose plane the points of loose cubes[first:last] beside them lie, -1 for none.
+
+    about (n, 27): `cubes_about`.
+    """
     for cube in range(first, last):
         chosen[cube] = -1
         if owner[cube] >= 0:
             continue
-        beside(keys, keys[cube], 0, cube, near)
+        near = about[cube]
         n = nodes[cube, COUNT]
         least = white * (n + 3.0 * math.sqrt(2.0 * n) + 1.0)
         for direction in range(27):
@@ -281,21 +309,24 @@ def _stacked(a, b):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def neighbours(keys, owner, level_of, nodes, cells, first, last, ends, sides):  # type: ignore[no-untyped-def]
+def neighbours(keys, about, owner, level_of, nodes, cells, first, last, ends, sides):  # type: ignore[no-untyped-def]
     """Pairs of cells that cubes[first:last] lie between.
 
-    keys (n,) and owner (n,) of the least cubes, and level_of (m,) of cells: cubes of a larger cell
-    look as far as it is large. Writes ends (18 (last - first), 2) and sides: the points along the
+    keys (n,), about (n, 27) and owner (n,) of the least cubes, and level_of (m,) of cells: cubes of
+    a larger cell look as far as it is large. Writes ends (18 (last - first), 2) and sides: the points along the
     border, 0 where there is no neighbour.
     """
-    near = np.empty(27, np.int64)
+    wide = np.empty(27, np.int32)
     at = 0
     for cube in range(first, last):
         cell = owner[cube]
         end = at + NEIGHBOURS
         if cell >= 0:
             level = level_of[cell]
-            beside(keys, keys[cube] >> np.uint64(3 * level), level, cube, near)
+            near = about[cube]
+            if level > 0:
+                beside(keys, keys[cube] >> np.uint64(3 * level), level, cube, wide)
+                near = wide
             for direction in range(27):
                 if direction == 13 or near[direction] < 0:
                     continue

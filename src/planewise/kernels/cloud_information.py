@@ -11,8 +11,6 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cloud_cells import first_at_least
-from planewise.kernels.cloud_keys import gather, spread
 from planewise.kernels.cloud_rows import (
     COUNT,
     CX,
@@ -32,6 +30,7 @@ from planewise.kernels.cloud_rows import (
 from planewise.kernels.jit import compiled, in_order, internal
 from planewise.kernels.masks import ALIKE, CONTEXTS, SYMBOLS, _add_change, _length
 
+BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 
 
@@ -163,7 +162,7 @@ def groups_left(groups, label, places, place, resolution, prior, data, leaving):
 
 
 @in_order
-def mask_lengths(labels, starts, cubes, place, changes, lengths):  # type: ignore[no-untyped-def]
+def mask_lengths(labels, starts, about, place, changes, lengths):  # type: ignore[no-untyped-def]
     """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
 
     The code of `kernels.masks` in Morton order. Neighbours already coded: the point before, and the
@@ -174,20 +173,10 @@ def mask_lengths(labels, starts, cubes, place, changes, lengths):  # type: ignor
     beside = np.empty(3, np.int64)
     alike = np.zeros(place.size, np.int64)
     previous = np.int64(0)
-    for cube in range(cubes.size):
-        key = cubes[cube]
-        u = np.int64(gather(key))
-        v = np.int64(gather(key >> np.uint64(1)))
-        w = np.int64(gather(key >> np.uint64(2)))
+    for cube in range(about.shape[0]):
         for axis in range(3):
-            beside[axis] = -1
-            a, b, c = u - (axis == 0), v - (axis == 1), w - (axis == 2)
-            if min(a, b, c) < 0:
-                continue
-            wanted = spread(a) | (spread(b) << np.uint64(1)) | (spread(c) << np.uint64(2))
-            at = first_at_least(cubes, wanted, cube)
-            if at < cubes.size and cubes[at] == wanted:
-                beside[axis] = place[labels[starts[at + 1] - 1]]
+            at = about[cube, BEFORE[axis]]
+            beside[axis] = place[labels[starts[at + 1] - 1]] if at >= 0 else -1
         for i in range(starts[cube], starts[cube + 1]):
             raw = np.int64(place[labels[i]])
             x = beside[0] if beside[0] >= 0 else previous

@@ -47,25 +47,29 @@ def middle_of(key, shift, side, turn, out):  # type: ignore[no-untyped-def]
 
 @compiled
 def label_points(  # type: ignore[no-untyped-def]
-    local, keys, starts, shift, side, turn, cubes, label_of, variance, extra, planes, null,
+    local, keys, starts, shift, side, turn, cubes, about, label_of, variance, extra, planes, null,
     resolution, first, last, labels,
 ):  # fmt: skip
     """Label the points of cubes[first:last].
 
     local (k, 3), keys (k,): of points; starts (n + 1,), cubes (n,): where cubes begin, and their
-    keys; label_of (n,): of the cell that each is part of; variance (n,): of their points; extra
-    (N + 1,): what a point of each plane errs more; planes (N, 4); null: nats of a point on none.
+    keys; about (n, 27): `cubes_about`; label_of (n,): of the cell that each is part of; variance
+    (n,): of their points; extra (N + 1,): what a point of each plane errs more; planes (N, 4);
+    null: nats of a point on none.
 
     A point costs what its residual says, less the logarithm of the share that the label has of the
     points in the cube and the 26 about it.
     """
-    near, at = np.empty(27, np.int64), np.empty(3)
+    wide, at = np.empty(27, np.int32), np.empty(3)
     found, offset = np.empty(MOST, np.int64), np.empty(MOST)
     share, scale, rest = np.empty(MOST), np.empty(MOST), np.empty(MOST)
     for cube in range(first, last):
         count, none = 0, _ALPHA
         for level in range(_HIGHER):
-            beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, near)
+            near = about[cube]
+            if level > 0:
+                beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, wide)
+                near = wide
             for direction in range(27):
                 other = near[direction]
                 if other < 0:
