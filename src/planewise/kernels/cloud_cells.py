@@ -313,8 +313,8 @@ def neighbours(keys, about, owner, level_of, nodes, cells, first, last, ends, si
     """Pairs of cells that cubes[first:last] lie between.
 
     keys (n,), about (n, 27) and owner (n,) of the least cubes, and level_of (m,) of cells: cubes of
-    a larger cell look as far as it is large. Writes ends (18 (last - first), 2) and sides: the points along the
-    border, 0 where there is no neighbour.
+    a larger cell look as far as it is large. Writes ends (18 (last - first), 2) and sides: the
+    points along the border, 0 where there is no neighbour.
     """
     wide = np.empty(27, np.int32)
     at = 0
