@@ -200,6 +200,35 @@ def test_a_sigma_that_is_too_small_is_raised_by_the_points():
     assert len(found) <= 8
 
 
+def floor_seen_from(origin, count=30_000):
+    """A floor whose noise is along rays from an origin: across it, far off, there is little."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(-6, 6, (count, 2)), np.zeros(count)))
+    points[::2, 2] = 0.08 * (points[::2, 0] > 4)  # half of the points are on a low step, far off
+    rays = points - origin
+    along = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return points + along * rng.normal(0, 0.03, (count, 1))
+
+
+def test_noise_along_rays_is_small_across_what_they_graze():
+    origin = np.array([0.0, 0.0, 1.2])
+    points = floor_seen_from(origin)
+    sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.03)
+    plain = pw.detect_planes_in_points(points, sensor)
+    known = pw.detect_planes_in_points(points, sensor, origin=origin)
+    each = pw.detect_planes_in_points(points, sensor, origin=np.tile(origin, (len(points), 1)))
+    assert_array_equal(known.labels, each.labels)
+    floor = known.planes[0]
+    assert abs(floor.normal[2]) > 0.9999
+    # Less noise across the floor: the same readings take fewer nats.
+    limit = 2 * len(points) * np.log(20 / 0.001)  # of two coordinates, which a ray fixes
+    assert known.information < plain.information - limit
+    assert floor.covariance[3, 3] < plain.planes[0].covariance[3, 3]
+    shift = np.array([592_000.0, 6_740_000.0, 30.0])
+    moved = pw.detect_planes_in_points(points + shift, sensor, origin=origin + shift)
+    assert (moved.labels == known.labels).mean() > 0.999
+
+
 @pytest.mark.parametrize("count", [300, 2500])
 def test_a_roof_of_few_points(count):
     rng = np.random.default_rng(count)
@@ -273,6 +302,9 @@ def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
         ({"sigma": np.ones(3)}, "sigma must hold one number a point"),
         ({"sigma": np.zeros(len(POINTS))}, "sigma must be positive"),
         ({"sigma": 1.0, "objective": "paper"}, "sigma needs objective='spatial'"),
+        ({"origin": np.zeros(2)}, r"origin must be one place or one a point"),
+        ({"origin": np.full(3, np.nan)}, "origin must be finite"),
+        ({"origin": np.zeros(3), "objective": "paper"}, "origin needs objective='spatial'"),
         ({"instances": True, "objective": "paper"}, "instances needs objective='spatial'"),
     ],
 )

@@ -22,6 +22,10 @@ POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that s
 _THICK = 8.0  # standard deviations that the side of a cube has at least
 _FINER = 2  # levels of the order below the cubes
 _LEAST_PART = 2_000  # cubes that are worth a thread
+_PART = 1_000_000  # points whose noise is evaluated at once
+_GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
+STEEPEST = 0.06  # variance of a slope that a cell's points have to tell better
+FEWEST = 6.0  # points of a cell
 
 
 @dataclass(frozen=True)
@@ -52,6 +56,8 @@ class Cloud:
         Bits of a point's key below its cube.
     workers : int
         Threads.
+    on_rays : bool
+        Whether the rays of the points are known: two of their coordinates.
     """
 
     order: Order
@@ -64,6 +70,7 @@ class Cloud:
     side: float
     shift: int
     workers: int
+    on_rays: bool = False
 
     @property
     def centre(self) -> Array:
@@ -90,6 +97,7 @@ def cloud_of(
     sigma: Array | None,
     workers: int,
     held: float = POINTS,
+    origin: Array | None = None,
 ) -> Cloud | None:
     """Sort points into cubes; ``None`` if fewer than three are finite.
 
@@ -106,13 +114,16 @@ def cloud_of(
         Threads.
     held : float
         Points in an occupied cube, on average, where noise allows cubes that small.
+    origin : ndarray, shape (3,) or (k, 3), optional
+        Where the scanner stood: noise is along the rays from there, and depends on the range.
     """
     low, high, count = extent_of(points, workers)
     if count < 3:
         return None
     centre = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
-    typical = _typical(points, sensor, sigma, centre)
+    from_where = np.zeros(3) if origin is None else origin
+    typical = _typical(points, sensor, sigma, from_where)
     farthest = float(1 << (cloud_keys.LEVELS - 1)) * _THICK * typical / (1 << _FINER)
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
@@ -136,7 +147,10 @@ def cloud_of(
         ),
         n, workers, _LEAST_PART,
     )  # fmt: skip
-    variance = _variances(points, sensor, sigma, order, starts)
+    variance = _variances(points, sensor, sigma, order, starts, from_where)
+    if origin is not None:
+        seen_from = _mean_origins(origin, order, starts) - centre
+        kernels.foreshorten(nodes, seen_from, STEEPEST, FEWEST, _GRAZING, variance)
     kernels.weigh(nodes, variance)
     cubes = order.keys[starts[:-1]] >> np.uint64(shift)
     about = np.full((n, 27), -1, np.int32)
@@ -144,7 +158,10 @@ def cloud_of(
         lambda first, last: kernels.cubes_about(cubes, first, last, about),
         n, workers, _LEAST_PART,
     )  # fmt: skip
-    return Cloud(order, local, starts, cubes, about, nodes, variance, side, shift, workers)
+    return Cloud(
+        order, local, starts, cubes, about, nodes, variance, side, shift, workers,
+        on_rays=origin is not None,
+    )  # fmt: skip
 
 
 def _side_for(order: Order, points: float) -> float:
@@ -163,17 +180,18 @@ def _is_constant(sensor: Sensor) -> bool:
 
 
 def _typical(
-    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, centre: Array
+    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, origin: Array
 ) -> float:
     """Standard deviation of most points."""
     if sigma is not None:
         return float(np.median(sigma))
     if _is_constant(sensor):
         return float(sensor.sigma(np.zeros(1))[0])
-    sample = np.asarray(points[:: 1 + len(points) // 10_000], np.float64)
+    step = 1 + len(points) // 10_000
+    sample = points[::step] - (origin if origin.ndim == 1 else origin[::step])
     sample = sample[np.isfinite(sample).all(axis=1)]
     if not len(sample):
-        return float(sensor.sigma(np.atleast_1d(np.linalg.norm(centre)))[0])
+        return float(sensor.sigma(np.ones(1))[0])
     return float(np.median(sensor.sigma(np.linalg.norm(sample, axis=1))))
 
 
@@ -183,19 +201,27 @@ def _variances(
     sigma: Array | None,
     order: Order,
     starts: NDArray[np.int64],
+    origin: Array,
 ) -> Array:
     """Mean variance of the points of each cube."""
     if sigma is None and _is_constant(sensor):
         return np.full(len(starts) - 1, float(sensor.sigma(np.zeros(1))[0]) ** 2)
     if sigma is None:
         out: Array = np.empty(len(points))
-        for first in range(0, len(points), 1_000_000):
-            part = points[first : first + 1_000_000].astype(np.float64)
+        for first in range(0, len(points), _PART):
+            part = points[first : first + _PART].astype(np.float64)
+            part -= origin if origin.ndim == 1 else origin[first : first + _PART]
             there = np.isfinite(part).all(axis=1)
-            out[first : first + len(part)] = sensor.sigma(
-                np.where(there, np.sqrt((part * part).sum(axis=1)), 0.0)
-            )
+            distance = np.sqrt((part * part).sum(axis=1))
+            out[first : first + len(part)] = sensor.sigma(np.where(there, distance, 0.0))
         sigma = out
     squares = np.asarray(np.square(sigma))
-    sums = np.add.reduceat(squares[order.rows], starts[:-1])
-    return np.asarray(sums / np.diff(starts))
+    return np.asarray(np.add.reduceat(squares[order.rows], starts[:-1]) / np.diff(starts))
+
+
+def _mean_origins(origin: Array, order: Order, starts: NDArray[np.int64]) -> Array:
+    """Where the rays of the points of each cube begin, on average: shape (1 or n, 3)."""
+    if origin.ndim == 1:
+        return origin[None]
+    sums = np.add.reduceat(origin[order.rows], starts[:-1], axis=0)
+    return np.asarray(sums / np.diff(starts)[:, None])

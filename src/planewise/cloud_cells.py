@@ -12,15 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cloud import Cloud
+from planewise.cloud import FEWEST, STEEPEST, Cloud
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels.cloud_rows import CX, CZ, ROW, WEIGHT
 
 Array = NDArray[np.float64]
 
 HOPELESS = 4.0  # times the white variance: points farther from a plane have none
-STEEPEST = 0.06  # variance of a slope that a cell's points have to tell better
-FEWEST = 6.0  # points of a cell
 SHARED = 0.09  # of the white variance: what the points of a cell share, for cubes cut sheets
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell

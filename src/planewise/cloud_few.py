@@ -12,8 +12,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cloud import Cloud
-from planewise.cloud_cells import SHARED, STEEPEST, CloudError
+from planewise.cloud import STEEPEST, Cloud
+from planewise.cloud_cells import SHARED, CloudError
 from planewise.cloud_information import CloudGroups, data_of, groups_of, ledger, refitted
 from planewise.cloud_rows import planes_of
 from planewise.evaluate import evaluator

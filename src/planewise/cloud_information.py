@@ -2,7 +2,8 @@
 
     Phi = 2 k ln(R / eps) + mask + N * 3 ln(R / eps) + sum over groups of their data
 
-Two coordinates of a point take ln(R / eps) each in any case; the third is data: of a group, the
+Two coordinates of a point take ln(R / eps) each in any case, nothing where its ray is known; the
+third is data: of a group, the
 points of one label in one cube, normal about a plane, a random offset and tilt of the group
 integrated out; about a smooth surface of its own; or anything at all. As `spatial_information`.
 """
@@ -133,7 +134,8 @@ def ledger(
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    curve += 2.0 * len(labels) * coordinate_information(range, resolution)
+    if not cloud.on_rays:
+        curve += 2.0 * len(labels) * coordinate_information(range, resolution)
     lengths, changes = np.empty(planes + 1), np.zeros((planes + 1, kernels.CODES), np.int64)
     kernels.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
     return CloudLedger(order=order, worth=worth[order], curve=curve + lengths)

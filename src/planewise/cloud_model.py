@@ -72,6 +72,7 @@ def cloud_model(
     points: NDArray[np.floating],
     sensor: Sensor,
     sigma: Array | None,
+    origin: Array | None = None,
     *,
     instances: bool,
     max_planes: int,
@@ -90,6 +91,8 @@ def cloud_model(
         Range, resolution and noise.
     sigma : ndarray, shape (k,), optional
         Standard deviation of every point, in place of the sensor's noise.
+    origin : ndarray, shape (3,) or (k, 3), optional
+        Where the scanner stood.
     instances : bool
         Keep coplanar surfaces that do not touch apart.
     max_planes : int
@@ -110,7 +113,7 @@ def cloud_model(
     """
     few = len(points) <= cloud_few.MOST
     with stage("observe"):
-        cloud = cloud_of(points, sensor, sigma, workers)
+        cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         phi = outlier_information(3, sensor.range, sensor.resolution) * there
@@ -121,7 +124,7 @@ def cloud_model(
     found = _from_cells(cloud, cells, sensor, instances, significance, max_planes)
     if few:
         with stage("few"):
-            fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS)
+            fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
     return _ranked(len(points), found, sensor, max_planes, settings)

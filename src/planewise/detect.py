@@ -257,6 +257,7 @@ def detect_planes_in_points(
     sensor: Sensor,
     *,
     sigma: ArrayLike | None = None,
+    origin: ArrayLike | None = None,
     search: Search = "joint",
     objective: Objective | str | None = None,
     instances: bool = False,
@@ -280,6 +281,10 @@ def detect_planes_in_points(
     sigma : array_like, shape (k,), optional
         Standard deviation of every point in metres, in place of the sensor's noise (spatial
         objective).
+    origin : array_like, shape (3,) or (k, 3), optional
+        Where the scanner stood, for all points or each (spatial objective): noise is then along
+        the rays from there, evaluated at the range. Normals face the origin of the coordinates all
+        the same.
     search, objective, instances, significance, confidence, inlier_ratio, max_planes, rng, threads
         See `Options`. The spatial objective needs n = 3.
 
@@ -323,14 +328,19 @@ def detect_planes_in_points(
                 f"objective='spatial' needs points of shape (k, 3), got {array.shape}; "
                 "hyperplanes take 'paper'"
             )
-        return _find_in_cloud(array, sensor, sigma, options)
-    if sigma is not None:
-        raise ValueError("sigma needs objective='spatial', got another objective")
+        return _find_in_cloud(array, sensor, sigma, origin, options)
+    for name, given in (("sigma", sigma), ("origin", origin)):
+        if given is not None:
+            raise ValueError(f"{name} needs objective='spatial', got another objective")
     return find(observe_points(array, sensor), options)
 
 
 def _find_in_cloud(
-    points: NDArray[np.floating], sensor: Sensor, sigma: ArrayLike | None, options: Options
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: ArrayLike | None,
+    origin: ArrayLike | None,
+    options: Options,
 ) -> PlaneModel:
     errors = None if sigma is None else np.asarray(sigma, np.float64)
     if errors is not None:
@@ -341,6 +351,15 @@ def _find_in_cloud(
             )
         if not (np.isfinite(errors).all() and (errors > 0).all()):
             raise ValueError("sigma must be positive and finite (metres)")
+    seen_from = None if origin is None else np.asarray(origin, np.float64)
+    if seen_from is not None:
+        if seen_from.shape not in ((3,), points.shape):
+            raise ValueError(
+                "origin must be one place or one a point: expected shape (3,) or "
+                f"{points.shape}, got {seen_from.shape}"
+            )
+        if not np.isfinite(seen_from).all():
+            raise ValueError("origin must be finite (metres)")
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
     from planewise.cloud_model import cloud_model
@@ -349,6 +368,7 @@ def _find_in_cloud(
         points,
         sensor,
         errors,
+        seen_from,
         instances=options.instances,
         max_planes=options.max_planes or MAX_PLANES,
         significance=options.significance,

@@ -94,6 +94,31 @@ def weigh(nodes, variance):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def foreshorten(nodes, origins, tilt, least, steepest, variance):  # type: ignore[no-untyped-def]
+    """Make the variance (n,) of points along their rays that across the planes of their nodes.
+
+    nodes (n, 18), their weights the number of points; origins (1 or n, 3): where their rays begin.
+    Of nodes whose points tell a plane, times cos^2 of the angle between its normal and the ray, at
+    least `steepest`; of others it stays.
+    """
+    row = np.empty(ROW)
+    for node in range(variance.size):
+        if nodes[node, COUNT] < least:
+            continue
+        for e in range(ROW):
+            row[e] = nodes[node, e]
+        _, _, middle = write_normal(row)
+        if not middle > 0.0 or variance[node] / middle > tilt:
+            continue
+        origin = origins[min(node, origins.shape[0] - 1)]
+        x, y, z = row[CX] - origin[0], row[CY] - origin[1], row[CZ] - origin[2]
+        across = x * row[NX] + y * row[NY] + z * row[NZ]
+        square = x * x + y * y + z * z
+        if square > 0.0:
+            variance[node] *= max(across * across / square, steepest)
+
+
+@compiled
 def roughness(nodes, tilt, least, ratios):  # type: ignore[no-untyped-def]
     """chi^2 of nodes about their planes over its lower quartile for so many points.
 
