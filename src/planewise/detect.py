@@ -274,7 +274,7 @@ def detect_planes_in_points(
     ----------
     points : array_like, shape (k, n)
         Metres, n >= 2, any origin; rows that are not finite are no reading. In space (n = 3) a
-        cloud of floating-point numbers is searched where it lies, without a copy.
+        cloud of floating-point numbers in C order is searched where it lies, without a copy.
     sensor : Sensor
         `max_depth` is R, the extent a coordinate may take; noise is normal to the plane, evaluated
         at the distance from the origin of the coordinates. Depth limits do not apply.
@@ -365,7 +365,7 @@ def _find_in_cloud(
     from planewise.cloud_model import cloud_model
 
     return cloud_model(
-        points,
+        np.ascontiguousarray(points),
         sensor,
         errors,
         seen_from,
