@@ -416,7 +416,12 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
     place = np.array([0, 2, 3, 1])
     lengths = np.empty(4)
     changes = np.zeros((4, nats.CODES), np.int64)
-    nats.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
+    alike, previous, middle = np.zeros(4, np.int64), 0, len(cloud.cubes) // 2
+    for part in ((0, middle), (middle, len(cloud.cubes))):
+        previous = nats.count_mask(
+            labels, cloud.starts, cloud.about, place, *part, previous, alike, changes
+        )
+    nats.mask_lengths(alike, changes, lengths)
     ranked = place[labels]
     for n in range(4):
         expected = coded(cloud, np.where(ranked <= n, ranked, 0), n)

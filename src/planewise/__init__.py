@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from planewise import datasets, partition
     from planewise.calibration import calibrate
     from planewise.cloud_files import open_cloud, read_cloud
+    from planewise.cloud_on_disk import detect_planes_in_cloud
     from planewise.cloud_outlines import outline_points
     from planewise.detect import (
         Detector,
@@ -61,6 +62,7 @@ __all__ = [
     "cameras",
     "datasets",
     "detect_planes",
+    "detect_planes_in_cloud",
     "detect_planes_in_points",
     "estimate_noise",
     "find",
@@ -89,6 +91,7 @@ _LAZY = {
     **dict.fromkeys(("open_cloud", "read_cloud"), "cloud_files"),
     "outline_image": "image_outlines",
     "outline_points": "cloud_outlines",
+    "detect_planes_in_cloud": "cloud_on_disk",
 }
 
 

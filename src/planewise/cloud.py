@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
+from planewise.cloud_memory import Memory
 from planewise.cloud_order import Order, extent_of, order_of, positions
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
@@ -19,8 +21,9 @@ from planewise.sensor import Sensor
 Array = NDArray[np.float64]
 
 POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
-_THICK = 8.0  # standard deviations that the side of a cube has at least
-_FINER = 2  # levels of the order below the cubes
+THICK = 8.0  # standard deviations that the side of a cube has at least
+FINER = 2  # levels of the order below the cubes
+SHIFT = 3 * FINER  # bits of a key below its cube
 _LEAST_PART = 2_000  # cubes that are worth a thread
 _PART = 1_000_000  # points whose noise is evaluated at once
 _GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
@@ -58,6 +61,10 @@ class Cloud:
         Threads.
     on_rays : bool
         Whether the rays of the points are known: two of their coordinates.
+    memory : Memory
+        Where its large arrays lie.
+    parts : tuple of (int, int)
+        Runs of cubes, first and end, that are worked on one after the other; all by default.
     """
 
     order: Order
@@ -71,6 +78,8 @@ class Cloud:
     shift: int
     workers: int
     on_rays: bool = False
+    memory: Memory = field(default_factory=Memory)
+    parts: tuple[tuple[int, int], ...] = ()
 
     @property
     def centre(self) -> Array:
@@ -86,9 +95,25 @@ class Cloud:
             np.repeat(middle @ cloud_keys.TURN, np.diff(self.starts), axis=0) + self.local
         )
 
-    def over_cubes(self, work: object) -> None:
+    def runs(self) -> Iterator[tuple[int, int]]:
+        """Runs of cubes to work on one after the other."""
+        for first, last in self.parts or ((0, len(self.cubes)),):
+            yield first, last
+            self.memory.release()
+
+    def over_cubes(self, work: Callable[[int, int], None]) -> None:
         """``work(first, last)`` on parts of the cubes, one a thread."""
-        threads.over_chunks(work, len(self.cubes), self.workers, _LEAST_PART)  # type: ignore[arg-type]
+        for first, last in self.runs():
+            over_part(work, first, last, self.workers, _LEAST_PART)
+
+
+def over_part(
+    work: Callable[[int, int], None], first: int, last: int, workers: int, least: int
+) -> None:
+    """``work`` on parts of first ... last, one a thread (`threads.over_chunks`)."""
+    threads.over_chunks(
+        lambda begin, end: work(first + begin, first + end), last - first, workers, least
+    )
 
 
 def cloud_of(
@@ -120,58 +145,101 @@ def cloud_of(
     low, high, count = extent_of(points, workers)
     if count < 3:
         return None
+    seen_from = np.zeros(3) if origin is None else origin
+    centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
+    order = order_of(points, centre, reach, 4.0 * typical, workers)
+    held_by = separations(order.keys)
+    side = max(side_for(order.side, held_by, held), THICK * typical)
+    order = order_of(points, centre, reach, side / (1 << FINER), workers)
+    starts, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
+    cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
+    about = np.full((len(cubes), 27), -1, np.int32)
+    write_about(cubes, 0, len(cubes), about, workers)
+    return Cloud(
+        order, local, starts, cubes, about, nodes, variance, order.side * (1 << FINER), SHIFT,
+        workers, on_rays=origin is not None,
+    )  # fmt: skip
+
+
+def grid_about(
+    points: NDArray[np.floating],
+    low: Array,
+    high: Array,
+    sensor: Sensor,
+    sigma: Array | None,
+    origin: Array,
+) -> tuple[Array, float, float]:
+    """Middle and reach of the grid of points between low and high, and their typical sigma."""
     centre = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
-    from_where = np.zeros(3) if origin is None else origin
-    typical = _typical(points, sensor, sigma, from_where)
-    farthest = float(1 << (cloud_keys.LEVELS - 1)) * _THICK * typical / (1 << _FINER)
+    typical = _typical(points, sensor, sigma, origin)
+    farthest = float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
-        there = np.isfinite(points).all(axis=1)
-        centre, reach = np.median(points[there], axis=0).astype(np.float64), farthest
-    order = order_of(points, centre, reach, 4.0 * typical, workers)
-    side = max(_side_for(order, held), _THICK * typical)
-    order = order_of(points, centre, reach, side / (1 << _FINER), workers)
-    side, shift = order.side * (1 << _FINER), 3 * _FINER
+        some = points[:: 1 + len(points) // _PART]
+        there = np.isfinite(some).all(axis=1)
+        centre, reach = np.median(some[there], axis=0).astype(np.float64), farthest
+    return centre, reach, typical
 
+
+def summed(
+    points: NDArray[np.floating],
+    order: Order,
+    sensor: Sensor,
+    sigma: Array | None,
+    origin: Array | None,
+    workers: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float32], Array, Array]:
+    """Starts, local coordinates, moments and variances of the cubes of sorted points (`Cloud`)."""
     starts = np.empty(len(order.keys) + 1, np.int64)
-    n = cloud_keys.run_starts(order.keys, shift, starts)
+    n = cloud_keys.run_starts(order.keys, SHIFT, starts)
     starts = starts[: n + 1].copy()
     starts[n] = len(order.keys)
     local = np.empty((len(order.keys), 3), np.float32)
     nodes = np.empty((n, ROW))
     threads.over_chunks(
         lambda first, last: kernels.local_points(
-            points, order.rows, order.keys, starts, shift, order.side, cloud_keys.TURN,
-            centre, first, last, local, nodes,
+            points, order.rows, order.keys, starts, SHIFT, order.side, cloud_keys.TURN,
+            order.centre, first, last, local, nodes,
         ),
         n, workers, _LEAST_PART,
     )  # fmt: skip
-    variance = _variances(points, sensor, sigma, order, starts, from_where)
+    seen_from = np.zeros(3) if origin is None else origin
+    variance = _variances(points, sensor, sigma, order, starts, seen_from)
     if origin is not None:
-        seen_from = _mean_origins(origin, order, starts) - centre
-        kernels.foreshorten(nodes, seen_from, STEEPEST, FEWEST, _GRAZING, variance)
+        rays = _mean_origins(origin, order, starts) - order.centre
+        kernels.foreshorten(nodes, rays, STEEPEST, FEWEST, _GRAZING, variance)
     kernels.weigh(nodes, variance)
-    cubes = order.keys[starts[:-1]] >> np.uint64(shift)
-    about = np.full((n, 27), -1, np.int32)
-    threads.over_chunks(
-        lambda first, last: kernels.cubes_about(cubes, first, last, about),
-        n, workers, _LEAST_PART,
-    )  # fmt: skip
-    return Cloud(
-        order, local, starts, cubes, about, nodes, variance, side, shift, workers,
-        on_rays=origin is not None,
+    return starts, local, nodes, variance
+
+
+def write_about(
+    cubes: NDArray[np.uint64], first: int, last: int, about: NDArray[np.int32], workers: int
+) -> None:
+    """Write the cubes about cubes[first:last], and them into theirs, to about, which holds -1."""
+    over_part(
+        lambda begin, end: kernels.cubes_about(cubes, begin, end, about),
+        first, last, workers, _LEAST_PART,
     )  # fmt: skip
 
 
-def _side_for(order: Order, points: float) -> float:
-    """Side of cubes that hold so many points on average, between powers of two."""
+def separations(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """How many neighbours in sorted keys part at each level (`kernels.cloud_keys`)."""
     counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
-    cloud_keys.separations(order.keys, counts)
-    cubes = np.maximum(len(order.keys) - np.cumsum(counts), 1)
-    held = np.log(len(order.keys) / cubes)
+    cloud_keys.separations(keys, counts)
+    return counts
+
+
+def side_for(finest: float, counts: NDArray[np.int64], points: float) -> float:
+    """Side of cubes that hold so many points on average, between powers of two.
+
+    finest: side at level 0; counts: `separations` of all keys.
+    """
+    total = int(counts.sum()) + 1
+    cubes = np.maximum(total - np.cumsum(counts), 1)
+    held = np.log(total / cubes)
     level = float(np.interp(math.log(points), held, np.arange(len(held), dtype=float)))
-    return float(order.side * 2.0**level)
+    return float(finest * 2.0**level)
 
 
 def _is_constant(sensor: Sensor) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.cloud import FEWEST, STEEPEST, Cloud
+from planewise.cloud import FEWEST, STEEPEST, Cloud, over_part
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels.cloud_rows import CX, CZ, ROW, WEIGHT
 
@@ -30,9 +30,11 @@ _LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
+_AT_ONCE = 1_000_000  # cells or pairs whose residuals are looked at together
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _LEAST_DRIFT = 0.1  # of the white variance, over 16 cells
-_HIGHEST = 8  # levels above the least cubes at which cells are looked for
+HIGHEST = 8  # levels above the least cubes at which cells are looked for
+_LEAST_PART = 2_000  # cubes that are worth a thread
 _ABSORBED = 2  # times that loose cubes beside cells become part of them
 
 
@@ -89,43 +91,73 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
 
-    n = len(cloud.cubes)
-    rows, spans, level_of = np.empty((n, ROW)), np.empty((n, 2), np.int64), np.empty(n, np.int64)
-    found = kernels.grow_cells(
-        cloud.nodes.copy(), cloud.cubes.copy(), _HIGHEST, error.limits(),
-        np.empty(n, np.int64), np.empty(n, np.int64), rows, spans, level_of,
-    )  # fmt: skip
-    if not found:
+    rows, owner, level_of = _grown(cloud, error)
+    if not len(rows):
         return None
-    rows, level_of = rows[:found].copy(), level_of[:found]
-    owner = np.empty(n, np.int64)
-    kernels.owners(spans[:found], owner)
-    chosen = np.empty(n, np.int64)
+    chosen = np.empty(len(owner), np.int64)
     for _ in range(_ABSORBED):
         cloud.over_cubes(
             lambda first, last: kernels.absorb(
                 cloud.nodes, cloud.about, rows, white, owner, first, last, chosen
             )
         )
-        if not kernels.take_in(cloud.nodes, white, chosen, rows, owner):
+        taken = 0
+        for first, last in cloud.runs():
+            part = slice(first, last)
+            taken += kernels.take_in(cloud.nodes[part], white, chosen[part], rows, owner[part])
+        if not taken:
             break
     ends, sides = _neighbours(cloud, rows, owner, level_of)
     return CloudCells(rows, owner, ends, sides, error)
 
 
+def _grown(cloud: Cloud, error: CloudError) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
+    """Rows of cells, the cell of every cube, and how large each cell is (`kernels.grow_cells`)."""
+    rows = cloud.memory.growing(np.float64, ROW)
+    levels, cells = [], 0
+    owner = np.empty(len(cloud.cubes), np.int64)
+    for first, last in cloud.runs():
+        n, part = last - first, slice(first, last)
+        out, spans = np.empty((n, ROW)), np.empty((n, 2), np.int64)
+        level_of = np.empty(n, np.int64)
+        found = kernels.grow_cells(
+            cloud.nodes[part].copy(), cloud.cubes[part].copy(), HIGHEST, error.limits(),
+            np.empty(n, np.int64), np.empty(n, np.int64), out, spans, level_of,
+        )  # fmt: skip
+        kernels.owners(spans[:found], owner[part])
+        owner[part] += np.where(owner[part] >= 0, cells, 0)
+        rows.append(out[:found].copy())
+        levels.append(level_of[:found].copy())
+        cells += found
+    return rows.array(), owner, np.concatenate(levels)
+
+
 def _neighbours(
     cloud: Cloud, rows: Array, owner: NDArray[np.int64], level_of: NDArray[np.int64]
 ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    n, most = len(owner), kernels.NEIGHBOURS
-    ends, sides = np.empty((most * n, 2), np.int32), np.empty(most * n, np.float32)
-    cloud.over_cubes(
-        lambda first, last: kernels.neighbours(
-            cloud.cubes, cloud.about, owner, level_of, cloud.nodes, rows, first, last,
-            ends[most * first : most * last], sides[most * first : most * last],
-        )
-    )  # fmt: skip
-    found = kernels.compact(ends, sides)
-    return ends[:found].copy(), sides[:found].copy()
+    most = kernels.NEIGHBOURS
+    all_ends, all_sides = cloud.memory.growing(np.int32, 2), cloud.memory.growing(np.float32)
+    for begin, end in cloud.runs():
+        ends = np.empty((most * (end - begin), 2), np.int32)
+        sides = np.empty(len(ends), np.float32)
+
+        def look(
+            first: int,
+            last: int,
+            at: int = begin,
+            to: tuple[NDArray[np.int32], NDArray[np.float32]] = (ends, sides),
+        ) -> None:
+            part = slice(most * (first - at), most * (last - at))
+            kernels.neighbours(
+                cloud.cubes, cloud.about, owner, level_of, cloud.nodes, rows, first, last,
+                to[0][part], to[1][part],
+            )  # fmt: skip
+
+        over_part(look, begin, end, cloud.workers, _LEAST_PART)
+        found = kernels.compact(ends, sides)
+        all_ends.append(ends[:found].copy())
+        all_sides.append(sides[:found].copy())
+    return all_ends.array(), all_sides.array()
 
 
 def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
@@ -201,16 +233,20 @@ def residual_correlation(cells: CloudCells, of_cell: NDArray[np.int64], planes: 
     """
     n = len(planes)
     residual = np.zeros(len(of_cell))
-    on = of_cell >= 0
-    row = planes[of_cell[on]]
-    centroid = cells.rows[on][:, CX : CZ + 1]
-    off = (row[:, :3] * centroid).sum(axis=1) + row[:, 3]
-    residual[on] = off * np.sqrt(cells.rows[on, WEIGHT])
-    u, v = cells.ends.T
-    same = on[u] & (of_cell[u] == of_cell[v])
-    u, v = u[same], v[same]
-    plane = of_cell[u]
-    together = np.bincount(plane, residual[u] * residual[v], n)
-    apart = np.bincount(plane, 0.5 * (residual[u] ** 2 + residual[v] ** 2), n)
-    told = (np.bincount(plane, minlength=n) >= _FEWEST_PAIRS) & (apart > 0)
+    for first in range(0, len(of_cell), _AT_ONCE):
+        part = slice(first, first + _AT_ONCE)
+        on = of_cell[part] >= 0
+        row, cell = planes[of_cell[part][on]], cells.rows[part][on]
+        off = (row[:, :3] * cell[:, CX : CZ + 1]).sum(axis=1) + row[:, 3]
+        residual[part][on] = off * np.sqrt(cell[:, WEIGHT])
+    together, apart, pairs = np.zeros((3, n))
+    for first in range(0, len(cells.ends), _AT_ONCE):
+        u, v = cells.ends[first : first + _AT_ONCE].T
+        same = (of_cell[u] >= 0) & (of_cell[u] == of_cell[v])
+        u, v = u[same], v[same]
+        plane = of_cell[u]
+        together += np.bincount(plane, residual[u] * residual[v], n)
+        apart += np.bincount(plane, 0.5 * (residual[u] ** 2 + residual[v] ** 2), n)
+        pairs += np.bincount(plane, minlength=n)
+    told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
     return np.asarray(np.divide(together, apart, np.full(n, np.nan), where=told))

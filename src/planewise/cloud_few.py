@@ -70,10 +70,10 @@ def fewest_nats(
     return _merged(cloud, error, phi, labels, limits)
 
 
-def plane_rows(groups: CloudGroups, planes: int, error: CloudError) -> Array:
+def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError) -> Array:
     """Rows (N, 18) of the planes through the points of each label, as wide as they scatter."""
     ones, zeros = np.ones(len(groups.label)), np.zeros(len(groups.label))
-    rows = refitted(groups, ones, zeros, np.zeros(planes), error)
+    rows = refitted(cloud, groups, ones, zeros, np.zeros(planes), error)
     write_normals(rows)
     xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
     scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
@@ -88,7 +88,7 @@ def plane_rows(groups: CloudGroups, planes: int, error: CloudError) -> Array:
 def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tuple[float, Labels]:
     """Phi of labels, and the labels, when planes that do not pay or are not told are left out."""
     planes = int(labels.max(initial=0))
-    rows = plane_rows(groups_of(cloud, labels, error), planes, error)
+    rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
     told = np.flatnonzero(rows[:, AREA] > 0)
     place = np.zeros(planes + 1, np.uint16)
     place[told + 1] = np.arange(1, len(told) + 1)
@@ -105,7 +105,7 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
 def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> Labels:
     """Every point on the plane that its residual and its surroundings say."""
     planes = int(labels.max(initial=0))
-    rows = plane_rows(groups_of(cloud, labels, error), planes, error)
+    rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
     votes = np.zeros((len(cloud.cubes), planes + 1), np.int64)
     cube = np.repeat(np.arange(len(cloud.cubes)), np.diff(cloud.starts))
     np.add.at(votes, (cube, labels), 1)
@@ -124,7 +124,9 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
     """Merge pairs of planes, the one that saves most first, while Phi falls."""
     while True:
         planes = int(labels.max(initial=0))
-        normals = planes_of(plane_rows(groups_of(cloud, labels, error), planes, error))[:, :3]
+        normals = planes_of(plane_rows(cloud, groups_of(cloud, labels, error), planes, error))[
+            :, :3
+        ]
         best = phi, labels
         for i, j in combinations(range(planes), 2):
             if abs(normals[i] @ normals[j]) < _PARALLEL:

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
-from planewise.cloud import Cloud
+from planewise.cloud import Cloud, over_part
 from planewise.cloud_cells import SHARED, CloudError
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_information as kernels
@@ -66,7 +65,8 @@ def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
         lambda first, last: label_kernels.count_groups(labels, cloud.starts, first, last, counts)
     )
     places = np.concatenate((np.zeros(1, np.int64), np.cumsum(counts)))
-    rows, label = np.empty((places[-1], ROW)), np.empty(places[-1], np.int64)
+    rows = cloud.memory.empty((int(places[-1]), ROW))
+    label = cloud.memory.empty(int(places[-1]), np.int64)
     variance = error.white * cloud.variance
     cloud.over_cubes(
         lambda first, last: label_kernels.sum_groups(
@@ -87,25 +87,28 @@ def data_of(
     resolution: float,
 ) -> tuple[Array, Array]:
     """Nats of every group on none and as labelled; planes (N, 4), areas (N,)."""
-    alone, data = np.empty((2, len(groups.label)))
+    alone, data = cloud.memory.empty((2, len(groups.label)))
     table = np.column_stack((planes, np.sqrt(areas)))
-    threads.over_chunks(
-        lambda first, last: kernels.group_data(
-            groups.rows, groups.label, table, (SHARED, error.drift), cloud.side, resolution,
-            _prior(range, resolution), first, last, alone, data,
-        ),
-        len(groups.label), cloud.workers, _LEAST_PART,
-    )  # fmt: skip
+    for begin, end in cloud.runs():
+        over_part(
+            lambda first, last: kernels.group_data(
+                groups.rows, groups.label, table, (SHARED, error.drift), cloud.side, resolution,
+                _prior(range, resolution), first, last, alone, data,
+            ),
+            groups.places[begin], groups.places[end], cloud.workers, _LEAST_PART,
+        )  # fmt: skip
     return alone, data
 
 
 def refitted(
-    groups: CloudGroups, alone: Array, data: Array, areas: Array, error: CloudError
+    cloud: Cloud, groups: CloudGroups, alone: Array, data: Array, areas: Array, error: CloudError
 ) -> Array:
     """Rows (N, 18) of planes through the groups on them, as one step of expectation says."""
-    rows = np.empty((len(areas), ROW))
+    rows = np.zeros((len(areas), ROW))
     drift = 0.113 * error.drift * np.sqrt(areas)
-    kernels.plane_rows(groups.rows, groups.label, alone, data, SHARED, drift, rows)
+    for begin, end in cloud.runs():
+        g = slice(groups.places[begin], groups.places[end])
+        kernels.plane_rows(groups.rows[g], groups.label[g], alone[g], data[g], SHARED, drift, rows)
     return rows
 
 
@@ -121,15 +124,19 @@ def ledger(
 ) -> CloudLedger:
     """Rank planes, with exact Phi of them all and of every shorter list of the best."""
     worth, leaving = np.zeros((2, planes + 1))
-    total = kernels.sum_nats(groups.label, alone, data, worth)
+    total = 0.0
+    for begin, end in cloud.runs():
+        g = slice(groups.places[begin], groups.places[end])
+        total += kernels.sum_nats(groups.label[g], alone[g], data[g], worth)
     worth = worth[1:]
     order = np.argsort(worth, kind="stable")
     place = np.zeros(planes + 1, np.int64)
     place[order + 1] = np.arange(1, planes + 1)
-    kernels.groups_left(
-        groups.rows, groups.label, groups.places, place, resolution, _prior(range, resolution),
-        data, leaving,
-    )  # fmt: skip
+    for begin, end in cloud.runs():
+        kernels.groups_left(
+            groups.rows, groups.label, groups.places[begin : end + 1], place, resolution,
+            _prior(range, resolution), data, leaving,
+        )  # fmt: skip
     curve = np.full(planes + 1, total)
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
@@ -137,7 +144,12 @@ def ledger(
     if not cloud.on_rays:
         curve += 2.0 * len(labels) * coordinate_information(range, resolution)
     lengths, changes = np.empty(planes + 1), np.zeros((planes + 1, kernels.CODES), np.int64)
-    kernels.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
+    alike, previous = np.zeros(planes + 1, np.int64), 0
+    for begin, end in cloud.runs():
+        previous = kernels.count_mask(
+            labels, cloud.starts, cloud.about, place, begin, end, previous, alike, changes
+        )
+    kernels.mask_lengths(alike, changes, lengths)
     return CloudLedger(order=order, worth=worth[order], curve=curve + lengths)
 
 

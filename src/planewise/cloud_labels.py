@@ -47,7 +47,7 @@ def label_points(
     # Points lie about the plane of a square as far as the error wanders on it.
     extra[1:] = 0.113 * cells.error.drift * np.sqrt(areas)
     variance = cells.error.white * (1.0 + SHARED) * cloud.variance
-    labels: Labels = np.empty(len(cloud.local), np.uint16)
+    labels: Labels = cloud.memory.empty(len(cloud.local), np.uint16)
     cloud.over_cubes(
         lambda first, last: kernels.label_points(
             cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planewise import cloud_few
 from planewise.cloud import Cloud, cloud_of
-from planewise.cloud_cells import CloudCells, CloudError, cells_of, residual_correlation
+from planewise.cloud_cells import CloudError, cells_of, residual_correlation
 from planewise.cloud_information import CloudGroups, data_of, groups_of, ledger, refitted
 from planewise.cloud_labels import label_points
 from planewise.cloud_rows import covariance, planes_of, quadratic
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class _Found:
+class CloudPlanes:
     """Planes and labels of the sorted points, before they are ranked.
 
     Attributes
@@ -116,33 +116,31 @@ def cloud_model(
         cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
-        phi = outlier_information(3, sensor.range, sensor.resolution) * there
-        note = f"{there} finite points; 3 are needed for a plane"
-        return _nothing(len(points), there, phi, note, settings)
-    with stage("cells"):
-        cells = cells_of(cloud)
-    found = _from_cells(cloud, cells, sensor, instances, significance, max_planes)
+        return nothing_in(len(points), there, sensor, settings)
+    found = found_in(cloud, sensor, instances, significance, max_planes)
     if few:
         with stage("few"):
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
-    return _ranked(len(points), found, sensor, max_planes, settings)
+    return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
-def _from_cells(
+def found_in(
     cloud: Cloud,
-    cells: CloudCells | None,
     sensor: Sensor,
     instances: bool,
     significance: float,
     max_planes: int,
-) -> _Found:
+) -> CloudPlanes:
     """Planes that cells tell, and every point's label."""
+    with stage("cells"):
+        cells = cells_of(cloud)
     if cells is None:
-        labels = np.zeros(len(cloud.local), np.uint16)
+        labels = cloud.memory.empty(len(cloud.local), np.uint16)
+        labels[:] = 0
         nothing = np.empty((0, ROW)), CloudError(1.0, 0.0), np.empty(0), np.empty(0)
-        return _Found(cloud, labels, *nothing)
+        return CloudPlanes(cloud, labels, *nothing)
     with stage("segments"):
         found = segments_of(
             cells,
@@ -152,6 +150,7 @@ def _from_cells(
             significance=significance,
             max_planes=max_planes,
             workers=cloud.workers,
+            memory=cloud.memory,
         )
     planes = planes_of(found.rows)
     with stage("labels"):
@@ -165,19 +164,19 @@ def _from_cells(
             sensor.resolution,
         )
     correlation = residual_correlation(cells, found.of_cell, planes)
-    return _Found(
+    return CloudPlanes(
         cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out
     )
 
 
 def _from_few(
     cloud: Cloud,
-    found: _Found,
+    found: CloudPlanes,
     sensor: Sensor,
     significance: float,
     max_planes: int,
     rng: np.random.Generator,
-) -> _Found:
+) -> CloudPlanes:
     """Planes of few points; found: what cells told."""
     limits = sensor.range, sensor.resolution
     start = np.zeros(int(cloud.order.rows.max()) + 1, np.uint16)
@@ -185,7 +184,7 @@ def _from_few(
     labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.order.rows], limits, rng)
     n = int(labels.max(initial=0))
     groups = groups_of(cloud, labels, found.error)
-    rows = cloud_few.plane_rows(groups, n, found.error)
+    rows = cloud_few.plane_rows(cloud, groups, n, found.error)
     alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], found.error, *limits)
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
@@ -195,12 +194,14 @@ def _from_few(
     place = np.zeros(n + 1, np.uint16)
     place[keep + 1] = np.arange(1, len(keep) + 1)
     unknown = np.full(len(keep), np.nan)
-    return _Found(cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out)
+    return CloudPlanes(
+        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out
+    )
 
 
-def _ranked(
+def ranked_model(
     size: int,
-    found: _Found,
+    found: CloudPlanes,
     sensor: Sensor,
     max_planes: int,
     settings: Mapping[str, object],
@@ -211,7 +212,7 @@ def _ranked(
     with stage("ledger"):
         groups = groups_of(cloud, labels, error)
         data = data_of(cloud, groups, planes_of(found.rows), areas, error, *limits)
-        rows = _determined(refitted(groups, *data, areas, error), found.rows)
+        rows = _determined(refitted(cloud, groups, *data, areas, error), found.rows)
         alone, now = data_of(cloud, groups, planes_of(rows), areas, error, *limits)
         book = ledger(cloud, labels, groups, alone, now, len(rows), *limits)
     best = int(np.argmin(book.curve))
@@ -223,8 +224,11 @@ def _ranked(
     with stage("describe"):
         place = np.zeros(len(rows) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
-        ranked = np.zeros(size, np.uint16)
-        ranked[cloud.order.rows] = place[labels]
+        ranked = cloud.memory.empty(size, np.uint16)
+        ranked[:] = 0
+        for first, last in cloud.runs():
+            part = slice(cloud.starts[first], cloud.starts[last])
+            ranked[cloud.order.rows[part]] = place[labels[part]]
         planes = _described(found, groups, rows, book.worth, order)
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
     if not len(rows):
@@ -254,20 +258,24 @@ def _determined(rows: Array, before: Array) -> Array:
 
 
 def _described(
-    found: _Found, groups: CloudGroups, rows: Array, worth: Array, order: NDArray[np.intp]
+    found: CloudPlanes, groups: CloudGroups, rows: Array, worth: Array, order: NDArray[np.intp]
 ) -> tuple[Plane, ...]:
     """Planes in this order, in the frame of the input."""
     cloud, n = found.cloud, len(rows)
     local = planes_of(rows)
-    on = groups.label > 0
-    g, owner = groups.rows[on], groups.label[on] - 1
-    readings = g[:, COUNT]
-    off = (local[owner, :3] * g[:, CX : CZ + 1]).sum(axis=1) + local[owner, 3]
-    across = quadratic(g[:, XX : ZZ + 1], local[owner, :3]) * readings / g[:, WEIGHT]
-    count = np.bincount(owner, readings, n)
-    squares = np.bincount(owner, across + readings * off * off, n)
-    sums = [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
-    centroid = np.column_stack(sums) / np.maximum(count, 1.0)[:, None]
+    count, squares = np.zeros((2, n))
+    sums = np.zeros((3, n))
+    for first, last in cloud.runs():
+        part = slice(groups.places[first], groups.places[last])
+        on = groups.label[part] > 0
+        g, owner = groups.rows[part][on], groups.label[part][on] - 1
+        readings = g[:, COUNT]
+        off = (local[owner, :3] * g[:, CX : CZ + 1]).sum(axis=1) + local[owner, 3]
+        across = quadratic(g[:, XX : ZZ + 1], local[owner, :3]) * readings / g[:, WEIGHT]
+        count += np.bincount(owner, readings, n)
+        squares += np.bincount(owner, across + readings * off * off, n)
+        sums += [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
+    centroid = sums.T / np.maximum(count, 1.0)[:, None]
     planes = []
     for rank, j in enumerate(order):
         distance = float(local[j, 3] - local[j, :3] @ cloud.centre)
@@ -289,13 +297,12 @@ def _described(
     return tuple(planes)
 
 
-def _nothing(
-    size: int,
-    readings: int,
-    phi: float,
-    note: str,
-    settings: Mapping[str, object],
+def nothing_in(
+    size: int, readings: int, sensor: Sensor, settings: Mapping[str, object]
 ) -> PlaneModel:
+    """Model of too few points."""
+    phi = outlier_information(3, sensor.range, sensor.resolution) * readings
+    note = f"{readings} finite points; 3 are needed for a plane"
     return PlaneModel(
         labels=np.zeros(size, np.uint16),
         planes=(),

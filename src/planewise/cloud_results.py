@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise._version import __version__
+from planewise.cloud_memory import Memory
 from planewise.model import PlaneModel
 from planewise.outlines import Surface
 from planewise.palette import distinct_colours
 from planewise.ply_files import write_ply
-from planewise.point_cloud import BLOCK, PointCloud
+from planewise.point_cloud import BLOCK, PointCloud, extent
 from planewise.result_files import describe_cloud_model, write_image
 from planewise.sensor import Sensor
 
@@ -35,6 +36,7 @@ def write_cloud_results(
     source: Path,
     las: bool = False,
     surfaces: Sequence[Surface] = (),
+    memory: Memory | None = None,
 ) -> None:
     """Write ``labelled.ply``, ``planes.json``, ``preview.png`` and ``curve.png``.
 
@@ -55,6 +57,8 @@ def write_cloud_results(
         Write ``labelled.las`` of other files, too.
     surfaces : sequence of Surface
         Outlines to draw in the picture.
+    memory : Memory, optional
+        Where the points and labels lie.
     """
     from planewise.chart import draw_curve
     from planewise.cloud_picture import draw_cloud
@@ -62,14 +66,15 @@ def write_cloud_results(
     record = describe_cloud_model(model, cloud=cloud, sensor=sensor, source=source.name)
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"
     (folder / "planes.json").write_text(text, encoding="utf-8")
-    _write_ply(folder / "labelled.ply", cloud, model)
+    memory = memory or Memory()
+    _write_ply(folder / "labelled.ply", cloud, model, memory)
     ending = source.suffix.lower()
     if ending in _LAS:
         from planewise.las_files import copy_with_planes
 
         copy_with_planes(source, folder / f"labelled{ending}", model.labels)
     elif las:
-        _write_las(folder / "labelled.las", cloud, model)
+        _write_las(folder / "labelled.las", cloud, model, memory)
     write_image(folder / "preview.png", draw_cloud(cloud.points, model, surfaces=surfaces))
     write_image(folder / "curve.png", draw_curve(model.curve))
 
@@ -85,12 +90,13 @@ def plane_colours(model: PlaneModel) -> NDArray[np.uint8]:
     return np.vstack((np.array([_NO_PLANE], np.uint8), distinct_colours(len(model))[: len(model)]))
 
 
-def _rows(cloud: PointCloud) -> Iterator[slice]:
+def _rows(cloud: PointCloud, memory: Memory) -> Iterator[slice]:
     for first in range(0, len(cloud), BLOCK):
         yield slice(first, first + BLOCK)
+        memory.release()
 
 
-def _write_ply(path: Path, cloud: PointCloud, model: PlaneModel) -> None:
+def _write_ply(path: Path, cloud: PointCloud, model: PlaneModel, memory: Memory) -> None:
     colours = plane_colours(model)
     # Coordinates as the file has them; far from their origin single precision is too short.
     kind = np.float64 if cloud.offset.any() else cloud.points.dtype
@@ -106,21 +112,17 @@ def _write_ply(path: Path, cloud: PointCloud, model: PlaneModel) -> None:
         return out
 
     comments = [f"planewise {__version__}: plane is the rank of the point's plane, 0 for none"]
-    write_ply(path, len(cloud), map(columns, _rows(cloud)), comments)
+    write_ply(path, len(cloud), map(columns, _rows(cloud, memory)), comments)
 
 
-def _write_las(path: Path, cloud: PointCloud, model: PlaneModel) -> None:
+def _write_las(path: Path, cloud: PointCloud, model: PlaneModel, memory: Memory) -> None:
     from planewise.las_files import write_las
 
     colours = plane_colours(model)
-    finite = cloud.points[cloud.finite].astype(np.float64)
-    bounds = np.zeros((2, 3))
-    if len(finite):
-        bounds = np.array((finite.min(axis=0), finite.max(axis=0))) + cloud.offset
 
     def part(rows: slice) -> tuple[PointCloud, NDArray[np.uint16], NDArray[np.uint8]]:
         intensity = None if cloud.intensity is None else cloud.intensity[rows]
         some = PointCloud(points=cloud.points[rows], offset=cloud.offset, intensity=intensity)
         return some, model.labels[rows], colours[model.labels[rows]]
 
-    write_las(path, map(part, _rows(cloud)), bounds)
+    write_las(path, map(part, _rows(cloud, memory)), extent(cloud.points) + cloud.offset)

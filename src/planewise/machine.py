@@ -12,6 +12,7 @@ from typing import Any
 
 from planewise._version import __version__
 
+_GROUP_LIMIT = Path("/sys/fs/cgroup/memory.max")
 _CPU_INFO = Path("/proc/cpuinfo")  # Linux, where platform.processor() says nothing
 
 
@@ -22,6 +23,16 @@ def processor() -> str:
         if found:
             return found[1].strip()
     return platform.processor() or platform.machine()
+
+
+def installed_memory() -> int:
+    """Bytes of memory, of the process' control group where that has less; 0 where none is told."""
+    try:
+        there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):  # Windows
+        return 0
+    text = _GROUP_LIMIT.read_text().strip() if _GROUP_LIMIT.exists() else ""
+    return min(there, int(text)) if text.isdecimal() else there
 
 
 def versions(packages: Iterable[str] = ()) -> dict[str, str]:

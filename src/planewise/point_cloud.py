@@ -198,6 +198,23 @@ def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
     return offset_near((valid.min(axis=0) + valid.max(axis=0)) / 2)
 
 
+def extent(points: Points) -> Array:
+    """Least and largest coordinates of the finite points, shape (2, 3); zeros without any.
+
+    Parameters
+    ----------
+    points : ndarray, shape (k, 3)
+        May lie on a disk: they are looked at block by block.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for first in range(0, len(points), BLOCK):
+        block = points[first : first + BLOCK]
+        finite = block[np.isfinite(block).all(axis=1)]
+        if len(finite):
+            low, high = np.minimum(low, finite.min(axis=0)), np.maximum(high, finite.max(axis=0))
+    return np.array((low, high)) if (low <= high).all() else np.zeros((2, 3))
+
+
 def offset_near(middle: Array) -> Array:
     """Offset for points about a place: its nearest multiples of 100 m.
 

@@ -12,14 +12,18 @@ import typer
 from planewise import terminal
 from planewise.command_line import OUTLINES_HELP, check_numbers, optional, reported
 from planewise.errors import PlanewiseError
+from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.outlines import Surface
-from planewise.point_cloud import PointCloud
+from planewise.point_cloud import CloudFile, PointCloud, extent
 from planewise.result_files import OUTLINE_FILES, output_folder
 from planewise.sensor import Sensor
 
 _LARGEST = 1e8  # metres that points may lie apart
 _FROM_FILE = "file"
+_AUTO = "auto"
+_NEEDED = 200  # bytes of memory that a point takes in one piece
+_SHORTEST_LINE = 20  # bytes of a point in a text file
 _RESOLUTION = 0.001  # metres; eps of the paper, as for depth images
 
 
@@ -63,6 +67,14 @@ def points(
         bool,
         typer.Option("--instances", help="With --outlines: each connected piece on its own."),
     ] = False,
+    tiles: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|N",
+            help="Points of a tile, for clouds larger than memory; the result is the same. 'auto': "
+            "none while the cloud fits into half of the memory at 200 bytes a point.",
+        ),
+    ] = _AUTO,
     las: Annotated[
         bool, typer.Option("--las", help="Write labelled.las, too; done anyway for LAS and LAZ.")
     ] = False,
@@ -84,6 +96,8 @@ def points(
         place = None if origin is None else _check_origin(origin)
 
         from planewise.cloud_files import open_cloud
+        from planewise.cloud_memory import Disk, Memory
+        from planewise.cloud_on_disk import points_on_disk
         from planewise.cloud_results import CLOUD_FILES, las_name, write_cloud_results
 
         names = [*CLOUD_FILES, *(OUTLINE_FILES if outlines else ())]
@@ -92,11 +106,18 @@ def points(
             raise PlanewiseError(
                 f"output: {cloud} would be written over; choose another folder for the results"
             )
-        read = open_cloud(cloud).read()
-        stood = None if origin is None else _origin(place, read)
-        sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=sigma)
+        file = open_cloud(cloud)
+        tile_points = _tile_points(tiles, file)
+        if tile_points and origin == _FROM_FILE and file.origins is not None:
+            _check_one_origin(len(file.origins))
         with output_folder(output) as folder:
+            memory = Disk(folder) if tile_points else Memory()
+            read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
+            stood = None if origin is None else _origin(place, read)
+            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=sigma)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
+            if tile_points:
+                options |= {"tile_points": tile_points, "folder": folder}
             model, seconds = _find(read, sensor, stood, options)
             surfaces: tuple[Surface, ...] = ()
             if outlines:
@@ -113,9 +134,31 @@ def points(
                 source=cloud,
                 las=las,
                 surfaces=surfaces,
+                memory=memory,
             )
         terminal.show_planes(model)
         terminal.show_summary(model, seconds, output)
+
+
+def _tile_points(text: str, file: CloudFile) -> int:
+    """Points of a tile; 0 for the cloud in one piece."""
+    from planewise.cloud_on_disk import TILE_POINTS
+
+    if text == _AUTO:
+        count = file.count
+        if count is None:
+            count = file.path.stat().st_size // _SHORTEST_LINE
+        memory = installed_memory()
+        return TILE_POINTS if memory and _NEEDED * count > memory // 2 else 0
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise PlanewiseError(
+            f"tiles must be a number of points, such as 4000000, or '{_AUTO}', got '{text}'"
+        )
+    return number
 
 
 def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
@@ -133,6 +176,14 @@ def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
     return place
 
 
+def _check_one_origin(scans: int) -> None:
+    if scans > 1:
+        raise PlanewiseError(
+            f"origin: the file has {scans} scans, and a cloud in tiles one place of a scanner; "
+            "leave --origin out, or search the scans one by one"
+        )
+
+
 def _origin(
     place: np.ndarray[Any, np.dtype[np.float64]] | None, cloud: PointCloud
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
@@ -148,8 +199,7 @@ def _origin(
 
 def _extent(cloud: PointCloud, resolution: float) -> float:
     """R of the paper: the diagonal of the box around the points, which no coordinate exceeds."""
-    finite = cloud.points[cloud.finite]
-    sides = np.ptp(finite, axis=0).astype(np.float64) if len(finite) else np.zeros(3)
+    sides = np.ptp(extent(cloud.points), axis=0).astype(np.float64)
     if not sides.max() <= _LARGEST:
         raise PlanewiseError(
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "
@@ -164,10 +214,14 @@ def _find(
     origin: np.ndarray[Any, np.dtype[np.float64]] | None,
     options: dict[str, Any],
 ) -> tuple[PlaneModel, float]:
+    from planewise.cloud_on_disk import detect_planes_in_cloud
     from planewise.detect import detect_planes_in_points
 
     if origin is not None:
         options = {**options, "origin": origin}
     started = time.perf_counter()
-    model = detect_planes_in_points(cloud.points, sensor, **options)
+    if "tile_points" in options:
+        model = detect_planes_in_cloud(cloud, sensor, **options)
+    else:
+        model = detect_planes_in_points(cloud.points, sensor, **options)
     return model, time.perf_counter() - started

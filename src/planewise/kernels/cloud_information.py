@@ -162,18 +162,17 @@ def groups_left(groups, label, places, place, resolution, prior, data, leaving):
 
 
 @in_order
-def mask_lengths(labels, starts, about, place, changes, lengths):  # type: ignore[no-untyped-def]
-    """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
+def count_mask(labels, starts, about, place, first, last, previous, alike, changes):  # type: ignore[no-untyped-def]
+    """Count the symbols of the labels in cubes[first:last], by the planes from which they are so.
 
     The code of `kernels.masks` in Morton order. Neighbours already coded: the point before, and the
     last ones in the cubes before this one along the three axes of the grid (where one is empty, the
-    point before). place (N + 1,): 1 ... N of every label, 0 for none; changes (N + 1, SYMBOLS *
-    CONTEXTS) zeros to work in. Writes lengths (N + 1,).
+    point before). place (N + 1,): 1 ... N of every label, 0 for none; previous: place of the point
+    before. Adds to alike (N + 1,) and changes (N + 1, CODES), which begin as zeros; returns the
+    place of the last point.
     """
     beside = np.empty(3, np.int64)
-    alike = np.zeros(place.size, np.int64)
-    previous = np.int64(0)
-    for cube in range(about.shape[0]):
+    for cube in range(first, last):
         for axis in range(3):
             at = about[cube, BEFORE[axis]]
             beside[axis] = place[labels[starts[at + 1] - 1]] if at >= 0 else -1
@@ -187,6 +186,15 @@ def mask_lengths(labels, starts, about, place, changes, lengths):  # type: ignor
             else:
                 _add_change(changes, previous, x, y, z, raw)
             previous = raw
+    return previous
+
+
+@in_order
+def mask_lengths(alike, changes, lengths):  # type: ignore[no-untyped-def]
+    """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
+
+    alike, changes: what `count_mask` counted; changes is overwritten. Writes lengths (N + 1,).
+    """
     for rank in range(alike.size):
         changes[0, 0] += alike[rank]
         if rank > 0:
@@ -204,15 +212,12 @@ CODES = SYMBOLS * CONTEXTS
 
 @compiled
 def plane_rows(groups, label, alone, data, error, drift_of, out):  # type: ignore[no-untyped-def]
-    """Sum the groups on every plane into rows (N, 18).
+    """Add the groups on every plane to rows (N, 18), which begin as zeros.
 
     Each group counts with the information that its random offset leaves, times the probability
     that it is on its plane: none where it is shorter as a surface of its own.
     """
     row = np.empty(ROW)
-    for j in range(out.shape[0]):
-        for e in range(ROW):
-            out[j, e] = 0.0
     for g in range(label.size):
         j = label[g] - 1
         if j < 0:

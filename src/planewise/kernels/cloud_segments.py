@@ -231,9 +231,9 @@ def pairs_through_gaps(rows, drift, prior, least, planes, ends, gains):  # type:
 def segment_borders(segment, ends, prices, border, pairs, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment, and of each pair of them.
 
-    segment (n,): of every cell; ends (m, 2): neighbouring cells. Returns how many pairs there are.
+    segment (n,): of every cell; ends (m, 2): neighbouring cells. Adds to border; returns how many
+    pairs there are.
     """
-    border[:] = 0.0
     found = 0
     for e in range(prices.size):
         u, v = segment[ends[e, 0]], segment[ends[e, 1]]

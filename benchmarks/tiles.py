@@ -1,0 +1,98 @@
+"""Clouds in tiles on a disk against the same in one piece: time, peak memory, and what differs.
+
+    python -m benchmarks.tiles --sizes 10000000 100000000 --folder FOLDER
+
+Buildings of ten million points stand beside each other, as float32 in a file. Every search is a
+process of its own; memory is the peak of what lies in memory (VmHWM) as Linux says it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+import planewise as pw
+from benchmarks.building import building
+from planewise.stages import recorded
+
+_BUILDING = 10_000_000  # points of one, at most
+_STEP = 60.0  # metres between them
+_IN_MEMORY = 30_000_000  # points up to which they are searched in one piece, too
+_SENSOR = pw.Sensor(max_depth=100.0, resolution=0.001, noise=0.01)
+
+
+def write_buildings(path: Path, count: int) -> None:
+    """Write buildings as an array (count, 3) of float32."""
+    out = np.lib.format.open_memmap(path, "w+", np.float32, (count, 3))
+    for number, first in enumerate(range(0, count, _BUILDING)):
+        size = min(_BUILDING, count - first)
+        part = building(size, seed=number).points[:size]
+        part[:, :2] += _STEP * np.array([number % 4, number // 4])
+        out[first : first + len(part)] = part
+        out.flush()
+
+
+def search(path: Path, labels: Path, tile_points: int) -> None:
+    """Search a file, in one piece where tile_points is 0, and print a row of the table."""
+    pw.detect_planes_in_points(building(50_000).points, _SENSOR)  # loads the loops
+    started, used = time.perf_counter(), time.process_time()
+    with recorded() as stages:
+        if tile_points:
+            model = pw.detect_planes_in_cloud(
+                path, _SENSOR, tile_points=tile_points, max_planes=5000
+            )
+        else:
+            points = pw.read_cloud(path).points
+            model = pw.detect_planes_in_points(points, _SENSOR, max_planes=5000)
+    seconds, busy = time.perf_counter() - started, time.process_time() - used
+    peak = _peak()
+    np.save(labels, model.labels)
+    how = f"tiles of {tile_points:,}" if tile_points else "one piece"
+    print(
+        f"| {len(model.labels):,} | {how} | {seconds:.1f} | {busy:.1f} | {peak:.0f} | "
+        f"{len(model)} | {model.information:.6e} |"
+    )
+    print({name: round(each, 1) for name, each in stages.items()}, file=sys.stderr)
+
+
+def _peak() -> float:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return int(dict(line.split(":", 1) for line in lines)["VmHWM"].split()[0]) / 1e3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--sizes", type=int, nargs="+", default=[1_000_000, 10_000_000])
+    parser.add_argument("--tile-points", type=int, default=4_000_000)
+    parser.add_argument("--folder", type=Path, help="where there is room")
+    parser.add_argument("--one", nargs=2, type=Path, help=argparse.SUPPRESS)
+    asked = parser.parse_args()
+    if asked.one:
+        search(asked.one[0], asked.one[1], asked.tile_points)
+        return
+    print(f"load {os.getloadavg()[0]:.1f}\n")
+    print("| points | | s | processor s | MB | planes | Phi |\n|---|---|---|---|---|---|---|")
+    for size in asked.sizes:
+        with TemporaryDirectory(dir=asked.folder) as folder:
+            path = Path(folder, "cloud.npy")
+            write_buildings(path, size)
+            found = []
+            for tile_points in (asked.tile_points, *([0] if size <= _IN_MEMORY else [])):
+                labels = Path(folder, f"labels{tile_points}.npy")
+                command = [sys.executable, "-m", "benchmarks.tiles", "--one", str(path)]
+                command += [str(labels), "--tile-points", str(tile_points)]
+                subprocess.run(command, check=True)
+                found.append(np.load(labels, mmap_mode="r"))
+            if len(found) > 1:
+                print(f"\nsame labels: {(found[0] == found[1]).mean():.4%}\n")
+
+
+if __name__ == "__main__":
+    main()

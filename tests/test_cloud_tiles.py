@@ -1,0 +1,248 @@
+"""Clouds in tiles on a disk: the result of one piece, whatever the tiles; nothing is left."""
+
+import json
+import re
+import tracemalloc
+from itertools import pairwise
+
+import laspy
+import numpy as np
+import plyfile
+import pytest
+from benchmarks.building import building
+from numpy.testing import assert_allclose, assert_array_equal
+from typer.testing import CliRunner
+
+import planewise as pw
+from planewise import cloud_segments
+from planewise.cloud import cloud_of
+from planewise.cloud_cells import cells_of
+from planewise.cloud_memory import Disk, Memory
+from planewise.cloud_on_disk import detect_planes_in_cloud, points_on_disk
+from planewise.cloud_tiles import tile_bounds, tiled_cloud
+from planewise.commands import app
+from planewise.errors import PlanewiseError
+from planewise.point_cloud import extent
+
+SENSOR = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.01)
+POINTS = building(300_000).points
+
+
+@pytest.fixture(scope="module")
+def one_piece():
+    return pw.detect_planes_in_points(POINTS, SENSOR, max_planes=200)
+
+
+def same(model, other):
+    """Whether two models are one and the same, sums in another order aside."""
+    assert_array_equal(model.labels, other.labels)
+    assert_allclose(model.coefficients, other.coefficients, rtol=0, atol=1e-12)
+    assert_allclose(list(model.curve), list(other.curve), rtol=1e-12)
+    for mine, its in zip(model.planes, other.planes, strict=True):
+        assert_allclose(mine.covariance, its.covariance, rtol=1e-9)
+        assert (mine.count, mine.area) == pytest.approx((its.count, its.area))
+        assert mine.residual_correlation == pytest.approx(its.residual_correlation, nan_ok=True)
+
+
+@pytest.mark.parametrize("tile_points", [20_000, 100_000])
+def test_tiles_give_what_one_piece_gives(one_piece, tile_points, tmp_path):
+    path = tmp_path / "building.npy"
+    np.save(path, POINTS)
+    model = pw.detect_planes_in_cloud(path, SENSOR, tile_points=tile_points, max_planes=200)
+    assert len(model) > 90
+    same(model, one_piece)
+    assert [each.name for each in tmp_path.iterdir()] == ["building.npy"]
+
+
+def test_a_small_cloud_is_searched_in_memory(one_piece):
+    cloud = pw.PointCloud(points=POINTS)
+    same(detect_planes_in_cloud(cloud, SENSOR, tile_points=10**6, max_planes=200), one_piece)
+
+
+def test_tiles_with_rays_far_points_and_rows_that_are_none():
+    points = POINTS[:40_000].astype(np.float32)
+    points[5], points[6], points[7] = np.nan, (np.inf, 0, 0), (9e6, 0, 0)
+    origin = np.array([2.0, 2.0, 1.5])
+    whole = pw.detect_planes_in_points(points, SENSOR, origin=origin)
+    cloud = pw.PointCloud(points=points)
+    same(detect_planes_in_cloud(cloud, SENSOR, origin=origin, tile_points=6_000), whole)
+    assert not whole.labels[5:8].any()
+
+
+def test_sorted_tiles_are_the_sorted_cloud():
+    points = np.random.default_rng(0).permutation(POINTS)[:60_000]
+    whole = cloud_of(points, SENSOR, None, 2)
+    tiled = tiled_cloud(points, SENSOR, None, 2, 7_000, Disk())
+    assert len(tiled.parts) > 4
+    for name in ("local", "starts", "cubes", "about", "nodes", "variance"):
+        assert_array_equal(getattr(tiled, name), getattr(whole, name), err_msg=name)
+    assert_array_equal(tiled.order.keys, whole.order.keys)
+    assert_array_equal(tiled.order.rows, whole.order.rows)
+
+
+def test_tiles_hold_no_more_than_they_may_and_cut_no_block_that_fits():
+    rng = np.random.default_rng(1)
+    cubes = np.unique(rng.integers(0, 1 << 30, 3000).astype(np.uint64))
+    starts = np.append(0, np.cumsum(rng.integers(1, 9, len(cubes))))
+    for most in (10, 100, 5000, 10**6):
+        parts = tile_bounds(cubes, starts, most)
+        assert parts[0][0] == 0
+        assert parts[-1][1] == len(cubes)
+        assert all(a[1] == b[0] for a, b in pairwise(parts))
+        assert all(starts[b] - starts[a] <= most for a, b in parts)
+        block = cubes >> np.uint64(24)  # the largest cubes that cells may have
+        held = dict(
+            zip(*np.unique(np.repeat(block, np.diff(starts)), return_counts=True), strict=True)
+        )
+        for first, _ in parts[1:]:
+            assert block[first] != block[first - 1] or held[block[first]] > most
+
+
+def test_cells_that_are_too_many_merge_in_runs():
+    cells = cells_of(cloud_of(POINTS, SENSOR, None, 2))
+    cost = 3 * np.log(2e4)
+    rows, of_cell, _ = cloud_segments.merged_cells(cells, cost, 2, Memory())
+    for at_once in (len(cells.ends) // 3, len(cells.ends) // 8):
+        few, of_few, _ = cloud_segments.merged_cells(cells, cost, 2, Memory(), at_once)
+        # The same cells are together: of each segment, those in the one that most of them are in.
+        table = np.zeros((len(rows), len(few)), np.int64)
+        np.add.at(table, (of_cell, of_few), 1)
+        assert table.max(axis=1).sum() > 0.995 * len(of_cell)
+        assert table.max(axis=0).sum() > 0.995 * len(of_cell)
+        assert abs(len(few) / len(rows) - 1) < 0.02
+
+
+def test_merging_in_runs_finds_the_same_planes(one_piece, monkeypatch):
+    merged = cloud_segments.merged_cells
+    monkeypatch.setattr(
+        cloud_segments,
+        "merged_cells",
+        lambda cells, cost, workers, memory: merged(
+            cells, cost, workers, memory, len(cells.ends) // 4
+        ),
+    )
+    cloud = pw.PointCloud(points=POINTS)
+    model = detect_planes_in_cloud(cloud, SENSOR, tile_points=80_000, max_planes=200)
+    assert abs(len(model) - len(one_piece)) <= 1
+    table = np.zeros((len(one_piece) + 1, len(model) + 1), np.int64)
+    np.add.at(table, (one_piece.labels, model.labels), 1)
+    assert table.max(axis=0).sum() >= 0.995 * len(POINTS)
+    for j, plane in enumerate(one_piece.planes[:50], start=1):
+        other = model.planes[table[j, 1:].argmax()]
+        sigma = np.sqrt(np.diag(plane.covariance))
+        assert (np.abs(other.coefficients - plane.coefficients) < sigma + 1e-12).all()
+
+
+def test_too_few_points():
+    points = np.full((100, 3), np.nan)
+    points[:2] = 1.0
+    model = detect_planes_in_cloud(pw.PointCloud(points=points), SENSOR, tile_points=10)
+    assert "2 finite points" in model.note
+    assert model.labels.shape == (100,)
+
+
+def test_equal_points_stay_in_one_tile():
+    points = np.ones((5_000, 3))
+    model = detect_planes_in_cloud(pw.PointCloud(points=points), SENSOR, tile_points=1_000)
+    assert len(model) == 0
+    assert model.readings == 5_000
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"tile_points": 0}, "tile_points must be at least 1"),
+        ({"origin": (0, 0)}, "origin must be three"),
+        ({"origin": (0, 0, np.nan)}, "origin must be three"),
+        ({"max_planes": 0}, "max_planes must lie"),
+    ],
+)
+def test_wrong_arguments(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        detect_planes_in_cloud(pw.PointCloud(points=POINTS[:100]), SENSOR, **wrong)
+
+
+def test_a_folder_that_is_not_there(tmp_path):
+    cloud = pw.PointCloud(points=POINTS[:1000])
+    with pytest.raises(PlanewiseError, match="takes no temporary files"):
+        detect_planes_in_cloud(cloud, SENSOR, tile_points=100, folder=tmp_path / "none")
+
+
+def test_arrays_on_a_disk_are_arrays(tmp_path):
+    disk = Disk(tmp_path)
+    array = disk.empty((1000, 3), np.float32)
+    array[:] = np.arange(3000).reshape(1000, 3)
+    disk.release()
+    assert array[999, 2] == 2999
+    assert disk.empty(0, np.int64).shape == (0,)
+    for memory in (disk, Memory()):
+        rows, numbers = memory.growing(np.int32, 2), memory.growing(np.float64)
+        assert numbers.array().shape == (0,)
+        rows.append(np.ones((3, 2), np.int32))
+        rows.append(np.zeros((0, 2), np.int32))
+        rows.append(np.full((1, 2), 7, np.int32))
+        assert_array_equal(rows.array(), [[1, 1], [1, 1], [1, 1], [7, 7]])
+        assert memory.growing(np.int32, 2).array().shape == (0, 2)
+    assert not list(tmp_path.iterdir())  # their files have no name
+
+
+def test_points_of_a_file_are_read_once_in_blocks(tmp_path):
+    path = tmp_path / "cloud.npy"
+    np.save(path, np.tile(POINTS, (4, 1)))
+    tracemalloc.start()
+    cloud = points_on_disk(pw.open_cloud(path), Disk(tmp_path))
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert len(cloud) == 4 * len(POINTS)
+    assert peak < 4e6 * 24  # blocks of a million points, not the file
+    assert_array_equal(cloud.points[-len(POINTS) :], POINTS)
+    assert_array_equal(extent(cloud.points), (POINTS.min(axis=0), POINTS.max(axis=0)))
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
+    return result.exit_code, re.sub(r"\s+", " ", result.stdout + result.stderr)
+
+
+def test_the_command_writes_the_same_in_tiles(tmp_path):
+    path = tmp_path / "building.las"
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.scales, header.offsets = np.full(3, 1e-4), np.array([500_000.0, 6_000_000.0, 0.0])
+    las = laspy.LasData(header)
+    las.xyz = POINTS[:50_000] + header.offsets
+    las.write(path)
+    for name, tiles in (("whole", "auto"), ("tiled", "9000")):
+        code, text = run(
+            "points", path, "--sigma", 0.01, "--tiles", tiles, "--outlines", "-o", tmp_path / name
+        )
+        assert code == 0, text
+    records = [json.loads((tmp_path / n / "planes.json").read_text()) for n in ("whole", "tiled")]
+    assert len(records[0]["planes"]) > 20
+    assert [p["readings"] for p in records[0]["planes"]] == [
+        p["readings"] for p in records[1]["planes"]
+    ]
+    for name in ("labelled.ply", "labelled.las", "preview.png"):
+        a, b = ((tmp_path / folder / name).read_bytes() for folder in ("whole", "tiled"))
+        assert a == b, name
+    outlines = [
+        json.loads((tmp_path / n / "outlines.json").read_text()) for n in ("whole", "tiled")
+    ]
+    assert len(outlines[0]["features"]) == len(outlines[1]["features"]) > 20
+    planes = plyfile.PlyData.read(tmp_path / "tiled" / "labelled.ply")["vertex"]["plane"]
+    assert_array_equal(planes, laspy.read(tmp_path / "tiled" / "labelled.las")["plane"])
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["building.las", "tiled", "whole"]
+
+
+def test_wrong_tiles_and_damaged_files_leave_nothing(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, POINTS[:3000])
+    for tiles in ("0", "-3", "many"):
+        code, text = run("points", path, "--sigma", 0.01, "--tiles", tiles, "-o", tmp_path / "out")
+        assert code == 2
+        assert "tiles must be a number of points" in text
+    with path.open("a") as stream:
+        stream.write("1 2 three\n")
+    code, text = run("points", path, "--sigma", 0.01, "--tiles", 500, "-o", tmp_path / "out")
+    assert code == 2
+    assert "bad line of points" in text
+    assert [each.name for each in tmp_path.iterdir()] == ["cloud.xyz"]
