@@ -23,7 +23,7 @@ from planewise.evaluate import MAX_PLANES
 from planewise.frame import frame_of
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
-from planewise.spatial import turn_to_theta
+from planewise.sectors import turn_to_theta
 from planewise.spatial_information import Ledger, ledger
 from planewise.spatial_model import spatial_model
 from planewise.workspace import Workspace

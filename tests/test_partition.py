@@ -316,7 +316,7 @@ def test_spatial_information_with_regions_is_that_of_the_judge(real_frames):
     """A frame on which a partition helps: its Phi is exact, and it is another model."""
     from planewise.cells import cells_of
     from planewise.frame import frame_of
-    from planewise.spatial import turn_to_theta
+    from planewise.sectors import turn_to_theta
     from planewise.spatial_information import ledger
 
     depth, camera, scale = real_frames("nyu_dpd", "nyu_0412")

@@ -19,12 +19,13 @@ from typing import TYPE_CHECKING, Any
 
 from planewise import cameras, noise, scenes, sensors
 from planewise._version import __version__
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.information import information
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.objective import Objective
 from planewise.observation import observe, observe_points
 from planewise.sensor import Sensor
+from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
     from planewise import datasets, partition
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from planewise.reassign import NormalReassignment
 
 __all__ = [
+    "Camera",
     "Curve",
     "Detector",
     "Move",
@@ -56,6 +58,7 @@ __all__ = [
     "PlaneModel",
     "PointCloud",
     "Sensor",
+    "SphericalCamera",
     "__version__",
     "calibrate",
     "cameras",

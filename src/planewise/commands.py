@@ -13,6 +13,7 @@ from planewise import cameras, sensors, terminal
 from planewise._version import __version__
 from planewise.bench_command import bench
 from planewise.calibrate_command import calibrate
+from planewise.camera import PinholeCamera
 from planewise.camera_files import NOISE_HELP, read_camera
 from planewise.command_line import (
     CAMERA_HELP,
@@ -35,6 +36,7 @@ from planewise.nyu_command import nyu
 from planewise.points_command import points
 from planewise.reproduce_command import reproduce
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
+from planewise.spherical import SphericalCamera
 
 app = typer.Typer(
     name="planewise",
@@ -382,8 +384,22 @@ def info() -> None:
                     *(f"{value:.2f}" for value in (camera.fx, camera.fy, camera.cx, camera.cy)),
                 )
                 for name, camera in cameras.PRESETS.items()
+                if isinstance(camera, PinholeCamera)
             ),
             ("--camera", "pixels", "fx", "fy", "cx", "cy"),
+        )
+        terminal.show_table(
+            "LiDAR",
+            (
+                (
+                    name,
+                    f"{camera.shape[1]} x {camera.shape[0]}",
+                    f"{max(camera.elevation):g} ... {min(camera.elevation):g}",
+                )
+                for name, camera in cameras.PRESETS.items()
+                if isinstance(camera, SphericalCamera)
+            ),
+            ("--camera", "pixels", "elevation in degrees"),
         )
         terminal.show_table(
             "sensors",

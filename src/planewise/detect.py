@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.evaluate import MAX_PLANES, evaluator
 from planewise.joint import joint_search
 from planewise.model import Curve, PlaneModel
@@ -168,7 +168,7 @@ class Options:
 
 def detect_planes(
     depth: ArrayLike,
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     *,
     depth_scale: float | None = None,
@@ -191,10 +191,10 @@ def detect_planes(
     Parameters
     ----------
     depth : array_like, shape (H, W)
-        Metres if floating point, units of `depth_scale` if integer. 0, NaN, infinity and readings
-        outside the sensor's range are "no reading".
-    camera : PinholeCamera
-        Intrinsics; `planewise.cameras` has presets.
+        Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
+        0, NaN, infinity and readings outside the sensor's range are "no reading".
+    camera : Camera
+        `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
         Range, resolution and noise; `planewise.sensors` has presets.
     depth_scale : float, optional
@@ -314,7 +314,7 @@ class Detector:
 
     def __init__(
         self,
-        camera: PinholeCamera,
+        camera: Camera,
         sensor: Sensor,
         *,
         depth_scale: float | None = None,

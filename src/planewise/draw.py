@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import PlaneModel
 from planewise.palette import distinct_colours
+from planewise.spherical import SphericalCamera
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -23,7 +24,7 @@ _INK, _PAPER, _FAINT = (28, 30, 34), (250, 250, 248), (120, 124, 130)
 
 
 def draw_overlay(
-    model: PlaneModel, depth: Array, camera: PinholeCamera, *, rgb: Picture | None = None
+    model: PlaneModel, depth: Array, camera: Camera, *, rgb: Picture | None = None
 ) -> Picture:
     """Draw the planes of a depth image with their ranks, and a legend beside it.
 
@@ -33,8 +34,8 @@ def draw_overlay(
         Of a depth image.
     depth : ndarray, shape (H, W)
         Metres, NaN where there is no reading.
-    camera : PinholeCamera
-        Its intrinsics; they shade the relief.
+    camera : Camera
+        Its rays shade the relief.
     rgb : ndarray of uint8, shape (h, w, 3), optional
         Picture of the same view; resized if it has another size. ``None`` means that the depth
         itself is shaded.
@@ -42,7 +43,7 @@ def draw_overlay(
     Returns
     -------
     ndarray of uint8, shape (H', W', 3)
-        The image, magnified by a whole number if it is small, with the legend on its right.
+        The image, magnified by whole numbers if it is small, with the legend on its right.
 
     Raises
     ------
@@ -52,9 +53,11 @@ def draw_overlay(
     shape = (depth.shape[0], depth.shape[1])
     base = _shade(depth, camera) if rgb is None else match_picture(rgb, shape) / 255
     picture = _tint(base, model.labels, np.isfinite(depth), shaded=rgb is None)
-    factor = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
-    picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    labels = model.labels.repeat(factor, axis=0).repeat(factor, axis=1)
+    # The few rows of a LiDAR are farther apart than its columns, and magnified alone.
+    down = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
+    across = 1 if isinstance(camera, SphericalCamera) else down
+    picture = picture.repeat(down, axis=0).repeat(across, axis=1)
+    labels = model.labels.repeat(down, axis=0).repeat(across, axis=1)
     _outline(picture, labels)
     return annotate(picture, labels, model)
 
@@ -128,7 +131,7 @@ def draw_labels(labels: NDArray[np.uint16], rgb: Picture) -> Picture:
     return picture
 
 
-def _shade(depth: Array, camera: PinholeCamera) -> Array:
+def _shade(depth: Array, camera: Camera) -> Array:
     """Grey relief of the depth, lit from the upper left: shape (H, W, 3) in 0 ... 1."""
     shape = (depth.shape[0], depth.shape[1])
     z = _smooth(depth)
@@ -136,9 +139,10 @@ def _shade(depth: Array, camera: PinholeCamera) -> Array:
     right = _moved(points, 2, 1) - _moved(points, -2, 1)
     down = _moved(points, 2, 0) - _moved(points, -2, 0)
     normal = np.cross(down, right)  # faces the camera
+    upright = isinstance(camera, SphericalCamera)  # z is up, and the lamp a sun
     length = np.linalg.norm(normal, axis=-1)
     normal /= np.maximum(length, 1e-12)[..., None]
-    lamp = np.array((-0.45, -0.60, -0.66))
+    lamp = np.array((0.45, 0.60, 0.66) if upright else (-0.45, -0.60, -0.66))
     light = 0.55 + 0.45 * np.clip(normal @ lamp, 0, 1)
     valid = np.isfinite(z)
     near, far = np.percentile(z[valid], (1, 99)) if valid.any() else (0.0, 1.0)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.depth_files import DepthFile, read_depth
 from planewise.errors import PlanewiseError
 from planewise.result_files import FILES, OUTLINE_FILES, output_folder, write_results
@@ -62,7 +62,7 @@ class Job:
         Range, resolution and noise.
     options : Options
         How to search.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         Intrinsics.
     depth_scale : float, optional
         Metres per unit of integer depth.
@@ -76,7 +76,7 @@ class Job:
 
     sensor: Sensor
     options: Options
-    camera: PinholeCamera | None = None
+    camera: Camera | None = None
     depth_scale: float | None = None
     rgb: Path | None = None
     outlines: bool = False
@@ -171,7 +171,7 @@ class Job:
 
 def find_planes(
     depth: NDArray[np.generic],
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     depth_scale: float | None,
     options: Options,
