@@ -12,6 +12,7 @@ import planewise as pw
 from planewise import cameras
 from planewise.commands import app
 from planewise.metrics import evaluate
+from tests.conftest import SHARED
 
 SENSOR = pw.Sensor(max_depth=60.0, resolution=0.002, noise=0.02)
 CAMERA = pw.SphericalCamera.spinning(np.linspace(30, -30, 48), 512)
@@ -165,6 +166,27 @@ def test_part_of_a_turn():
             assert abs(nearest(model, ROOM[j - 1])[0].distance - ROOM[j - 1, 3]) < 0.01
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(2, 2), (3, 4), (30, 9), (5, 40), (40, 71), (9, 73)])
+def test_images_of_few_rows_or_columns(rows, columns):
+    """Sectors of a column or two, cells that are not filled: whatever is found is valid."""
+    camera = pw.SphericalCamera.spinning(np.linspace(60, -70, rows), columns)
+    ranges, _ = room(camera, np.random.default_rng(rows))
+    for options in ({}, {"objective": "paper"}):
+        model = pw.detect_planes(ranges, camera, SENSOR, **options)
+        assert np.isfinite(model.information)
+        assert [plane.count for plane in model.planes] == np.bincount(
+            model.labels.ravel(), minlength=len(model) + 1
+        )[1:].tolist()
+
+
+def test_a_partition_needs_the_paper_s_objective():
+    ranges, _ = room(CAMERA, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="partition with objective='spatial' needs a pinhole"):
+        pw.detect_planes(ranges, CAMERA, SENSOR, partition="graph")
+    model = pw.detect_planes(ranges, CAMERA, SENSOR, partition="graph", objective="paper")
+    assert len(model) == 6
+
+
 def test_drop_outs_are_no_readings():
     rng = np.random.default_rng(2)
     ranges, _ = room(CAMERA, rng)
@@ -256,3 +278,22 @@ def test_command_line(tmp_path):
     wrong = CliRunner().invoke(app, [*arguments, "--camera", "velodyne-vlp16", "-o", str(out)])
     assert wrong.exit_code == 2
     assert "16 rows and 1800 columns" in wrong.output
+
+
+@pytest.mark.parametrize("name", ["kitti_000000", "kitti_000005"])
+def test_a_sweep_of_a_real_street(name):
+    """Points without order: much of the ground comes back, level, a car's height below."""
+    path = SHARED / "lidar" / f"{name}.npz"
+    if not path.exists():
+        pytest.skip(f"real scans are not part of the project: lidar/{name} is not here")
+    with np.load(path) as sweep:
+        points = sweep["points"]
+    camera = cameras.VELODYNE_HDL64E
+    ranges = camera.from_points(points)
+    assert (ranges > 0).sum() > 0.8 * len(points)
+    model = pw.detect_planes(ranges, camera, pw.sensors.VELODYNE_HDL64E)
+    level = [plane for plane in model.planes if plane.normal[2] > np.cos(np.radians(8))]
+    assert all(1.5 < plane.distance < 2.3 for plane in level)
+    assert sum(plane.count for plane in level) > 0.25 * model.readings
+    upright = [plane for plane in model.planes if abs(plane.normal[2]) < 0.3]
+    assert len(level) + len(upright) == len(model) >= 5

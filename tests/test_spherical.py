@@ -53,7 +53,7 @@ def test_points_come_back_to_their_pixels(seed, wraps, upward):
     span = 360 * (1 - 1 / columns) if wraps else rng.uniform(20, 300)
     azimuth = rng.uniform(-180, 180) + rng.choice((-1, 1)) * np.linspace(0, span, columns)
     step = span / (columns - 1)
-    offset = rng.uniform(-0.9, 0.9, rows) * step if wraps else ()
+    offset = rng.uniform(-0.9, 0.9, rows) * min(step, 20) if wraps else ()
     camera = pw.SphericalCamera(elevation=elevation, azimuth=azimuth, azimuth_offset=offset)
     assert camera.wraps or not wraps
     ranges = rng.uniform(1, 50, camera.shape) * (rng.random(camera.shape) < 0.8)
@@ -105,6 +105,10 @@ BAD = {
     "offsets of other beams": (
         {"elevation": [1, 0], "azimuth": [0, 1], "azimuth_offset": [1]},
         "one angle for each of 2",
+    ),
+    "offsets of all": (
+        {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [90, 90]},
+        "within 20 degrees",
     ),
     "staggered": (
         {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [3, -3]},

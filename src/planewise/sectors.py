@@ -239,9 +239,11 @@ def of_panorama(
     along, width = azimuth.mean(axis=0), azimuth.shape[1]
     span = abs(along[-1] - along[0]) * width / (width - 1)
     count = max(1, int(np.ceil(span / _WIDEST)))
-    edges = SQUARE * np.rint(np.linspace(0, width / SQUARE, count + 1)).astype(np.intp)
+    # Whole squares, but for columns so far apart that few make a sector.
+    whole = SQUARE if 2 * SQUARE * span < _WIDEST * width else 1
+    edges = whole * np.rint(np.linspace(0, width / whole, count + 1)).astype(np.intp)
     edges[-1] = width
-    edges = np.unique(np.clip(edges, 0, width))
+    edges = np.unique(np.minimum(edges, width))
     count = len(edges) - 1
     pitch = -(-(int(np.diff(edges).max()) + GAP) // BLOCK) * BLOCK
     start = pitch * np.arange(count)

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _STEEPEST = 75.0  # degrees of elevation: beyond it, sectors are stretched too far
 _STAGGER = 2.0  # columns by which rows beside each other may be out of step
+_FARTHEST = 20.0  # degrees that a row may be off its columns
 _FULL_TURN = 1.5  # columns that may be missing from one
 _UNEVEN = 4.0  # times the usual step that columns may be apart
 
@@ -43,14 +44,14 @@ class SphericalCamera:
         falling, over 360 degrees at most. As far as there is a choice, falling: then the left of
         the image is on the left. Values may jump by 360.
     azimuth_offset : sequence of float, length H, optional
-        What every row's azimuth has more than that of the column, degrees. Rows have to be in step
-        within two columns: destagger raw images.
+        What every row's azimuth has more than that of the column, 20 degrees at most. Rows have to
+        be in step within two columns: destagger raw images.
 
     Raises
     ------
     ValueError
         If angles are not finite or not in order, an elevation lies beyond 75 degrees, columns go
-        round more than once, or rows are staggered.
+        round more than once, or rows are off their columns or staggered.
 
     Examples
     --------
@@ -89,6 +90,12 @@ class SphericalCamera:
         if np.abs(step).sum() > 360.0:
             raise ValueError(
                 f"camera: azimuth must go round once at most, got {np.abs(step).sum():g} degrees"
+            )
+        farthest = np.abs(self.azimuth_offset).max(initial=0.0)
+        if farthest > _FARTHEST:
+            raise ValueError(
+                f"camera: azimuth_offset must lie within {_FARTHEST:g} degrees, got {farthest:g}; "
+                "what all rows share belongs to azimuth"
             )
         out_of_step = np.abs(np.diff(self.azimuth_offset)).max(initial=0.0) / usual
         if out_of_step > _STAGGER:
