@@ -261,6 +261,18 @@ def test_streets_are_what_they_say():
         pw.scenes.street(lost=1.0)
 
 
+def test_outlines_lie_on_the_planes():
+    pytest.importorskip("shapely")
+    from planewise.image_outlines import outline_image
+
+    ranges, _ = room(CAMERA, np.random.default_rng(0))
+    model = pw.detect_planes(ranges, CAMERA, SENSOR)
+    surfaces = outline_image(model, CAMERA, max_depth=60.0)
+    assert [surface.plane for surface in surfaces] == list(range(1, 7))
+    for surface, plane in zip(surfaces, model.planes, strict=True):
+        assert surface.area == pytest.approx(plane.area, rel=0.1)
+
+
 def test_command_line(tmp_path):
     scene = pw.scenes.street(3)
     np.save(tmp_path / "range.npy", scene.depth)

@@ -31,6 +31,17 @@ def test_rays_are_those_of_the_angles():
     assert not CAMERA.wraps
 
 
+def test_places_between_pixels():
+    rows, columns = np.indices(CAMERA.shape)
+    pixels = np.stack((columns, rows), axis=-1)
+    assert_allclose(CAMERA.unproject(pixels), CAMERA.rays(CAMERA.shape), atol=1e-12)
+    plain = pw.SphericalCamera(elevation=[10, 0], azimuth=[30, 20, 10])
+    a, e = np.radians((25, 35, 5)), np.radians((5, 15, -5))
+    expected = np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+    found = plain.unproject(np.array([[0.5, 0.5], [-0.5, -0.5], [2.5, 1.5]]))
+    assert_allclose(found, expected, atol=1e-12)
+
+
 def test_pixels_cover_the_band_between_the_outermost_beams():
     camera = pw.SphericalCamera.spinning(np.linspace(30, -30, 61), 360)
     area = camera.pixel_area(camera.shape)

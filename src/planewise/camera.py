@@ -63,6 +63,15 @@ class Camera(Protocol):
         """Area that pixels cover where readings are 1, square metres, shape (height, width)."""
         ...
 
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image."""
+        ...
+
+    def unproject(self, pixels: Array) -> Array:
+        """Rays (..., 3) of places (x, y) in the image, (..., 2); centres of pixels are integers."""
+        ...
+
     def sectors(self, shape: tuple[int, int]) -> Sectors:
         """Coordinates in which inverse depth is affine on planes (`planewise.sectors`)."""
         ...
@@ -139,6 +148,11 @@ class PinholeCamera:
     def wraps(self) -> bool:
         """Whether the last column is beside the first one: not of a pinhole image."""
         return False
+
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image: by distortion."""
+        return any(self.distortion)
 
     @property
     def pixel_size(self) -> tuple[float, float]:

@@ -119,7 +119,7 @@ class Job:
                 self._write_outlines(folder, model, camera)
         return Done(model=model, seconds=seconds, folder=target)
 
-    def _write_outlines(self, folder: Path, model: PlaneModel, camera: PinholeCamera) -> None:
+    def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.image_outlines import outline_image
         from planewise.outline_files import write_outlines
 

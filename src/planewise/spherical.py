@@ -197,6 +197,33 @@ class SphericalCamera:
         self.check(shape)
         return _sectors(self)
 
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image: they are."""
+        return True
+
+    def unproject(self, pixels: Array) -> Array:
+        """Unit directions of places in the image, up to half a pixel beyond the outermost.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2)
+            Column and row; centres of pixels are integers.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
+        column, row = np.moveaxis(np.asarray(pixels, np.float64), -1, 0)
+        azimuth = _between(self._continuous(), column)
+        elevation = np.radians(_between(np.array(self.elevation), row))
+        if self.azimuth_offset:
+            azimuth = azimuth + np.interp(row, np.arange(self.shape[0]), self.azimuth_offset)
+        azimuth, flat = np.radians(azimuth), np.cos(elevation)
+        return np.stack(
+            (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)), axis=-1
+        )
+
     def points(self, depth: ArrayLike) -> Array:
         """Points of a range image.
 
@@ -345,6 +372,13 @@ def _edges(angles: Array) -> Array:
     """Half-way between angles in order, and as far beyond the outermost: one more of them."""
     half = 0.5 * np.diff(angles)
     return np.concatenate(([angles[0] - half[0]], angles[:-1] + half, [angles[-1] + half[-1]]))
+
+
+def _between(angles: Array, place: Array) -> Array:
+    """Angles at places between their indices, and up to half-way beyond the ends."""
+    edges, last = _edges(angles), angles.size - 1
+    places = np.concatenate(([-0.5], np.arange(angles.size), [last + 0.5]))
+    return np.interp(place, places, np.concatenate((edges[:1], angles, edges[-1:])))
 
 
 def _nearest(angles: Array, wanted: Array) -> NDArray[np.intp]:
