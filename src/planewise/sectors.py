@@ -75,7 +75,7 @@ class Sectors:
         """Number of sectors, K."""
         return len(self.turn)
 
-    @property
+    @cached_property
     def mean_ratio(self) -> float:
         """Root mean square of c: depth z against range of a usual reading."""
         if self.ratio is None or self.column is None:
