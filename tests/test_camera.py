@@ -16,7 +16,7 @@ def test_ray_of_the_principal_point_is_the_axis():
     assert_allclose(rays[20 + 6, 10 + 5], [0.1, 0.1, 1])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(k1=st.floats(-0.2, 0.2), k2=st.floats(-0.05, 0.05), p=st.floats(-0.01, 0.01))
 def test_distortion_is_undone(k1, k2, p):
     camera = pw.PinholeCamera(fx=60, fy=60, cx=31, cy=23, distortion=(k1, k2, p, -p))

@@ -193,7 +193,7 @@ def test_covariance_is_the_scatter_of_the_estimates(camera):
     assert np.std(deviation[:, 3]) == pytest.approx(distance_sigma, rel=0.2)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(factor=st.floats(0.1, 10))
 def test_scaling_the_scene_scales_the_planes(factor):
     camera = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)

@@ -51,7 +51,7 @@ def test_a_pixel_belongs_to_the_smallest_mask_that_holds_it():
 
 
 @given(arrays(bool, st.tuples(st.integers(1, 6), st.just(4), st.just(5))))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_masks_against_the_rule_pixel_by_pixel(masks):
     regions = regions_of_masks(masks, (4, 5))
     sizes = masks.sum(axis=(1, 2))
