@@ -35,6 +35,7 @@ MOST = 4096  # points of a cloud that has few
 POINTS = 3.0  # in a cube of such a cloud
 _MOST_PLANES = 64
 _RELABELLED = 3  # times
+_MERGED_PLANES = 24  # above which merging them by trial takes too long
 _PARALLEL = 0.9  # least cosine between planes that are merged
 
 
@@ -124,6 +125,8 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
     """Merge pairs of planes, the one that saves most first, while Phi falls."""
     while True:
         planes = int(labels.max(initial=0))
+        if planes > _MERGED_PLANES:
+            return labels
         normals = planes_of(plane_rows(groups_of(cloud, labels, error), planes, error))[:, :3]
         best = phi, labels
         for i, j in combinations(range(planes), 2):
