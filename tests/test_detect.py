@@ -267,5 +267,7 @@ def test_the_objective_follows_from_what_there_is(roof, camera):
     image = pw.detect_planes(roof[0], camera, SENSOR)
     sequential = pw.detect_planes(roof[0], camera, SENSOR, search="sequential")
     points = pw.detect_planes_in_points(np.zeros((3, 3)), SENSOR)
-    assert [m.objective for m in (image, sequential, points)] == ["spatial", "paper", "paper"]
+    hyper = pw.detect_planes_in_points(np.zeros((4, 4)), SENSOR)
+    assert [m.objective for m in (image, points)] == ["spatial", "spatial"]
+    assert [m.objective for m in (sequential, hyper)] == ["paper", "paper"]
     assert image.settings["objective"] == "spatial"

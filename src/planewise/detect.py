@@ -15,7 +15,13 @@ from planewise.evaluate import MAX_PLANES, evaluator
 from planewise.joint import joint_search
 from planewise.model import Curve, PlaneModel
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
-from planewise.observation import Observation, RayObservation, observe, observe_points
+from planewise.observation import (
+    Observation,
+    RayObservation,
+    checked_points,
+    observe,
+    observe_points,
+)
 from planewise.partition import (
     Partition,
     Partitioner,
@@ -52,8 +58,8 @@ class Options:
         All planes together, or the paper's one after the other.
     objective : {"spatial", "paper"} or Objective, optional
         What is minimised: a spatial mask code with correlated error and a smooth null (depth
-        images, joint search), or the paper's objective. ``None`` means the first where it can be
-        had, else the second.
+        images and points in space, joint search), or the paper's objective. ``None`` means the
+        first where it can be had, else the second.
     instances : bool
         Keep coplanar surfaces that do not touch apart (spatial objective).
     significance : float
@@ -126,12 +132,11 @@ class Options:
         if self.threads is not None and self.threads < 1:
             raise ValueError(f"threads must be at least 1, got {self.threads}")
 
-    def resolved(self, observation: Observation) -> Options:
-        """These options with the objective that `observation` is to be searched under."""
+    def resolved(self, spatial: bool) -> Options:
+        """These options with an objective; spatial: whether the observation may have that one."""
         if self.objective is not None:
             return self
-        image = isinstance(observation, RayObservation)
-        return replace(self, objective=SPATIAL if image and self.search == "joint" else "paper")
+        return replace(self, objective=SPATIAL if spatial and self.search == "joint" else "paper")
 
     def describe(self) -> dict[str, object]:
         """Say in plain types what was asked for, for result files."""
@@ -251,45 +256,126 @@ def detect_planes_in_points(
     points: ArrayLike,
     sensor: Sensor,
     *,
+    sigma: ArrayLike | None = None,
+    origin: ArrayLike | None = None,
     search: Search = "joint",
     objective: Objective | str | None = None,
+    instances: bool = False,
+    significance: float = 0.0,
     confidence: float = 0.99,
     inlier_ratio: float = 0.1,
     max_planes: int | None = None,
     rng: Seed = 0,
     threads: int | None = None,
 ) -> PlaneModel:
-    """Find every hyperplane that free points in n dimensions can justify, best first.
+    """Find every plane that free points can justify, best first: in n dimensions, every hyperplane.
 
     Parameters
     ----------
     points : array_like, shape (k, n)
-        Metres, n >= 2; rows that are not finite are no reading.
+        Metres, n >= 2, any origin; rows that are not finite are no reading. In space (n = 3) a
+        cloud of floating-point numbers in C order is searched where it lies, without a copy.
     sensor : Sensor
-        `max_depth` is R, the extent a coordinate may take; noise is normal to the plane.
-    search, objective, confidence, inlier_ratio, max_planes, rng, threads
-        See `Options`.
+        `max_depth` is R, the extent a coordinate may take; noise is normal to the plane, evaluated
+        at the distance from the origin of the coordinates. Depth limits do not apply.
+    sigma : array_like, shape (k,), optional
+        Standard deviation of every point in metres, in place of the sensor's noise (spatial
+        objective).
+    origin : array_like, shape (3,) or (k, 3), optional
+        Where the scanner stood, for all points or each (spatial objective): noise is then along
+        the rays from there, evaluated at the range. Normals face the origin of the coordinates all
+        the same.
+    search, objective, instances, significance, confidence, inlier_ratio, max_planes, rng, threads
+        See `Options`. The spatial objective needs n = 3.
 
     Returns
     -------
     PlaneModel
-        `labels` has shape (k,).
+        `labels` has shape (k,). Points that show no plane give a model without planes whose `note`
+        says why.
 
     Raises
     ------
     ValueError
-        If an argument is malformed.
+        If an argument is malformed; the message names it and says what was expected.
+
+    Examples
+    --------
+    >>> import numpy as np, planewise as pw
+    >>> rng = np.random.default_rng(0)
+    >>> roof = rng.uniform(0, 10, (4000, 3)) + [592000.0, 6740000.0, 0]
+    >>> roof[:, 2] = 60 + 0.5 * np.abs(roof[:, 0] - 592005) + rng.normal(0, 0.02, 4000)
+    >>> model = pw.detect_planes_in_points(roof, pw.Sensor(max_depth=100, noise=0.02))
+    >>> len(model), [round(plane.area) for plane in model.planes]
+    (2, [56, 56])
     """
     options = Options(
         search=search,
         objective=objective,
+        instances=instances,
+        significance=significance,
         confidence=confidence,
         inlier_ratio=inlier_ratio,
         max_planes=max_planes,
         rng=rng,
         threads=threads,
     )
-    return find(observe_points(points, sensor), options)
+    array = checked_points(points, sensor)
+    options = options.resolved(spatial=array.shape[1] == 3)
+    if options.objective == SPATIAL:
+        if array.shape[1] != 3:
+            raise ValueError(
+                f"objective='spatial' needs points of shape (k, 3), got {array.shape}; "
+                "hyperplanes take 'paper'"
+            )
+        return _find_in_cloud(array, sensor, sigma, origin, options)
+    for name, given in (("sigma", sigma), ("origin", origin)):
+        if given is not None:
+            raise ValueError(f"{name} needs objective='spatial', got another objective")
+    return find(observe_points(array, sensor), options)
+
+
+def _find_in_cloud(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: ArrayLike | None,
+    origin: ArrayLike | None,
+    options: Options,
+) -> PlaneModel:
+    errors = None if sigma is None else np.asarray(sigma, np.float64)
+    if errors is not None:
+        if errors.shape != points.shape[:1]:
+            raise ValueError(
+                f"sigma must hold one number a point: expected shape {points.shape[:1]}, "
+                f"got {errors.shape}"
+            )
+        if not (np.isfinite(errors).all() and (errors > 0).all()):
+            raise ValueError("sigma must be positive and finite (metres)")
+    seen_from = None if origin is None else np.asarray(origin, np.float64)
+    if seen_from is not None:
+        if seen_from.shape not in ((3,), points.shape):
+            raise ValueError(
+                "origin must be one place or one a point: expected shape (3,) or "
+                f"{points.shape}, got {seen_from.shape}"
+            )
+        if not np.isfinite(seen_from).all():
+            raise ValueError("origin must be finite (metres)")
+    compilation.announce()
+    # Its compiled loops are loaded only where they are used.
+    from planewise.cloud_model import cloud_model
+
+    return cloud_model(
+        np.ascontiguousarray(points),
+        sensor,
+        errors,
+        seen_from,
+        instances=options.instances,
+        max_planes=options.max_planes or MAX_PLANES,
+        significance=options.significance,
+        settings=options.describe(),
+        workers=options.threads or threads.available(),
+        rng=np.random.default_rng(options.rng),
+    )
 
 
 class Detector:
@@ -363,10 +449,12 @@ def find(
     PlaneModel
         Planes, best first.
     """
-    options = options.resolved(observation)
+    options = options.resolved(isinstance(observation, RayObservation))
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):
-        raise ValueError("objective='spatial' needs a depth image; free points take 'paper'")
+        raise ValueError(
+            "objective='spatial' needs a depth image, or points (detect_planes_in_points)"
+        )
     reassign = as_reassignment(options.reassign)
     if reassign is not None and not isinstance(observation, RayObservation):
         raise ValueError("reassign needs a depth image; free points have no neighbours")

@@ -363,18 +363,7 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         If `points` is not a 2-D array of numbers with two or more columns, or the noise is "auto",
         which needs a depth image.
     """
-    if sensor.noise == AUTO:
-        raise ValueError(
-            "noise='auto' needs a depth image, whose cells show the noise; for points give it as "
-            "metres, such as noise=0.005, or as a function of the distance"
-        )
-    array = np.asarray(points)
-    if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
-        raise ValueError(
-            "points must be real numbers of shape (k, n) with n >= 2, one point a row, "
-            f"got shape {array.shape} of {array.dtype}"
-        )
-    array = array.astype(np.float64)
+    array = checked_points(points, sensor).astype(np.float64)
     index = np.flatnonzero(np.isfinite(array).all(axis=1))
     valid = array[index]
     origin = valid.mean(axis=0) if index.size else np.zeros(array.shape[1])
@@ -387,3 +376,25 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         points=np.ascontiguousarray((valid - origin).T),
         origin=origin,
     )
+
+
+def checked_points(points: ArrayLike, sensor: Sensor) -> NDArray[np.floating]:
+    """Points as an array of floating-point numbers, the same one where they are.
+
+    Raises
+    ------
+    ValueError
+        As `observe_points`.
+    """
+    if sensor.noise == AUTO:
+        raise ValueError(
+            "noise='auto' needs a depth image, whose cells show the noise; for points give it as "
+            "metres, such as noise=0.005, or as a function of the distance"
+        )
+    array = np.asarray(points)
+    if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
+        raise ValueError(
+            "points must be real numbers of shape (k, n) with n >= 2, one point a row, "
+            f"got shape {array.shape} of {array.dtype}"
+        )
+    return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)

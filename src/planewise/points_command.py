@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import time
 from pathlib import Path
 from typing import Annotated, Any
@@ -168,8 +167,6 @@ def _find(
     from planewise.detect import detect_planes_in_points
 
     if origin is not None:
-        if "origin" not in inspect.signature(detect_planes_in_points).parameters:
-            raise PlanewiseError("origin: this version finds planes in free points only")
         options = {**options, "origin": origin}
     started = time.perf_counter()
     model = detect_planes_in_points(cloud.points, sensor, **options)

@@ -10,43 +10,11 @@ import numpy as np
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
 from planewise.kernels.forms import FORM, W, compare_forms, write_form
+from planewise.kernels.heap import pop, push, replace
 from planewise.kernels.jit import compiled, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-
-
-@internal
-def _push(keys, items, size, key, item):  # type: ignore[no-untyped-def]
-    """Enter an item into a heap whose top is the largest key; returns the new size."""
-    i = size
-    while i > 0 and keys[(i - 1) >> 1] < key:
-        keys[i], items[i] = keys[(i - 1) >> 1], items[(i - 1) >> 1]
-        i = (i - 1) >> 1
-    keys[i], items[i] = key, item
-    return size + 1
-
-
-@internal
-def _pop(keys, items, size):  # type: ignore[no-untyped-def]
-    """Take the top off a heap; returns the new size."""
-    _replace(keys, items, size - 1, keys[size - 1], items[size - 1])
-    return size - 1
-
-
-@internal
-def _replace(keys, items, size, key, item):  # type: ignore[no-untyped-def]
-    """Put another item in place of the top of a heap."""
-    i = 0
-    keys[size] = -np.inf  # there is room: then every child has a brother
-    while 2 * i + 1 < size:
-        child = 2 * i + 1
-        child += keys[child + 1] > keys[child]
-        if keys[child] <= key:
-            break
-        keys[i], items[i] = keys[child], items[child]
-        i = child
-    keys[i], items[i] = key, item
 
 
 @internal
@@ -305,11 +273,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 slope_prior, most,
             )  # fmt: skip
             if current[edge] > 0.0:
-                size = _push(keys, items, size, current[edge], edge)
+                size = push(keys, items, size, current[edge], edge)
     while size > 0:
         key, edge = keys[0], items[0]
         if not alive[edge] or key != current[edge]:
-            size = _pop(keys, items, size)
+            size = pop(keys, items, size)
             continue
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
@@ -319,11 +287,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 slope_prior, most,
             )  # fmt: skip
             if current[edge] > 0.0:
-                _replace(keys, items, size, current[edge], edge)
+                replace(keys, items, size, current[edge], edge)
             else:
-                size = _pop(keys, items, size)
+                size = pop(keys, items, size)
             continue
-        size = _pop(keys, items, size)
+        size = pop(keys, items, size)
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         if home[u] != home[v]:
@@ -370,7 +338,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                         slope_prior, most,
                     )  # fmt: skip
                     if current[kept] > 0.0:
-                        size = _push(keys, items, size, current[kept], kept)
+                        size = push(keys, items, size, current[kept], kept)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -385,7 +353,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             size = 0
             for other_edge in range(edges):
                 if alive[other_edge] and current[other_edge] > 0.0:
-                    size = _push(keys, items, size, current[other_edge], other_edge)
+                    size = push(keys, items, size, current[other_edge], other_edge)
     for u in range(count):
         top = root[u]
         while root[top] != top:

@@ -1,0 +1,218 @@
+"""Clouds of points: time and memory, a generated building and airborne roofs against others.
+
+    python -m benchmarks.clouds speed       # seconds, processor seconds and memory by size
+    python -m benchmarks.clouds building    # F1 and time at 200,000 points, all methods
+    python -m benchmarks.clouds roofs       # F1 by group, all methods
+    python -m benchmarks.clouds pictures    # of scans without labels, into OUT/
+
+F1 is that of planes at IoU 0.5, planes of fewer than 50 points (roofs: all count) left out. Others
+share the machine: processor seconds and ratios say more than seconds.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import planewise as pw
+from benchmarks.building import building
+from benchmarks.cloud_rivals import CloudMethod, Scan, methods
+from benchmarks.frames import DATA
+from planewise.metrics import Detection, evaluate
+from planewise.stages import recorded
+
+_SIZES = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
+_SENSOR = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.01)
+_AIRBORNE = 0.05  # standard deviation of airborne points, metres: one setting for all sets
+_PICTURED = {"lidar": (100.0, 0.01, 0.03), "clouds_indoor": (10.0, 0.001, 0.01)}
+_DRAWN = 60_000  # points of a picture
+_VIEWS = ((0.0, 90.0), (35.0, 30.0), (125.0, 25.0))  # azimuth and elevation in degrees
+
+
+def f1(labels: NDArray[np.int64], truth: NDArray[np.int64], smallest: int) -> Detection:
+    """Precision, recall and F1 of planes at IoU 0.5."""
+    scores = evaluate(labels[None], truth[None], minimum_pixels=smallest)
+    return scores.detections[0]
+
+
+def speed() -> None:
+    print("| points | s | processor s | us a point | MB | MB of points | load |")
+    print("|---|---|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        for size in _SIZES:
+            path = Path(folder, "points.npy")
+            np.save(path, building(size).points)
+            # A process of its own: peak memory is that of this size.
+            command = [sys.executable, "-m", "benchmarks.clouds", "one", "--points", str(path)]
+            done = subprocess.run(command, check=True, capture_output=True, text=True)
+            print(done.stdout.strip(), flush=True)
+            print(done.stderr.strip(), file=sys.stderr)
+
+
+def one(path: Path) -> None:
+    points = np.load(path)
+    size = len(points)
+    pw.detect_planes_in_points(points[:50_000], _SENSOR)
+    best, busy = np.inf, np.inf
+    for _ in range(3):
+        start, used = time.perf_counter(), time.process_time()
+        with recorded() as stages:
+            pw.detect_planes_in_points(points, _SENSOR)
+        best = min(best, time.perf_counter() - start)
+        busy = min(busy, time.process_time() - used)
+    peak = _peak_memory()
+    print(
+        f"| {size:,} | {best:.2f} | {busy:.2f} | {1e6 * busy / size:.2f} | {peak:.0f} | "
+        f"{points.nbytes / 1e6:.0f} | {os.getloadavg()[0]:.1f} |"
+    )
+    print({name: round(seconds, 2) for name, seconds in stages.items()}, file=sys.stderr)
+
+
+def _peak_memory() -> float:
+    """Of this process, MB; what its parent had held does not count."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return int(lines["VmHWM"].split()[0]) / 1e3
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+
+
+def in_building(seeds: int, size: int) -> None:
+    print(f"{size:,} points, sigma 1 cm; {seeds} buildings\n")
+    print("| method | setting | s | times ours | P | R | F1 | planes | true |")
+    print("|---|---|---|---|---|---|---|---|---|")
+    rows: dict[tuple[str, str], list[list[float]]] = defaultdict(list)
+    for seed in range(seeds):
+        made = building(size, seed=seed)
+        scan = Scan("building", made.points, made.labels.astype(np.int64), 0.01, 20.0)
+        counted = int((np.bincount(scan.truth)[1:] >= 50).sum())
+        mine = 0.0
+        for method in methods():
+            if method.name == "planewise":
+                mine = min(method.run(scan)[0] for _ in range(3))
+            seconds, labels = method.run(scan)
+            found = f1(labels, scan.truth, 50)
+            rows[method.name, method.setting].append(
+                [
+                    seconds,
+                    seconds / mine,
+                    found.precision,
+                    found.recall,
+                    found.f1,
+                    float(labels.max()),
+                    float(counted),
+                ]
+            )
+    for (name, setting), measured in rows.items():
+        s, ratio, p, r, f, n, true = np.mean(measured, axis=0)
+        print(
+            f"| {name} | {setting} | {s:.2f} | {ratio:.0f} | {p:.2f} | {r:.2f} | {f:.2f} | "
+            f"{n:.0f} | {true:.0f} |"
+        )
+
+
+def roof_scans() -> Iterator[tuple[str, Scan]]:
+    """Roofs and their groups."""
+    for path in sorted((DATA / "roofs").glob("*.npz")):
+        with np.load(path) as data:
+            truth = np.maximum(data["gt"].astype(np.int64), 0)
+            points = data["points"].astype(np.float64)
+        group = path.name.split("_")
+        name = group[0] if group[0] == "building3d" else " ".join(group[:2])
+        name = name.replace("pyramid", "raw").replace("two-sided", "raw")
+        yield name, Scan(path.stem, points, truth, _AIRBORNE, 30.0, 0.01)
+
+
+def on_roofs() -> None:
+    scans = list(roof_scans())
+    next(methods()).run(scans[0][1])  # compiles
+    groups = sorted({group for group, _ in scans})
+    print("| method | setting | " + " | ".join(groups) + " | s |")
+    print("|---|---|" + "---|" * (len(groups) + 1))
+    for method in methods():
+        print(_roof_row(method, scans, groups), flush=True)
+
+
+def _roof_row(method: CloudMethod, scans: list[tuple[str, Scan]], groups: list[str]) -> str:
+    scores: dict[str, list[float]] = defaultdict(list)
+    spent = 0.0
+    for group, scan in scans:
+        seconds, labels = method.run(scan)
+        spent += seconds
+        scores[group].append(f1(labels, scan.truth, 1).f1)
+    means = " | ".join(f"{np.mean(scores[group]):.2f}" for group in groups)
+    return f"| {method.name} | {method.setting} | {means} | {spent:.1f} |"
+
+
+def pictures(out: Path) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    for kind, (extent, resolution, sigma) in _PICTURED.items():
+        sensor = pw.Sensor(max_depth=extent, resolution=resolution, noise=sigma)
+        for path in sorted((DATA / kind).glob("*.npz")):
+            with np.load(path) as data:
+                points = data["points"].astype(np.float64)
+            model = pw.detect_planes_in_points(points, sensor)
+            draw(points, model.labels, out / f"{path.stem}.png", f"{path.stem}: {len(model)}")
+            print(f"{path.stem}: {len(points)} points, {len(model)} planes", flush=True)
+
+
+def draw(points: NDArray[np.float64], labels: NDArray[np.uint16], path: Path, title: str) -> None:
+    """Draw points in the colour of their plane, grey on none, from three sides."""
+    from matplotlib.figure import Figure
+
+    rng = np.random.default_rng(0)
+    colours = rng.uniform(0.2, 0.95, (int(labels.max()) + 1, 3))
+    colours[0] = 0.75
+    chosen = rng.permutation(len(points))[:_DRAWN]
+    seen, painted = points[chosen] - np.median(points, axis=0), colours[labels[chosen]]
+    figure = Figure(figsize=(21, 7))
+    for axes, (azimuth, elevation) in zip(figure.subplots(1, 3), _VIEWS, strict=True):
+        a, e = np.radians((azimuth, elevation))
+        right = np.array([-np.sin(a), np.cos(a), 0])
+        towards = np.array([np.cos(a) * np.cos(e), np.sin(a) * np.cos(e), np.sin(e)])
+        up = np.cross(towards, right)
+        order = np.argsort(seen @ towards)
+        x, y = (seen @ right)[order], (seen @ up)[order]
+        axes.scatter(x, y, c=painted[order], s=1.2, linewidths=0)
+        axes.set(aspect="equal", xlim=np.percentile(x, [1, 99]), ylim=np.percentile(y, [1, 99]))
+        axes.axis("off")
+    figure.suptitle(title)
+    figure.tight_layout()
+    figure.savefig(path, dpi=60)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("what", choices=("speed", "one", "building", "roofs", "pictures"))
+    parser.add_argument("--size", type=int, default=200_000)
+    parser.add_argument("--seeds", type=int, default=1)
+    parser.add_argument("--points", type=Path, help="of `one`")
+    parser.add_argument("--out", type=Path, default=Path("bench-output/clouds"))
+    given = parser.parse_args()
+    if given.what == "speed":
+        speed()
+    elif given.what == "one":
+        one(given.points)
+    elif given.what == "building":
+        in_building(given.seeds, given.size)
+    elif given.what == "roofs":
+        on_roofs()
+    else:
+        pictures(given.out)
+
+
+if __name__ == "__main__":
+    main()

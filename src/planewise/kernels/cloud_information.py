@@ -1,0 +1,233 @@
+"""Loops over groups of a cloud: their nats on planes and on none; and the mask in Morton order.
+
+A group is the points of one label in one least cube, a row (`kernels.cloud_rows`) whose scatter is
+whole. Only what lies across the plane is told apart: the other two coordinates of a point take the
+same nats in any case.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planewise.kernels.cloud_rows import (
+    COUNT,
+    CX,
+    CY,
+    CZ,
+    ROW,
+    WEIGHT,
+    XX,
+    XY,
+    XZ,
+    YY,
+    YZ,
+    ZZ,
+    add_row,
+    write_normal,
+)
+from planewise.kernels.jit import compiled, in_order, internal
+from planewise.kernels.masks import ALIKE, CONTEXTS, SYMBOLS, _add_change, _length
+
+BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
+APART = 0.05  # probability that a group labelled with a plane is a surface of its own
+
+
+@internal
+def _on_none(row, norm, prior):  # type: ignore[no-untyped-def]
+    """Nats of a group on none: a smooth surface or anything at all, whichever is shorter.
+
+    prior: variance of a surface's slopes, nats of its offset, and of any point's.
+    """
+    chi2, largest, middle = write_normal(row)
+    smooth = prior[1] + norm + 0.5 * chi2
+    smooth += 0.5 * math.log((1.0 + prior[0] * largest) * (1.0 + prior[0] * max(middle, 0.0)))
+    return math.log(2.0) + min(smooth, row[COUNT] * prior[2])
+
+
+@internal
+def _on_plane(row, plane, offset, tilt, norm, anything):  # type: ignore[no-untyped-def]
+    """Nats of a group on a plane, its random offset and tilt integrated out."""
+    nx, ny, nz = plane[0], plane[1], plane[2]
+    sign = 1.0 if nz >= 0.0 else -1.0
+    k = -1.0 / (sign + nz)
+    q = nx * ny * k
+    ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
+    fx, fy, fz = q, sign + ny * ny * k, -ny
+    sx = row[XX] * nx + row[XY] * ny + row[XZ] * nz
+    sy = row[XY] * nx + row[YY] * ny + row[YZ] * nz
+    sz = row[XZ] * nx + row[YZ] * ny + row[ZZ] * nz
+    square = nx * sx + ny * sy + nz * sz
+    xw, yw = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
+    sx = row[XX] * ex + row[XY] * ey + row[XZ] * ez
+    sy = row[XY] * ex + row[YY] * ey + row[YZ] * ez
+    sz = row[XZ] * ex + row[YZ] * ey + row[ZZ] * ez
+    xx, xy = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
+    sx = row[XX] * fx + row[XY] * fy + row[XZ] * fz
+    sy = row[XY] * fx + row[YY] * fy + row[YZ] * fz
+    sz = row[XZ] * fx + row[YZ] * fy + row[ZZ] * fz
+    yy = fx * sx + fy * sy + fz * sz
+    a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy
+    determinant = a * c - b * b
+    square -= tilt * (c * xw * xw - 2.0 * b * xw * yw + a * yw * yw) / determinant
+    off = nx * row[CX] + ny * row[CY] + nz * row[CZ] + plane[3]
+    wide = 1.0 + offset * row[WEIGHT]
+    chi2 = square + row[WEIGHT] * off * off / wide
+    on = 0.5 * (chi2 + math.log(wide * determinant)) + norm
+    return math.log(2.0) + min(on, row[COUNT] * anything)
+
+
+@compiled
+def group_data(  # type: ignore[no-untyped-def]
+    groups, label, planes, error, side, resolution, prior, first, last, alone, data
+):  # fmt: skip
+    """Nats of groups[first:last] on none and as labelled.
+
+    groups (m, 18), label (m,); planes (N, 5): (normal, distance) and the root of their area;
+    error: share of the white variance that the points of a group share, and drift; side: of a
+    cube; prior: `_on_none`. Writes alone and data (m,).
+    """
+    shared, drift = error
+    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
+    row = np.empty(ROW)
+    for g in range(first, last):
+        for e in range(ROW):
+            row[e] = groups[g, e]
+        count = row[COUNT]
+        variance = count / row[WEIGHT]
+        norm = 0.5 * count * math.log(2.0 * math.pi * variance / (resolution * resolution))
+        nats = _on_none(row, norm, prior)
+        alone[g] = nats
+        if label[g] > 0:
+            plane = planes[label[g] - 1]
+            offset = shared * variance + 0.113 * drift * plane[4]
+            on = _on_plane(row, plane, offset, 0.9 * drift / side, norm, prior[2])
+            # -ln(0.95 exp(-on) + 0.05 exp(-alone))
+            odds = (on_its_own - nats) - (in_common - on)
+            if odds > 0.0:
+                nats -= on_its_own + math.log1p(math.exp(-odds))
+            else:
+                nats = on - in_common - math.log1p(math.exp(odds))
+        data[g] = nats
+
+
+@in_order
+def sum_nats(label, alone, data, worth):  # type: ignore[no-untyped-def]
+    """Add data - alone to worth (N + 1,); returns the sum of data."""
+    total = 0.0
+    for g in range(label.size):
+        total += data[g]
+        worth[label[g]] += data[g] - alone[g]
+    return total
+
+
+@compiled
+def groups_left(groups, label, places, place, resolution, prior, data, leaving):  # type: ignore[no-untyped-def]
+    """Add what groups have more when their plane goes, after those behind it.
+
+    Points of a plane that is gone join those on none in their cube, so place (N + 1,), 1 ... N of
+    every plane, says in which order. Adds to leaving (N + 1,), of every label.
+    """
+    row, work = np.empty(ROW), np.empty(ROW)
+    for cube in range(places.size - 1):
+        paid, there = 0.0, False
+        for g in range(places[cube], places[cube + 1]):
+            if label[g] == 0:
+                for e in range(ROW):
+                    row[e] = groups[g, e]
+                paid, there = data[g], True
+        behind = np.int64(place.size)
+        while True:
+            gone, at = np.int64(0), 0
+            for g in range(places[cube], places[cube + 1]):
+                rank = np.int64(place[label[g]])
+                if gone < rank < behind:
+                    gone, at = rank, g
+            if gone == 0:
+                break
+            if there:
+                add_row(row, groups[at])
+            else:
+                for e in range(ROW):
+                    row[e] = groups[at, e]
+                there = True
+            for e in range(ROW):
+                work[e] = row[e]
+            variance = row[COUNT] / row[WEIGHT]
+            norm = 0.5 * row[COUNT] * math.log(2.0 * math.pi * variance / resolution**2)
+            now = _on_none(work, norm, prior)
+            leaving[label[at]] += now - paid - data[at]
+            paid, behind = now, gone
+
+
+@in_order
+def mask_lengths(labels, starts, about, place, changes, lengths):  # type: ignore[no-untyped-def]
+    """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
+
+    The code of `kernels.masks` in Morton order. Neighbours already coded: the point before, and the
+    last ones in the cubes before this one along the three axes of the grid (where one is empty, the
+    point before). place (N + 1,): 1 ... N of every label, 0 for none; changes (N + 1, SYMBOLS *
+    CONTEXTS) zeros to work in. Writes lengths (N + 1,).
+    """
+    beside = np.empty(3, np.int64)
+    alike = np.zeros(place.size, np.int64)
+    previous = np.int64(0)
+    for cube in range(about.shape[0]):
+        for axis in range(3):
+            at = about[cube, BEFORE[axis]]
+            beside[axis] = place[labels[starts[at + 1] - 1]] if at >= 0 else -1
+        for i in range(starts[cube], starts[cube + 1]):
+            raw = np.int64(place[labels[i]])
+            x = beside[0] if beside[0] >= 0 else previous
+            y = beside[1] if beside[1] >= 0 else previous
+            z = beside[2] if beside[2] >= 0 else previous
+            if previous == raw and x == raw and y == raw and z == raw:
+                alike[raw] += 1
+            else:
+                _add_change(changes, previous, x, y, z, raw)
+            previous = raw
+    for rank in range(alike.size):
+        changes[0, 0] += alike[rank]
+        if rank > 0:
+            changes[rank, 0] -= alike[rank]
+            changes[rank, ALIKE] += alike[rank]
+    for n in range(lengths.size):
+        if n > 0:
+            for k in range(changes.shape[1]):
+                changes[n, k] += changes[n - 1, k]
+        lengths[n] = _length(changes[n], n)
+
+
+CODES = SYMBOLS * CONTEXTS
+
+
+@compiled
+def plane_rows(groups, label, alone, data, error, drift_of, out):  # type: ignore[no-untyped-def]
+    """Sum the groups on every plane into rows (N, 18).
+
+    Each group counts with the information that its random offset leaves, times the probability
+    that it is on its plane: none where it is shorter as a surface of its own.
+    """
+    row = np.empty(ROW)
+    for j in range(out.shape[0]):
+        for e in range(ROW):
+            out[j, e] = 0.0
+    for g in range(label.size):
+        j = label[g] - 1
+        if j < 0:
+            continue
+        for e in range(ROW):
+            row[e] = groups[g, e]
+        variance = row[COUNT] / row[WEIGHT]
+        share = 1.0 / (1.0 + (error * variance + drift_of[j]) * row[WEIGHT])
+        if data[g] >= alone[g]:
+            share *= 1e-3
+        row[WEIGHT] *= share
+        for e in range(XX, ZZ + 1):
+            row[e] *= share
+        if out[j, COUNT] == 0.0:
+            for e in range(ROW):
+                out[j, e] = row[e]
+        else:
+            add_row(out[j], row)

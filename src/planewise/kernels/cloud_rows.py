@@ -1,0 +1,269 @@
+"""Rows of a cloud: what is known of a patch of points, and whether two patches are one plane.
+
+A row holds the sum of weights (one over variance), the centroid and the scatter about it, weighted
+alike. Of a patch that has a plane the scatter across the plane is taken out and its errors are in
+the weights, so that rows of one plane add up to the information on it: 1 / WEIGHT is the variance
+of the offset at the centroid and the inverse of the scatter in the plane that of the slopes.
+"""
+
+from __future__ import annotations
+
+import math
+
+from planewise.kernels.jit import compiled, internal
+
+ROW = 18
+WEIGHT, CX, CY, CZ = 0, 1, 2, 3
+XX, XY, XZ, YY, YZ, ZZ = 4, 5, 6, 7, 8, 9
+COUNT, AREA, FREE, MISFIT = 10, 11, 12, 13  # points; m^2; nats as patches of their own; discord
+NX, NY, NZ, CELLS = 14, 15, 16, 17  # normal; cells it was made of
+
+APART = 1e6  # discord of planes that are far from parallel
+_STEEP = 0.5  # least cosine between normals that are compared
+_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
+_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
+_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
+_BEND_SMALL, _BEND_LARGE = 0.9, 0.3  # of their slopes: D over the smaller and the larger side
+
+
+@internal
+def eigenvalues(xx, xy, xz, yy, yz, zz):  # type: ignore[no-untyped-def]
+    """Eigenvalues of a symmetric 3 x 3 matrix, the largest first, by the trigonometric formula."""
+    mean = (xx + yy + zz) / 3.0
+    a, b, c = xx - mean, yy - mean, zz - mean
+    off = xy * xy + xz * xz + yz * yz
+    size = math.sqrt((a * a + b * b + c * c + 2.0 * off) / 6.0)
+    if not size > 0.0:
+        return mean, mean, mean
+    half = a * (b * c - yz * yz) - xy * (xy * c - yz * xz) + xz * (xy * yz - b * xz)
+    half /= 2.0 * size * size * size
+    turn = math.acos(min(1.0, max(-1.0, half))) / 3.0
+    largest = mean + 2.0 * size * math.cos(turn)
+    least = mean + 2.0 * size * math.cos(turn + 2.0 * math.pi / 3.0)
+    return largest, 3.0 * mean - largest - least, least
+
+
+@internal
+def write_normal(row):  # type: ignore[no-untyped-def]
+    """Write the normal: the eigenvector of the least eigenvalue.
+
+    Returns the least eigenvalue, by the normal, and the other two as far as they are known.
+    """
+    xx, xy, xz, yy, yz, zz = row[4], row[5], row[6], row[7], row[8], row[9]
+    largest, middle, least = eigenvalues(xx, xy, xz, yy, yz, zz)
+    a, b, c = xx - least, yy - least, zz - least
+    # Each two rows of S - least I are orthogonal to the normal: the longest product is the best.
+    px, py, pz = xy * yz - xz * b, xz * xy - a * yz, a * b - xy * xy
+    qx, qy, qz = xy * c - xz * yz, xz * xz - a * c, a * yz - xy * xz
+    rx, ry, rz = b * c - yz * yz, yz * xz - xy * c, xy * yz - b * xz
+    p, q, r = px * px + py * py + pz * pz, qx * qx + qy * qy + qz * qz, rx * rx + ry * ry + rz * rz
+    if q > p:
+        px, py, pz, p = qx, qy, qz, q
+    if r > p:
+        px, py, pz, p = rx, ry, rz, r
+    if not p > 0.0:
+        row[NX], row[NY], row[NZ] = 0.0, 0.0, 1.0
+        return zz, largest, middle
+    scale = 1.0 / math.sqrt(p)
+    nx, ny, nz = px * scale, py * scale, pz * scale
+    row[NX], row[NY], row[NZ] = nx, ny, nz
+    across = nx * (xx * nx + 2.0 * (xy * ny + xz * nz)) + ny * (yy * ny + 2.0 * yz * nz)
+    return max(across + zz * nz * nz, 0.0), largest, middle
+
+
+@internal
+def add_row(row, other):  # type: ignore[no-untyped-def]
+    """Add the weights, centroid and scatter of another patch, and what else is summed."""
+    weight = row[WEIGHT] + other[WEIGHT]
+    share = other[WEIGHT] / weight
+    dx, dy, dz = other[CX] - row[CX], other[CY] - row[CY], other[CZ] - row[CZ]
+    joint = row[WEIGHT] * share
+    row[CX] += share * dx
+    row[CY] += share * dy
+    row[CZ] += share * dz
+    row[XX] += other[XX] + joint * dx * dx
+    row[XY] += other[XY] + joint * dx * dy
+    row[XZ] += other[XZ] + joint * dx * dz
+    row[YY] += other[YY] + joint * dy * dy
+    row[YZ] += other[YZ] + joint * dy * dz
+    row[ZZ] += other[ZZ] + joint * dz * dz
+    row[WEIGHT] = weight
+    for e in range(COUNT, MISFIT + 1):
+        row[e] += other[e]
+    row[CELLS] += other[CELLS]
+
+
+@internal
+def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type: ignore[no-untyped-def]
+    """Make the row of points the row of a patch that has a plane.
+
+    white: variance against the weights; hopeless: the same per degree of freedom beyond which
+    points have no plane; tilt: largest variance of a slope; least: number of points; offset_share:
+    of the white variance, what all points of a patch share; prior: of the variance of the offset in
+    areas and of a slope, where a patch has nothing to do with its neighbours.
+
+    Returns 1 if it has one, 0 if the points do not tell, -1 if they are no plane.
+    """
+    count = row[COUNT]
+    if count < least:
+        return 0
+    chi2, largest, middle = write_normal(row)
+    factor = chi2 / (count - 3.0)
+    noise = max(white, factor)
+    if not middle > 0.0 or white / middle > tilt:
+        return 0
+    if factor > hopeless * white:
+        return -1
+    if noise / middle > tilt:
+        return -1
+    nx, ny, nz = row[NX], row[NY], row[NZ]
+    row[XX] -= chi2 * nx * nx
+    row[XY] -= chi2 * nx * ny
+    row[XZ] -= chi2 * nx * nz
+    row[YY] -= chi2 * ny * ny
+    row[YZ] -= chi2 * ny * nz
+    row[ZZ] -= chi2 * nz * nz
+    for e in range(XX, ZZ + 1):
+        row[e] /= noise
+    # Of a rectangle with this scatter; the root of its determinant has the mean (n - 2) / n.
+    row[AREA] = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * count / (count - 2.0)
+    own = white * count / row[WEIGHT]  # variance of a point
+    row[WEIGHT] = 1.0 / (noise / row[WEIGHT] + offset_share * own)
+    v1, v2 = noise / largest, noise / middle
+    far = (1.0 + prior[0] * row[AREA] * row[WEIGHT]) * (1.0 + prior[1] / v1) * (1.0 + prior[1] / v2)
+    # Half the mean of chi^2 with three degrees of freedom: what a free plane fits away.
+    row[FREE] = (0.5 * math.log(far) + 1.5) * min(1.0, (count / 64.0)) ** 0.25
+    row[MISFIT], row[CELLS] = 0.0, 1.0
+    return 1
+
+
+@compiled
+def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+    """Are two patches one plane? Their discord, and the evidence that it would be a coincidence.
+
+    In the plane of the larger one, where they meet: delta is the difference of their offsets and
+    slopes, C its covariance, what an error that wanders by `drift` (m^2 / m) makes of it included.
+    discord = delta' C^-1 delta; evidence = 1/2 ln det(C + S0) / det C with S0 the prior of a plane
+    that has nothing to do with the other.
+    """
+    if a[AREA] > b[AREA]:
+        a, b = b, a
+    # b is the larger one from here on.
+    nx, ny, nz = b[NX], b[NY], b[NZ]
+    mx, my, mz = a[NX], a[NY], a[NZ]
+    cosine = nx * mx + ny * my + nz * mz
+    if cosine < 0.0:
+        mx, my, mz, cosine = -mx, -my, -mz, -cosine
+    if cosine < _STEEP:
+        return APART, 0.0
+    # Axes in the plane of b, from its normal without a singularity (Duff and others).
+    sign = 1.0 if nz >= 0.0 else -1.0
+    k = -1.0 / (sign + nz)
+    q = nx * ny * k
+    ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
+    fx, fy, fz = q, sign + ny * ny * k, -ny
+    dx, dy, dz = a[CX] - b[CX], a[CY] - b[CY], a[CZ] - b[CZ]
+    u, v = dx * ex + dy * ey + dz * ez, dx * fx + dy * fy + dz * fz
+    apart = math.sqrt(u * u + v * v)
+    small, large = math.sqrt(a[AREA]), math.sqrt(b[AREA])
+    share = _HALF * min(small, apart) / (apart + 1e-12)
+    # From the centroids to where they meet.
+    ax, ay = -share * u, -share * v
+    bx, by = u + ax, v + ay
+    tx, ty = -(mx * ex + my * ey + mz * ez) / cosine, -(mx * fx + my * fy + mz * fz) / cosine
+    # Height of the centroid of a over the plane of b, and of its plane where they meet.
+    delta = dx * nx + dy * ny + dz * nz + ax * tx + ay * ty
+    gap = max(apart - _TOUCHING * (small + large), 0.0)
+    bend = drift * (_BEND_SMALL / (small + 1e-12) + _BEND_LARGE / (large + 1e-12))
+    axx, axy, ayy = _slopes(a, ex, ey, ez, fx, fy, fz)
+    bxx, bxy, byy = _slopes(b, ex, ey, ez, fx, fy, fz)
+    c00 = 1.0 / a[WEIGHT] + 1.0 / b[WEIGHT] + drift * (_OFFSET * large + gap)
+    c00 += ax * ax * axx + 2.0 * ax * ay * axy + ay * ay * ayy
+    c00 += bx * bx * bxx + 2.0 * bx * by * bxy + by * by * byy
+    c01 = ax * axx + ay * axy + bx * bxx + by * bxy
+    c02 = ax * axy + ay * ayy + bx * bxy + by * byy
+    c11, c12, c22 = axx + bxx + bend, axy + bxy, ayy + byy + bend
+    p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
+    s, t, w = c00 * c22 - c02 * c02, c01 * c02 - c00 * c12, c00 * c11 - c01 * c01
+    near = c00 * p + c01 * q + c02 * r
+    form = p * delta * delta + s * tx * tx + w * ty * ty
+    form += 2.0 * (q * delta * tx + r * delta * ty + t * tx * ty)
+    c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
+    far = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
+    far += c02 * (c01 * c12 - c02 * c11)
+    return form / near, 0.5 * math.log(max(far / near, 1.0))
+
+
+@internal
+def _slopes(row, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
+    """Covariance of the slopes along two axes: the inverse of the scatter along them."""
+    gx = row[XX] * ex + row[XY] * ey + row[XZ] * ez
+    gy = row[XY] * ex + row[YY] * ey + row[YZ] * ez
+    gz = row[XZ] * ex + row[YZ] * ey + row[ZZ] * ez
+    ee, ef = ex * gx + ey * gy + ez * gz, fx * gx + fy * gy + fz * gz
+    gx = row[XX] * fx + row[XY] * fy + row[XZ] * fz
+    gy = row[XY] * fx + row[YY] * fy + row[YZ] * fz
+    gz = row[XZ] * fx + row[YZ] * fy + row[ZZ] * fz
+    ff = fx * gx + fy * gy + fz * gz
+    scale = 1.0 / max(ee * ff - ef * ef, 1e-300)
+    return ff * scale, -ef * scale, ee * scale
+
+
+@internal
+def misfit_beside(row, points, white):  # type: ignore[no-untyped-def]
+    """chi^2 of points, a row without a plane, about the plane of a patch beside them.
+
+    How well the plane is known there counts.
+    """
+    nx, ny, nz = row[NX], row[NY], row[NZ]
+    dx, dy, dz = points[CX] - row[CX], points[CY] - row[CY], points[CZ] - row[CZ]
+    off = nx * dx + ny * dy + nz * dz
+    across = nx * (points[XX] * nx + 2.0 * (points[XY] * ny + points[XZ] * nz))
+    across += ny * (points[YY] * ny + 2.0 * points[YZ] * nz) + points[ZZ] * nz * nz
+    # Variance of the plane at their centroid: the patch is about as wide in all directions.
+    square = dx * dx + dy * dy + dz * dz - off * off
+    wide = 0.5 * (row[XX] + row[YY] + row[ZZ])
+    known = 1.0 / row[WEIGHT] + square / wide
+    return across + off * off / (1.0 / points[WEIGHT] + known / white)
+
+
+@internal
+def add_points(row, points, white):  # type: ignore[no-untyped-def]
+    """Add points that lie on the plane of a row: their scatter in the plane counts."""
+    nx, ny, nz = row[NX], row[NY], row[NZ]
+    weight = points[WEIGHT] / white
+    dx, dy, dz = points[CX] - row[CX], points[CY] - row[CY], points[CZ] - row[CZ]
+    share = weight / (row[WEIGHT] + weight)
+    joint = row[WEIGHT] * share
+    row[CX] += share * dx
+    row[CY] += share * dy
+    row[CZ] += share * dz
+    off = nx * dx + ny * dy + nz * dz
+    dx, dy, dz = dx - off * nx, dy - off * ny, dz - off * nz
+    row[XX] += joint * dx * dx
+    row[XY] += joint * dx * dy
+    row[XZ] += joint * dx * dz
+    row[YY] += joint * dy * dy
+    row[YZ] += joint * dy * dz
+    row[ZZ] += joint * dz * dz
+    row[WEIGHT] += weight
+    row[AREA] *= 1.0 + points[COUNT] / row[COUNT]
+    row[COUNT] += points[COUNT]
+
+
+@internal
+def tempered(discord, count):  # type: ignore[no-untyped-def]
+    """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with points.
+
+    The size of a cell's error is uncertain, so that a cell on a rounded edge costs little; an
+    average over many cells is normal.
+    """
+    nu = 4.0 * max(1.0, count / 36.0)
+    return (nu + 3.0) * math.log(1.0 + discord / nu)
+
+
+@compiled
+def write_normals(rows):  # type: ignore[no-untyped-def]
+    """Write the normals of rows (n, 18) once more."""
+    for k in range(rows.shape[0]):
+        write_normal(rows[k])

@@ -1,0 +1,246 @@
+"""Loops over segments of a cloud: merging neighbours while that saves nats.
+
+A segment is a row (`kernels.cloud_rows`); joining segments is adding rows. Which are neighbours is
+a graph: pairs of segments and the points along their common border.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planewise.kernels.cloud_rows import (
+    APART,
+    AREA,
+    CELLS,
+    COUNT,
+    MISFIT,
+    NX,
+    NY,
+    NZ,
+    add_row,
+    compare,
+    tempered,
+    write_normal,
+)
+from planewise.kernels.heap import pop, push, replace
+from planewise.kernels.jit import compiled, in_order, internal
+
+_PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
+
+
+@in_order
+def border_prices(discords, sides, price, out):  # type: ignore[no-untyped-def]
+    """Nats of borders: low + (high - low) / (1 + (discord / knee)^2) a point; price these three."""
+    low, high, knee = price
+    for e in range(out.size):
+        out[e] = sides[e] * (low + (high - low) / (1.0 + (discords[e] / knee) ** 2))
+
+
+@compiled
+def value_pairs(rows, ends, drift, prior, first, last, discords, evidence):  # type: ignore[no-untyped-def]
+    """Discord and evidence of pairs[first:last] of rows; of APART, no evidence."""
+    for e in range(first, last):
+        a, b = rows[ends[e, 0]], rows[ends[e, 1]]
+        area = min(a[AREA] / a[CELLS], b[AREA] / b[CELLS])
+        discords[e], evidence[e] = compare(a, b, drift, prior[0] * area + prior[2], prior[1])
+
+
+@internal
+def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-untyped-def]
+    """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
+
+    Returns the misfit of the join, too, of which half counts.
+    """
+    small = u if rows[u, COUNT] < rows[v, COUNT] else v
+    area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
+    discord, evidence = compare(rows[u], rows[v], drift, prior[0] * area + prior[2], prior[1])
+    if discord >= APART:
+        return -APART, 0.0
+    misfit = tempered(discord, rows[small, COUNT])
+    return min(evidence, most) - 0.5 * misfit + boundary, misfit
+
+
+@compiled
+def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, root):  # type: ignore[no-untyped-def]
+    """Merge neighbouring segments, what saves most first, while a merge saves anything.
+
+    ends (m, 2): pairs of neighbours; discords and evidence (m,): what `value_pairs` says of them,
+    of which evidence counts up to `most`; boundary (m,): the nats that a merge saves besides, which
+    is changed; prior: variance of the offset of an unrelated plane in areas of a cell, of its
+    slopes, and of the offset in m^2. rows (n, 18) are changed: that of a root holds its segment.
+    Writes the root of every segment.
+
+    Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
+    whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
+    half-edges, 2 e and 2 e + 1.
+    """
+    count, edges = rows.shape[0], boundary.size
+    following = np.full(2 * edges, -1, np.int64)
+    head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
+    seen = np.full(count, -1, np.int64)
+    degree, version = np.zeros(count, np.int64), np.zeros(count, np.int64)
+    alive = np.ones(edges, np.bool_)
+    valued = np.zeros(edges, np.int64)
+    current, misfit = np.zeros(edges), np.zeros(edges)
+    keys, items = np.empty(4 * edges + 16), np.empty(4 * edges + 16, np.int64)
+    for half in range(2 * edges):
+        u = ends[half >> 1, half & 1]
+        if head[u] < 0:
+            head[u] = half
+        else:
+            following[tail[u]] = half
+        tail[u] = half
+    for u in range(count):
+        # Two segments may share several borders: one edge is enough.
+        half = head[u]
+        while half >= 0:
+            edge = half >> 1
+            other = ends[edge, 1 - (half & 1)]
+            if alive[edge]:
+                if seen[other] >= 0:
+                    boundary[seen[other]] += boundary[edge]
+                    alive[edge] = False
+                else:
+                    seen[other] = edge
+            half = following[half]
+        half = head[u]
+        while half >= 0:
+            seen[ends[half >> 1, 1 - (half & 1)]] = -1
+            half = following[half]
+    for u in range(count):
+        root[u] = u
+    size = 0
+    for edge in range(edges):
+        if alive[edge]:
+            u, v = ends[edge, 0], ends[edge, 1]
+            degree[u] += 1
+            degree[v] += 1
+            if discords[edge] < APART:
+                count_of = min(rows[u, COUNT], rows[v, COUNT])
+                misfit[edge] = tempered(discords[edge], count_of)
+                gain = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
+                current[edge] = gain
+            if current[edge] > 0.0:
+                size = push(keys, items, size, current[edge], edge)
+    while size > 0:
+        key, edge = keys[0], items[0]
+        if not alive[edge] or key != current[edge]:
+            size = pop(keys, items, size)
+            continue
+        u, v = ends[edge, 0], ends[edge, 1]
+        if valued[edge] != version[u] + version[v]:
+            valued[edge] = version[u] + version[v]
+            current[edge], misfit[edge] = _merge_gain(
+                rows, u, v, boundary[edge], drift, prior, most
+            )
+            if current[edge] > 0.0:
+                replace(keys, items, size, current[edge], edge)
+            else:
+                size = pop(keys, items, size)
+            continue
+        size = pop(keys, items, size)
+        if rows[u, COUNT] < rows[v, COUNT]:
+            u, v = v, u
+        add_row(rows[u], rows[v])
+        rows[u, MISFIT] += misfit[edge]
+        write_normal(rows[u])
+        version[u] += version[v] + 1
+        root[v] = u
+        alive[edge] = False
+        degree[u] -= 1
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                # An edge between u and the neighbour is in both lists: look into the shorter one.
+                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
+                kept = -1
+                link, before = head[walked], -1
+                while link >= 0 and kept < 0:
+                    if not alive[link >> 1]:
+                        if before < 0:
+                            head[walked] = following[link]
+                        else:
+                            following[before] = following[link]
+                        if tail[walked] == link:
+                            tail[walked] = before
+                    else:
+                        before = link
+                        if ends[link >> 1, 1 - (link & 1)] == wanted:
+                            kept = link >> 1
+                    link = following[link]
+                if kept >= 0:
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = False
+                    degree[other] -= 1
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept] = version[u] + version[other]
+                    current[kept], misfit[kept] = _merge_gain(
+                        rows, u, other, boundary[kept], drift, prior, most
+                    )
+                    if current[kept] > 0.0:
+                        size = push(keys, items, size, current[kept], kept)
+                else:
+                    ends[moved, half & 1] = u
+                    degree[u] += 1
+                    following[half] = -1
+                    if tail[u] < 0:
+                        head[u] = half
+                    else:
+                        following[tail[u]] = half
+                    tail[u] = half
+            half = after
+        if size > 3 * edges:  # full of old copies
+            size = 0
+            for other_edge in range(edges):
+                if alive[other_edge] and current[other_edge] > 0.0:
+                    size = push(keys, items, size, current[other_edge], other_edge)
+    for u in range(count):
+        top = root[u]
+        while root[top] != top:
+            top = root[top]
+        root[u] = top
+
+
+@compiled
+def pairs_through_gaps(rows, drift, prior, least, planes, ends, gains):  # type: ignore[no-untyped-def]
+    """Pairs of a plane (the first rows) and a later row that may be one plane through a gap.
+
+    prior: as of `agglomerate`; least: nats that a pair has to save. Returns how many there are;
+    ends (., 2) and gains (.) take as many as they have room for.
+    """
+    found = 0
+    for i in range(planes):
+        a = rows[i]
+        for j in range(i + 1, rows.shape[0]):
+            b = rows[j]
+            if abs(a[NX] * b[NX] + a[NY] * b[NY] + a[NZ] * b[NZ]) < _PARALLEL:
+                continue
+            discord, evidence = compare(a, b, drift, prior[2], prior[1])
+            gain = evidence - 0.5 * discord
+            if gain > least:
+                if found < gains.size:
+                    ends[found, 0], ends[found, 1], gains[found] = i, j, gain
+                found += 1
+    return found
+
+
+@in_order
+def segment_borders(segment, ends, prices, border, pairs, nats):  # type: ignore[no-untyped-def]
+    """Nats of the borders of every segment, and of each pair of them.
+
+    segment (n,): of every cell; ends (m, 2): neighbouring cells. Returns how many pairs there are.
+    """
+    border[:] = 0.0
+    found = 0
+    for e in range(prices.size):
+        u, v = segment[ends[e, 0]], segment[ends[e, 1]]
+        if u == v:
+            continue
+        border[u] += prices[e]
+        border[v] += prices[e]
+        pairs[found, 0], pairs[found, 1], nats[found] = u, v, prices[e]
+        found += 1
+    return found

@@ -1,0 +1,443 @@
+"""Compiled loops over clouds against plain NumPy."""
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.cloud import cloud_of
+from planewise.cloud_cells import CloudError, cells_of
+from planewise.cloud_information import data_of, groups_of
+from planewise.cloud_order import order_of, positions, radix_sort
+from planewise.kernels import cloud_cells as cell_loops
+from planewise.kernels import cloud_information as nats
+from planewise.kernels import cloud_keys
+from planewise.kernels import cloud_labels as label_loops
+from planewise.kernels import cloud_rows as rows_of
+from planewise.kernels import cloud_segments as segments
+from planewise.kernels.masks import CONTEXTS, NONE, PRIOR, SYMBOLS, _code
+
+SIGMA = 0.01
+SENSOR = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA)
+
+
+def row_of(points, weight=1.0):
+    """Row of points without a plane."""
+    row = np.zeros(rows_of.ROW)
+    centre = points.mean(axis=0)
+    scatter = weight * (points - centre).T @ (points - centre)
+    row[rows_of.WEIGHT], row[rows_of.COUNT] = weight * len(points), len(points)
+    row[rows_of.CX : rows_of.CZ + 1] = centre
+    row[rows_of.XX : rows_of.ZZ + 1] = scatter[np.triu_indices(3)]
+    return row
+
+
+def patch(rng, centre, normal, side, count=40, noise=SIGMA):
+    """Points on a square about a centre."""
+    normal = np.asarray(normal, float) / np.linalg.norm(normal)
+    e, f = np.linalg.svd(normal[None])[2][1:]
+    u, v = rng.uniform(-side / 2, side / 2, (2, count))
+    off = rng.normal(0, noise, count)
+    return centre + np.outer(u, e) + np.outer(v, f) + np.outer(off, normal)
+
+
+def matrix(row):
+    xx, xy, xz, yy, yz, zz = row[rows_of.XX : rows_of.ZZ + 1]
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def plane_row(rng, centre, normal, side, count=40):
+    """Row of a patch that has a plane: its scatter across is taken out."""
+    row = row_of(patch(rng, centre, normal, side, count), 1 / SIGMA**2)
+    values, axes = np.linalg.eigh(matrix(row))
+    flat = matrix(row) - values[0] * np.outer(axes[:, 0], axes[:, 0])
+    row[rows_of.XX : rows_of.ZZ + 1] = flat[np.triu_indices(3)]
+    row[rows_of.NX : rows_of.NZ + 1] = axes[:, 0]
+    row[rows_of.AREA], row[rows_of.CELLS], row[rows_of.FREE] = side * side, 1.0, 9.0
+    return row
+
+
+def scattered(count=3000, seed=0):
+    """Two walls and a floor with stray points, and the plane of each point."""
+    rng = np.random.default_rng(seed)
+    parts = [
+        patch(rng, (1, 1, 0), (0, 0, 1), 2, count),
+        patch(rng, (0, 1, 1), (1, 0, 0), 2, count),
+        patch(rng, (1, 0, 1), (0, 1, 0), 2, count),
+        rng.uniform(0, 2, (count // 20, 3)),
+    ]
+    return np.vstack(parts), np.repeat([1, 2, 3, 0], [len(part) for part in parts])
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return cloud_of(scattered()[0], SENSOR, None, 2)
+
+
+def test_bits_are_spread_and_gathered():
+    for x in (0, 1, 5, 12345, (1 << 21) - 1):
+        assert cloud_keys.gather(cloud_keys.spread(x)) == x
+        bits = sum(((x >> b) & 1) << 3 * b for b in range(21))
+        assert cloud_keys.spread(x) == bits
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+@pytest.mark.parametrize("bits", [4, 30, 63])
+def test_radix_sort_is_a_stable_sort(workers, bits):
+    keys = np.random.default_rng(bits).integers(0, 1 << bits, 160_000, np.uint64)
+    ordered, rows = radix_sort(keys.copy(), workers)
+    expected = np.argsort(keys, kind="stable")
+    assert_array_equal(rows, expected)
+    assert_array_equal(ordered, keys[expected])
+
+
+def test_keys_are_those_of_a_turned_grid_and_bad_points_have_none():
+    points = np.random.default_rng(0).uniform(-3, 3, (500, 3))
+    points[7], points[9] = np.nan, [0, 0, 1e9]
+    order = order_of(points, np.zeros(3), 6.0, 0.1, 1)
+    assert 7 not in order.rows
+    assert 9 not in order.rows
+    assert len(order.keys) == 498
+    grid = np.column_stack([positions(order.keys, axis) for axis in range(3)])
+    expected = np.floor(points[order.rows] @ cloud_keys.TURN.T / order.side) + (1 << 20)
+    assert_array_equal(grid, expected)
+    assert_allclose(cloud_keys.TURN @ cloud_keys.TURN.T, np.eye(3), atol=1e-15)
+
+
+def test_separations_count_the_cubes_of_every_level():
+    keys = np.sort(np.random.default_rng(0).integers(0, 1 << 20, 5000, np.uint64))
+    counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
+    cloud_keys.separations(keys, counts)
+    for level in range(8):
+        cubes = len(np.unique(keys >> np.uint64(3 * level)))
+        assert len(keys) - counts[: level + 1].sum() == cubes
+
+
+def test_cubes_hold_their_points_and_moments(cloud):
+    points = scattered()[0]
+    assert_allclose(cloud.positions() + cloud.centre, points[cloud.order.rows], atol=1e-6)
+    for cube in range(0, len(cloud.cubes), 7):
+        mine = cloud.order.rows[cloud.starts[cube] : cloud.starts[cube + 1]]
+        expected = row_of(points[mine] - cloud.centre, 1 / SIGMA**2)
+        assert_allclose(cloud.nodes[cube], expected, rtol=1e-6, atol=1e-6)
+
+
+def test_normals_are_eigenvectors():
+    rng = np.random.default_rng(0)
+    rows = np.array([row_of(rng.normal(size=(9, 3)) @ rng.normal(size=(3, 3))) for _ in range(50)])
+    rows_of.write_normals(rows)
+    for row in rows:
+        axis = np.linalg.eigh(matrix(row))[1][:, 0]
+        assert abs(axis @ row[rows_of.NX : rows_of.NZ + 1]) == pytest.approx(1, abs=1e-9)
+
+
+def test_normals_of_flat_collinear_and_equal_points_are_unit_vectors():
+    flat = np.random.default_rng(0).uniform(size=(9, 3)) * [1, 1, 0]
+    line = np.outer(np.arange(5.0), [1, 2, 3])
+    rows = np.array([row_of(flat), row_of(line), row_of(np.ones((4, 3)))])
+    rows_of.write_normals(rows)
+    assert_allclose(np.linalg.norm(rows[:, rows_of.NX : rows_of.NZ + 1], axis=1), 1)
+    assert_allclose(np.abs(rows[0, rows_of.NX : rows_of.NZ + 1]), [0, 0, 1], atol=1e-7)
+
+
+def compared(a, b, drift, offset_prior, slope_prior):
+    """Oracle of `compare`: offset and slopes of two planes in the frame of the larger."""
+    if a[rows_of.AREA] > b[rows_of.AREA]:
+        a, b = b, a
+    n = b[rows_of.NX : rows_of.NZ + 1]
+    m = a[rows_of.NX : rows_of.NZ + 1] * np.sign(a[rows_of.NX : rows_of.NZ + 1] @ n)
+    if m @ n < 0.5:
+        return rows_of.APART, 0.0
+    inside = np.linalg.svd(n[None])[2][1:]
+    ca, cb = a[rows_of.CX : rows_of.CZ + 1], b[rows_of.CX : rows_of.CZ + 1]
+    apart = inside @ (ca - cb)
+    small, large = np.sqrt(a[rows_of.AREA]), np.sqrt(b[rows_of.AREA])
+    far = np.linalg.norm(apart)
+    step = 0.5 * min(small, far) / (far + 1e-12)
+    meet = cb + (1 - step) * apart @ inside
+
+    def height(row, normal):
+        """Of a plane over the meeting point along n, its gradient, and covariance of both."""
+        centre = row[rows_of.CX : rows_of.CZ + 1]
+        slope = -(inside @ normal) / (normal @ n)
+        centroid = n @ (centre - meet)
+        x = inside @ (meet - centre)
+        jacobian = np.vstack(([1, *x], [0, 1, 0], [0, 0, 1]))
+        own = np.zeros((3, 3))
+        own[0, 0] = 1 / row[rows_of.WEIGHT]
+        own[1:, 1:] = np.linalg.inv(inside @ matrix(row) @ inside.T)
+        return np.array([centroid + slope @ x, *slope]), jacobian @ own @ jacobian.T
+
+    (ta, va), (tb, vb) = height(a, m), height(b, n)
+    gap = max(far - 0.75 * (small + large), 0)
+    bend = drift * (0.9 / small + 0.3 / large)
+    c = va + vb + np.diag([drift * (0.13 * large + gap), bend, bend])
+    delta = ta - tb
+    prior = np.diag([offset_prior, slope_prior, slope_prior])
+    evidence = 0.5 * math.log(np.linalg.det(c + prior) / np.linalg.det(c))
+    return delta @ np.linalg.solve(c, delta), evidence
+
+
+def test_comparing_is_a_difference_of_planes_over_its_covariance():
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        a = plane_row(rng, rng.uniform(-1, 1, 3), rng.normal(size=3), 0.3)
+        normal = a[rows_of.NX : rows_of.NZ + 1] + rng.normal(0, 0.2, 3)
+        b = plane_row(rng, rng.uniform(-1, 1, 3), normal, rng.uniform(0.2, 0.8))
+        for drift in (0.0, 1e-5):
+            found = rows_of.compare(a, b, drift, 0.04, 1.0)
+            assert_allclose(found, compared(a, b, drift, 0.04, 1.0), rtol=1e-6)
+    across = plane_row(rng, (0, 0, 0), (1, 0, 0), 0.3), plane_row(rng, (0, 0, 0), (0, 1, 0), 0.3)
+    assert rows_of.compare(*across, 0.0, 1.0, 1.0) == (rows_of.APART, 0.0)
+
+
+def test_discord_of_patches_of_one_plane_is_chi_square_of_three():
+    rng = np.random.default_rng(1)
+    found = []
+    for _ in range(400):
+        a = plane_row(rng, (0, 0, 0), (0, 0, 1), 0.5)
+        b = plane_row(rng, (0.5, 0.1, 0), (0, 0, 1), 0.4)
+        found.append(rows_of.compare(a, b, 0.0, 1.0, 1.0)[0])
+    assert np.mean(found) == pytest.approx(3, abs=0.4)
+    assert np.var(found) == pytest.approx(6, rel=0.4)
+
+
+def test_cells_are_cubes_that_tell_a_plane(cloud):
+    cells = cells_of(cloud)
+    assert 1.0 <= cells.error.white < 1.3
+    tilts = []
+    for cell in range(len(cells.rows)):
+        row = cells.rows[cell]
+        assert row[rows_of.COUNT] >= 6
+        values = np.linalg.eigvalsh(matrix(row))
+        # The scatter across is gone, what is left tells slopes to a quarter of a radian.
+        assert values[0] == pytest.approx(0, abs=1e-6 * values[2])
+        assert 1 / values[1] < 0.07
+        tilts.append(np.abs(row[rows_of.NX : rows_of.NZ + 1]).max())
+    assert np.median(tilts) > 0.99
+    held = np.diff(cloud.starts)[cells.owner >= 0].sum()
+    assert held == cells.rows[:, rows_of.COUNT].sum()
+    assert held > 0.9 * len(cloud.local)
+
+
+def test_neighbours_are_cells_side_by_side_on_a_surface(cloud):
+    cells = cells_of(cloud)
+    u, v = cells.ends.T
+    assert (u != v).all()
+    assert len(u) > 2 * len(cells.rows)
+    centroids = cells.rows[:, rows_of.CX : rows_of.CZ + 1]
+    d = centroids[u] - centroids[v]
+    over = np.abs((d * cells.rows[u, rows_of.NX : rows_of.NZ + 1]).sum(axis=1))
+    assert (over**2 <= 0.5 * (d * d).sum(axis=1) + 1e-12).all()
+    # What the octree says is what a search through all cubes says.
+    place = {int(key): k for k, key in enumerate(cloud.cubes)}
+    near = np.empty(27, np.int64)
+    for cube in range(0, len(cloud.cubes), 11):
+        cell_loops.beside(cloud.cubes, cloud.cubes[cube], 0, (7 * cube) % len(cloud.cubes), near)
+        u, v, w = (int(positions(cloud.cubes[cube : cube + 1], axis)[0]) for axis in range(3))
+        for direction in range(27):
+            i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+            key = sum(
+                int(cloud_keys.spread(x)) << axis for axis, x in enumerate((u + i, v + j, w + k))
+            )
+            assert near[direction] == cloud.about[cube, direction] == place.get(key, -1)
+
+
+def test_agglomeration_merges_what_saves_most_first():
+    rng = np.random.default_rng(2)
+    centres = [(x, y, z) for x in range(4) for y in range(3) for z in (0,)]
+    rows = [plane_row(rng, c, (0, 0, 1), 0.9) for c in centres]
+    rows += [plane_row(rng, (4, y, 0.5), (1, 0, 1), 0.9) for y in range(3)]
+    rows = np.array(rows)
+    places = rows[:, rows_of.CX : rows_of.CZ + 1]
+    ends = np.array(
+        [
+            (i, j)
+            for i in range(len(rows))
+            for j in range(i + 1, len(rows))
+            if np.linalg.norm(places[i] - places[j]) < 1.4
+        ],
+        np.int32,
+    )
+    drift, prior, most = 1e-6, (4.0, 1.0, 0.0), 25.0
+    discords, evidence = np.empty((2, len(ends)))
+    segments.value_pairs(rows, ends, drift, prior, 0, len(ends), discords, evidence)
+    boundary = np.full(len(ends), 0.5)
+    root = np.empty(len(rows), np.int64)
+    merged = rows.copy()
+    segments.agglomerate(ends, discords, evidence, boundary, merged, drift, prior, most, root)
+    groups = {tuple(np.flatnonzero(root == r)) for r in np.unique(root)}
+    assert groups == {tuple(range(12)), (12, 13, 14)}
+    whole = merged[root[0]]
+    assert whole[rows_of.COUNT] == rows[:12, rows_of.COUNT].sum()
+    weight = rows[:12, rows_of.WEIGHT]
+    assert_allclose(
+        whole[rows_of.CX : rows_of.CZ + 1], weight @ places[:12] / weight.sum(), atol=1e-9
+    )
+
+
+def test_border_prices_fall_with_discord():
+    out = np.empty(3)
+    sides = np.array([2.0, 2.0, 1.0], np.float32)
+    segments.border_prices(np.array([0.0, 8.0, 1e9]), sides, (0.7, 2.0, 8.0), out)
+    assert_allclose(out, [4.0, 2 * (0.7 + 1.3 / 2), 0.7], rtol=1e-6)
+
+
+def labelled(cloud, label_of, planes, null, resolution):
+    """Oracle of `label_points`."""
+    points = cloud.positions()
+    grid = np.column_stack([positions(cloud.cubes, axis) for axis in range(3)])
+    held = np.diff(cloud.starts)
+    out = np.zeros(len(points), int)
+    for cube in range(len(grid)):
+        for level in range(3):
+            coarse = np.floor(grid / 2**level)
+            near = np.flatnonzero(np.abs(coarse - coarse[cube]).max(axis=1) <= 1)
+            if level:  # of each cube of this level, the first one stands for it
+                _, first = np.unique(coarse[near], axis=0, return_index=True)
+                itself = (coarse[near[first]] == coarse[cube]).all(axis=1)
+                near = np.append(near[first][~itself], cube)
+            if label_of[near].any():
+                break
+        shares = np.bincount(label_of[near], held[near], len(planes) + 1)
+        labels = np.flatnonzero(shares[1:]) + 1
+        if not len(labels):
+            continue
+        shares += 0.5
+        total = shares[0] + shares[labels].sum()
+        mine = slice(cloud.starts[cube], cloud.starts[cube + 1])
+        variance = cloud.variance[cube]
+        cost = [np.full(held[cube], null - math.log(shares[0] / total))]
+        for label in labels:
+            delta = points[mine] @ planes[label - 1, :3] + planes[label - 1, 3]
+            rest = 0.5 * math.log(2 * math.pi * variance / resolution**2)
+            cost.append(delta**2 / (2 * variance) + rest - math.log(shares[label] / total))
+        out[mine] = np.array([0, *labels])[np.argmin(cost, axis=0)]
+    return out
+
+
+def test_labels_follow_residual_and_surroundings(cloud):
+    truth = scattered()[1][cloud.order.rows]
+    majority = [
+        np.bincount(truth[a:b]).argmax()
+        for a, b in zip(cloud.starts[:-1], cloud.starts[1:], strict=True)
+    ]
+    label_of = np.array(majority)
+    planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
+    labels = np.empty(len(truth), np.uint16)
+    null = math.log(1e4)
+    label_loops.label_points(
+        cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side,
+        cloud_keys.TURN, cloud.cubes, cloud.about, label_of, cloud.variance, np.zeros(4),
+        planes, null, 0.001, 0, len(cloud.cubes), labels,
+    )  # fmt: skip
+    expected = labelled(cloud, label_of, planes, null, 0.001)
+    assert (labels != expected).mean() < 1e-3  # float32 against float64, at equal costs
+    assert (labels == truth).mean() > 0.95
+
+
+def test_groups_are_the_points_of_one_label_in_a_cube(cloud):
+    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    groups = groups_of(cloud, labels, CloudError(1.5, 0.0))
+    points = cloud.positions()
+    g = 0
+    for cube in range(len(cloud.cubes)):
+        mine = np.arange(cloud.starts[cube], cloud.starts[cube + 1])
+        for label in dict.fromkeys(labels[mine]):
+            chosen = points[mine[labels[mine] == label]]
+            assert groups.label[g] == label
+            expected = row_of(chosen, 1 / (1.5 * SIGMA**2))
+            assert_allclose(groups.rows[g], expected, rtol=1e-5, atol=1e-4)
+            g += 1
+    assert g == len(groups.label)
+
+
+def test_nats_of_groups_are_those_of_normal_densities():
+    rng = np.random.default_rng(3)
+    points = patch(rng, (0.3, 0.2, 0.1), (0.2, -0.1, 1.0), 0.3, 12)
+    row = row_of(points, 1 / SIGMA**2)
+    plane = np.array([0.0, 0.0, 1.0, -0.1])
+    shared, drift, side, eps, root_area = 0.09, 1e-5, 0.25, 0.001, 2.0
+    offset, tilt = shared * SIGMA**2 + 0.113 * drift * root_area, 0.9 * drift / side
+    prior = (1.0, 9.2, 9.2)
+    alone, data = np.empty((2, 1))
+    nats.group_data(
+        row[None], np.ones(1, np.int64), np.array([[*plane, root_area]]), (shared, drift), side,
+        eps, prior, 0, 1, alone, data,
+    )  # fmt: skip
+
+    def code(residual, design, variances):
+        """-ln of the density of residuals, times eps a point."""
+        c = SIGMA**2 * np.eye(12) + design @ np.diag(variances) @ design.T
+        quadratic = residual @ np.linalg.solve(c, residual)
+        return 0.5 * (quadratic + np.linalg.slogdet(2 * np.pi * c / eps**2)[1])
+
+    inside = points - points.mean(axis=0)
+    design = np.column_stack((np.ones(12), inside[:, 0], inside[:, 1]))
+    on = math.log(2) + code(points @ plane[:3] + plane[3], design, [offset, tilt, tilt])
+    values = np.linalg.eigvalsh(matrix(row))
+    # On none: about its own plane, whose slopes a broad prior has paid for.
+    white = 12 * 0.5 * math.log(2 * math.pi * SIGMA**2 / eps**2)
+    broad = 0.5 * (values[0] + np.log1p(values[1:]).sum())
+    none = math.log(2) + min(9.2 + white + broad, 12 * 9.2)
+    assert alone[0] == pytest.approx(none, rel=1e-9)
+    assert data[0] == pytest.approx(
+        -np.logaddexp(math.log(0.95) - on, math.log(0.05) - none), rel=1e-9
+    )
+
+
+def coded(cloud, labels, planes):
+    """Oracle of `mask_lengths`: labels coded one after the other, counts learned on the way."""
+    grid = np.column_stack([positions(cloud.cubes, axis) for axis in range(3)]).astype(int)
+    place = {tuple(g): k for k, g in enumerate(grid)}
+    seen = np.zeros((CONTEXTS, SYMBOLS))
+    total, previous = 0.0, 0
+    for cube, (u, v, w) in enumerate(grid):
+        beside = [place.get(g) for g in ((u - 1, v, w), (u, v - 1, w), (u, v, w - 1))]
+        beside = [None if b is None else labels[cloud.starts[b + 1] - 1] for b in beside]
+        for label in labels[cloud.starts[cube] : cloud.starts[cube + 1]]:
+            near = [previous, *(previous if b is None else b for b in beside)]
+            context, symbol = divmod(_code(*map(int, near), int(label)), SYMBOLS)
+            distinct = len(set(near))
+            symbols = distinct + (planes >= distinct)
+            share = (seen[context, symbol] + PRIOR) / (seen[context].sum() + PRIOR * symbols)
+            total -= math.log(share)
+            if symbol == NONE:
+                total += math.log(planes + 1 - distinct)
+            seen[context, symbol] += 1
+            previous = label
+    return total
+
+
+def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
+    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    place = np.array([0, 2, 3, 1])
+    lengths = np.empty(4)
+    changes = np.zeros((4, nats.CODES), np.int64)
+    nats.mask_lengths(labels, cloud.starts, cloud.about, place, changes, lengths)
+    ranked = place[labels]
+    for n in range(4):
+        expected = coded(cloud, np.where(ranked <= n, ranked, 0), n)
+        assert lengths[n] == pytest.approx(expected, rel=1e-9)
+
+
+def test_what_groups_have_more_without_a_plane(cloud):
+    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    error = CloudError(1.0, 1e-6)
+    planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
+    place, limits = np.array([0, 2, 3, 1]), (10.0, 0.001)
+
+    def total(kept):
+        left = np.where(place[labels] <= kept, labels, 0).astype(np.uint16)
+        return data_of(cloud, groups_of(cloud, left, error), planes, np.ones(3), error, *limits)[1]
+
+    groups = groups_of(cloud, labels, error)
+    _, data = data_of(cloud, groups, planes, np.ones(3), error, *limits)
+    leaving = np.zeros(4)
+    prior = (1.0, math.log(1e4), math.log(1e4))
+    nats.groups_left(groups.rows, groups.label, groups.places, place, 0.001, prior, data, leaving)
+    behind = leaving[[3, 1, 2]]  # in the order of their places
+    for kept in range(4):
+        assert data.sum() + behind[kept:].sum() == pytest.approx(total(kept).sum(), rel=1e-6)

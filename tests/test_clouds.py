@@ -1,0 +1,331 @@
+"""Free points in space under the spatial objective, from the call to the model."""
+
+import numpy as np
+import pytest
+from benchmarks.building import building
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+
+SIGMA = 0.01
+SENSOR = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA)
+
+
+def box(count=12_000, seed=0, size=(3.0, 2.0, 1.5), at=(0, 0, 0)):
+    """Noisy points on the six faces of a box and on a ball in it; the face of each, ball 0."""
+    rng = np.random.default_rng(seed)
+    size = np.asarray(size)
+    area = np.array([size[1] * size[2], size[0] * size[2], size[0] * size[1]])
+    face = rng.choice(6, count, p=np.tile(area, 2) / (2 * area.sum()))
+    points = rng.uniform(0, 1, (count, 3)) * size
+    points[np.arange(count), face % 3] = np.where(face < 3, 0, size[face % 3])
+    ball = rng.normal(size=(count // 10, 3))
+    ball = size / 2 + 0.4 * ball / np.linalg.norm(ball, axis=1, keepdims=True)
+    points = np.vstack((points, ball)) + rng.normal(0, SIGMA, (count + len(ball), 3)) + at
+    order = rng.permutation(len(points))
+    return points[order], np.concatenate((face + 1, np.zeros(len(ball), int)))[order]
+
+
+def matching(labels, truth):
+    """Share of points whose label is the one most common on their face."""
+    table = np.zeros((truth.max() + 1, labels.max() + 1))
+    np.add.at(table, (truth, labels), 1)
+    return table.max(axis=1)[1:].sum() / table[1:].sum()
+
+
+POINTS, TRUTH = box()
+
+
+@pytest.fixture(scope="module")
+def model():
+    return pw.detect_planes_in_points(POINTS, SENSOR)
+
+
+def test_the_faces_of_a_box_and_not_the_ball_in_it(model):
+    assert len(model) == 6
+    assert model.labels.dtype == np.uint16
+    assert matching(model.labels, TRUTH) > 0.97
+    assert (model.labels[TRUTH == 0] > 0).mean() < 0.1
+    assert model.objective == "spatial"
+    assert not model.note
+
+
+def test_planes_are_described(model):
+    size = np.array([3.0, 2.0, 1.5])
+    for j, plane in enumerate(model.planes, start=1):
+        mine = POINTS[model.labels == j]
+        axis = np.abs(plane.normal).argmax()
+        assert abs(plane.normal[axis]) > 0.9999
+        assert plane.distance >= 0
+        assert plane.count == len(mine)
+        assert_allclose(plane.centroid, mine.mean(axis=0), atol=1e-5)
+        off = mine @ plane.normal + plane.distance
+        assert plane.rms == pytest.approx(np.sqrt((off**2).mean()), rel=1e-3)
+        assert plane.area == pytest.approx(size.prod() / size[axis], rel=0.1)
+        assert plane.information < 0
+        assert plane.significance > 0
+        assert abs(plane.residual_correlation) < 0.5
+
+
+def test_phi_of_fewer_planes_and_the_curve(model):
+    assert model.information == model.curve[model.curve.chosen] == min(model.curve)
+    assert len(model.prefix) == 7
+    assert np.all(np.diff(model.prefix) < 0)
+    assert [p.information for p in model.planes] == sorted(p.information for p in model.planes)
+    best = model.top(2)
+    assert best.information == model.prefix[2]
+    assert best.labels.max() == 2
+
+
+def test_coordinates_in_the_millions_lose_nothing():
+    shift = np.array([592_345.5, 6_740_321.25, 120.0])
+    near = pw.detect_planes_in_points(POINTS, SENSOR)
+    far = pw.detect_planes_in_points(POINTS + shift, SENSOR)
+    assert_array_equal(near.labels, far.labels)
+    for a, b in zip(near.planes, far.planes, strict=True):
+        sign = np.sign(a.normal @ b.normal)
+        assert_allclose(sign * b.normal, a.normal, atol=1e-7)
+        # Both are as far from the same points.
+        here = a.centroid @ a.normal + a.distance
+        there = (a.centroid + shift) @ b.normal + b.distance
+        assert there == pytest.approx(sign * here, abs=1e-7)
+        assert_allclose(b.centroid - shift, a.centroid, atol=1e-6)
+
+
+def test_single_precision_is_searched_as_it_is():
+    double = pw.detect_planes_in_points(POINTS.astype(np.float32).astype(np.float64), SENSOR)
+    single = pw.detect_planes_in_points(POINTS.astype(np.float32), SENSOR)
+    assert_array_equal(single.labels, double.labels)
+    assert_allclose(single.coefficients, double.coefficients, atol=1e-9)
+
+
+def test_no_result_depends_on_threads_and_no_input_changes():
+    points = building(60_000).points
+    before = points.copy()
+    found = [pw.detect_planes_in_points(points, SENSOR, threads=n) for n in (1, 2, 3)]
+    assert_array_equal(points, before)
+    for other in found[1:]:
+        assert_array_equal(found[0].labels, other.labels)
+        assert found[0].information == other.information
+        assert_array_equal(found[0].coefficients, other.coefficients)
+
+
+@settings(max_examples=6, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_shuffled_points_have_the_same_planes_and_their_own_labels(model, seed):
+    order = np.random.default_rng(seed).permutation(len(POINTS))
+    shuffled = pw.detect_planes_in_points(POINTS[order], SENSOR)
+    assert len(shuffled) == len(model)
+    assert (shuffled.labels == model.labels[order]).mean() > 0.999
+    assert_allclose(shuffled.coefficients, model.coefficients, atol=1e-6)
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 1000), shift=st.floats(-1e6, 1e6), scale=st.floats(0.01, 100))
+def test_turned_moved_and_scaled_clouds_have_turned_moved_and_scaled_planes(
+    model, seed, shift, scale
+):
+    turn = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    sensor = pw.Sensor(max_depth=10 * scale, resolution=0.001 * scale, noise=SIGMA * scale)
+    moved = pw.detect_planes_in_points(scale * POINTS @ turn.T + shift, sensor)
+    assert matching(moved.labels, TRUTH) > 0.95
+    assert len(moved) == len(model)
+    for plane in model.planes:
+        agreement = [abs(other.normal @ turn @ plane.normal) for other in moved.planes]
+        other = moved.planes[int(np.argmax(agreement))]
+        assert max(agreement) > 1 - 1e-5
+        assert other.area == pytest.approx(plane.area * scale**2, rel=0.2)
+
+
+@pytest.mark.parametrize("turned", [(1, 0, 0), (0, 1, 0), (2, 2, -1)])
+def test_a_wall_along_the_faces_of_the_grid_is_one_plane(turned):
+    rng = np.random.default_rng(0)
+    normal = np.array(turned) / np.linalg.norm(turned)
+    inside = np.linalg.svd(normal[None])[2][1:]
+    for offset in np.linspace(0, 0.1, 5):
+        points = rng.uniform(-2, 2, (20_000, 2)) @ inside
+        points += (offset + rng.normal(0, SIGMA, 20_000))[:, None] * normal
+        found = pw.detect_planes_in_points(points, SENSOR)
+        assert len(found) == 1
+        assert (found.labels > 0).mean() > 0.98
+
+
+def tables(gap=1.0):
+    rng = np.random.default_rng(0)
+    first = np.column_stack((rng.uniform(0, 1, (3000, 2)), rng.normal(0.7, SIGMA, 3000)))
+    second = np.column_stack((rng.uniform(0, 1, (3000, 2)), rng.normal(0.7, SIGMA, 3000)))
+    floor = np.column_stack((rng.uniform(-1, 4, (20_000, 2)), rng.normal(0, SIGMA, 20_000)))
+    return np.vstack((first, second + np.array((1 + gap, 0, 0)), floor))
+
+
+def test_two_tables_are_one_plane_or_two_surfaces():
+    together = pw.detect_planes_in_points(tables(), SENSOR)
+    apart = pw.detect_planes_in_points(tables(), SENSOR, instances=True)
+    assert len(together) == 2
+    assert len(apart) == 3
+    assert set(apart.labels[:3000]) - {0} != set(apart.labels[3000:6000]) - {0}
+
+
+def test_the_number_of_planes_is_bounded_and_so_is_significance():
+    few = pw.detect_planes_in_points(POINTS, SENSOR, max_planes=3)
+    assert len(few) == 3
+    assert "max_planes = 3" in few.curve.reason
+    strict = pw.detect_planes_in_points(POINTS, SENSOR, significance=1e6)
+    assert len(strict) == 0
+    assert strict.note
+
+
+def test_sigma_may_be_a_number_a_function_or_one_a_point(model):
+    of_point = pw.detect_planes_in_points(POINTS, SENSOR, sigma=np.full(len(POINTS), SIGMA))
+    assert_array_equal(of_point.labels, model.labels)
+    function = pw.Sensor(max_depth=10, resolution=0.001, noise=lambda z: 0 * z + SIGMA)
+    assert_array_equal(pw.detect_planes_in_points(POINTS, function).labels, model.labels)
+
+
+def test_noisier_points_count_less():
+    rng = np.random.default_rng(1)
+    sigma = np.where(np.arange(8000) % 2, 0.005, 0.05)
+    points = np.column_stack((rng.uniform(0, 2, (8000, 2)), 1 + rng.normal(0, sigma)))
+    found = pw.detect_planes_in_points(points, SENSOR, sigma=sigma)
+    assert len(found) == 1
+    assert found.planes[0].distance == pytest.approx(1, abs=0.01)
+
+
+def test_a_sigma_that_is_too_small_is_raised_by_the_points():
+    sensor = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA / 2.5)
+    found = pw.detect_planes_in_points(POINTS, sensor)
+    assert matching(found.labels, TRUTH) > 0.95
+    assert len(found) <= 8
+
+
+def floor_seen_from(origin, count=30_000):
+    """A floor whose noise is along rays from an origin: across it, far off, there is little."""
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(-6, 6, (count, 2)), np.zeros(count)))
+    points[::2, 2] = 0.08 * (points[::2, 0] > 4)  # half of the points are on a low step, far off
+    rays = points - origin
+    along = rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return points + along * rng.normal(0, 0.03, (count, 1))
+
+
+def test_noise_along_rays_is_small_across_what_they_graze():
+    origin = np.array([0.0, 0.0, 1.2])
+    points = floor_seen_from(origin)
+    sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.03)
+    plain = pw.detect_planes_in_points(points, sensor)
+    known = pw.detect_planes_in_points(points, sensor, origin=origin)
+    each = pw.detect_planes_in_points(points, sensor, origin=np.tile(origin, (len(points), 1)))
+    assert_array_equal(known.labels, each.labels)
+    floor = known.planes[0]
+    assert abs(floor.normal[2]) > 0.9999
+    # Less noise across the floor: the same readings take fewer nats.
+    limit = 2 * len(points) * np.log(20 / 0.001)  # of two coordinates, which a ray fixes
+    assert known.information < plain.information - limit
+    assert floor.covariance[3, 3] < plain.planes[0].covariance[3, 3]
+    shift = np.array([592_000.0, 6_740_000.0, 30.0])
+    moved = pw.detect_planes_in_points(points + shift, sensor, origin=origin + shift)
+    assert (moved.labels == known.labels).mean() > 0.999
+
+
+@pytest.mark.parametrize("count", [300, 2500])
+def test_a_roof_of_few_points(count):
+    rng = np.random.default_rng(count)
+    plan = rng.uniform(-4, 4, (count, 2))
+    slopes = np.array([[0.6, 0], [-0.6, 0], [0, 0.6], [0, -0.6]])
+    heights = plan @ slopes.T
+    points = np.column_stack((plan, 5 - heights.max(axis=1) + rng.normal(0, 0.04, count)))
+    truth = heights.argmax(axis=1) + 1
+    sensor = pw.Sensor(max_depth=30, resolution=0.01, noise=0.04)
+    found = pw.detect_planes_in_points(points, sensor)
+    assert len(found) == 4
+    assert matching(found.labels, truth) > 0.85
+    order = rng.permutation(count)
+    shuffled = pw.detect_planes_in_points(points[order], sensor)
+    assert_array_equal(shuffled.labels, found.labels[order])
+
+
+def test_covariance_is_the_scatter_of_the_estimates():
+    found, claimed = [], []
+    normal = np.array([0.0, 0.6, 0.8])
+    inside = np.linalg.svd(normal[None])[2][1:]
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        points = rng.uniform(-1, 1, (6000, 2)) @ inside
+        points += (rng.normal(0, SIGMA, 6000) - 1.5)[:, None] * normal
+        model = pw.detect_planes_in_points(points, SENSOR)
+        assert len(model) == 1
+        found.append(model.coefficients[0])
+        claimed.append(model.planes[0].covariance)
+    expected = np.mean(claimed, axis=0)
+    spread = np.cov(np.array(found).T)
+    # What points of a cell are taken to share makes the claim the larger one, not by much.
+    assert np.trace(spread) < 1.5 * np.trace(expected)
+    assert np.trace(expected) < 4 * np.trace(spread)
+
+
+BAD = {
+    "nothing": np.empty((0, 3)),
+    "two points": np.zeros((2, 3)),
+    "nowhere": np.full((9, 3), np.nan),
+    "all equal": np.ones((5000, 3)),
+    "equal and far": np.full((5000, 3), 1e7),
+    "collinear": np.outer(np.linspace(0, 1, 5000), [1.0, 2.0, 3.0]),
+    "volume": np.random.default_rng(0).uniform(0, 5, (6000, 3)),
+    "infinite": np.array([[np.inf, 0, 0], [0, -np.inf, 0], [0, 0, np.nan]]),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_points_that_show_no_plane_give_an_empty_model_that_says_why(name):
+    found = pw.detect_planes_in_points(BAD[name], SENSOR)
+    assert len(found) == 0
+    assert found.note
+    assert np.isfinite(found.information)
+    assert not found.labels.any()
+    assert found.labels.shape == (len(BAD[name]),)
+
+
+def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
+    points = np.vstack((POINTS, POINTS[:500], [[np.nan, 0, 0], [np.inf, 0, 0], [1e9, 0, 0]]))
+    found = pw.detect_planes_in_points(points, SENSOR)
+    assert found.readings == len(points) - 3
+    assert not found.labels[-3:].any()
+    assert len(found) == len(model)
+    assert matching(found.labels[: len(POINTS)], TRUTH) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"sigma": np.ones(3)}, "sigma must hold one number a point"),
+        ({"sigma": np.zeros(len(POINTS))}, "sigma must be positive"),
+        ({"sigma": 1.0, "objective": "paper"}, "sigma needs objective='spatial'"),
+        ({"origin": np.zeros(2)}, r"origin must be one place or one a point"),
+        ({"origin": np.full(3, np.nan)}, "origin must be finite"),
+        ({"origin": np.zeros(3), "objective": "paper"}, "origin needs objective='spatial'"),
+        ({"instances": True, "objective": "paper"}, "instances needs objective='spatial'"),
+    ],
+)
+def test_bad_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        pw.detect_planes_in_points(POINTS, SENSOR, **options)
+
+
+def test_hyperplanes_have_no_spatial_objective():
+    points = np.random.default_rng(0).normal(size=(100, 4))
+    with pytest.raises(ValueError, match=r"shape \(k, 3\), got \(100, 4\)"):
+        pw.detect_planes_in_points(points, SENSOR, objective="spatial")
+    assert pw.detect_planes_in_points(points, SENSOR).objective == "paper"
+
+
+def test_most_of_a_building_is_found():
+    made = building(100_000, floors=1, rooms=(2, 1))
+    found = pw.detect_planes_in_points(made.points, SENSOR, instances=True)
+    table = np.zeros((made.labels.max() + 1, len(found) + 1))
+    np.add.at(table, (made.labels, found.labels), 1)
+    sizes = table.sum(axis=1)[1:]
+    union = sizes[:, None] + table.sum(axis=0)[None, 1:] - table[1:, 1:]
+    overlap = (table[1:, 1:] / union).max(axis=1)
+    assert (overlap[sizes > 500] > 0.5).mean() > 0.8
