@@ -95,7 +95,7 @@ def test_a_picture_of_another_shape_is_refused(camera):
 
 
 def test_points_have_no_regions():
-    from planewise.detect import Options
+    from planewise.options import Options
 
     points = pw.observe_points(np.random.default_rng(0).normal(size=(50, 3)), pw.Sensor(noise=0.01))
     with pytest.raises(ValueError, match="partition needs a depth image"):
@@ -353,7 +353,7 @@ def test_a_stream_and_any_number_of_threads_give_the_same(corner, search):
 
 
 def test_options_with_the_same_partition_are_equal():
-    from planewise.detect import Options
+    from planewise.options import Options
 
     assert Options(partition="graph") == Options(partition=Graph())
     assert hash(Options(partition="blocks")) == hash(Options(partition=Blocks()))

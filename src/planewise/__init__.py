@@ -32,17 +32,13 @@ if TYPE_CHECKING:
     from planewise.calibration import calibrate
     from planewise.cloud_files import open_cloud, read_cloud
     from planewise.cloud_outlines import outline_points
-    from planewise.detect import (
-        Detector,
-        Options,
-        detect_planes,
-        detect_planes_in_points,
-        find,
-    )
+    from planewise.detect import Detector, detect_planes, detect_planes_in_points
     from planewise.image_outlines import outline_image
     from planewise.noise_estimate import NoiseEstimate, estimate_noise
+    from planewise.options import Options
     from planewise.point_cloud import PointCloud
     from planewise.reassign import NormalReassignment
+    from planewise.search import find
 
 __all__ = [
     "Camera",
@@ -82,9 +78,9 @@ __all__ = [
 
 # Numba takes longer to import than everything else together: it waits for the first detection.
 _LAZY = {
-    **dict.fromkeys(
-        ("Detector", "Options", "detect_planes", "detect_planes_in_points", "find"), "detect"
-    ),
+    **dict.fromkeys(("Detector", "detect_planes", "detect_planes_in_points"), "detect"),
+    "Options": "options",
+    "find": "search",
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
     "calibrate": "calibration",
     "NormalReassignment": "reassign",

@@ -192,7 +192,7 @@ def detect(
         known_camera = None if camera is None else read_camera(camera)
         known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
 
-        from planewise.detect import Options
+        from planewise.options import Options
 
         named, regions = partition_of(partition, sam_model, sam_device)
         options = Options(
@@ -262,8 +262,8 @@ def demo(
             raise PlanewiseError(f"seed must not be negative, got {seed}")
         with output_folder(output) as folder:
             from planewise import scenes
-            from planewise.detect import Options
             from planewise.draw import draw_labels
+            from planewise.options import Options
 
             room = scenes.room(seed)
             options = Options()

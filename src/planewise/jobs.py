@@ -19,8 +19,8 @@ from planewise.result_files import FILES, OUTLINE_FILES, output_folder, write_re
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
-    from planewise.detect import Options
     from planewise.model import PlaneModel
+    from planewise.options import Options
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".bmp", ".tif", ".tiff")
 
@@ -178,8 +178,8 @@ def find_planes(
     rgb: NDArray[np.uint8] | None = None,
 ) -> tuple[PlaneModel, float]:
     """Detect planes and say how many seconds it took."""
-    from planewise.detect import find
     from planewise.observation import observe
+    from planewise.search import find
 
     started = time.perf_counter()
     model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options, rgb=rgb)

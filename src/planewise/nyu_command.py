@@ -88,7 +88,7 @@ def nyu(
             raise PlanewiseError(f"limit must be at least 1, got {limit}")
 
         from planewise.datasets.nyu import open_nyu
-        from planewise.detect import Options
+        from planewise.options import Options
         from planewise.reproduce.nyu import (
             COLUMNS,
             MEANING,
