@@ -104,8 +104,8 @@ def cloud_of(
     Parameters
     ----------
     points : ndarray of float, shape (k, 3)
-        Metres, any origin. Points more than two million standard deviations from the others are no
-        reading, like those that are not finite.
+        Metres, any origin. Points farther from the others than R and two million standard
+        deviations are no reading, like those that are not finite.
     sensor : Sensor
         Its noise is evaluated at the distance from the origin of the coordinates.
     sigma : ndarray, shape (k,), optional
@@ -124,7 +124,9 @@ def cloud_of(
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     from_where = np.zeros(3) if origin is None else origin
     typical = _typical(points, sensor, sigma, from_where)
-    farthest = float(1 << (cloud_keys.LEVELS - 1)) * _THICK * typical / (1 << _FINER)
+    farthest = max(
+        sensor.range, float(1 << (cloud_keys.LEVELS - 1)) * _THICK * typical / (1 << _FINER)
+    )
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
         there = np.isfinite(points).all(axis=1)
@@ -132,6 +134,8 @@ def cloud_of(
     order = order_of(points, centre, reach, 4.0 * typical, workers)
     side = max(_side_for(order, held), _THICK * typical)
     order = order_of(points, centre, reach, side / (1 << _FINER), workers)
+    if len(order.keys) < 3:
+        return None
     side, shift = order.side * (1 << _FINER), 3 * _FINER
 
     starts = np.empty(len(order.keys) + 1, np.int64)
