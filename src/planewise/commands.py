@@ -11,6 +11,7 @@ import typer
 
 from planewise import cameras, sensors, terminal
 from planewise._version import __version__
+from planewise.batch_command import batch
 from planewise.bench_command import bench
 from planewise.calibrate_command import calibrate
 from planewise.camera import PinholeCamera
@@ -245,6 +246,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
 
 
 app.command()(points)
+app.command()(batch)
 app.command()(calibrate)
 app.command()(frames)
 
