@@ -7,13 +7,14 @@ A reference store is made without faults. Then a process that fills another stor
 against the reference, and the next store begins. Groups are committed every 20 ms and journals
 become Parquet after 40 frames, so that kills fall into every step.
 
-With --command-kills, the same with `planewise batch` and two workers as they are: of three kills one
-is of the command, one of a worker, one of all of them.
+With --command-kills, the same with `planewise batch` and two workers as they are: of three kills
+one is of a worker, one of the command, one of all of them.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 import random
 import signal
@@ -38,6 +39,7 @@ SIZE = (60, 80)
 _SCENES = 30  # different ones
 _SHORTEST, _LONGEST = 0.002, 1.0  # seconds a process lives
 _COMMAND_LIVES = 6.0
+_LOOKED_AT = 0.1  # of the stores whose process was killed
 _GROUP_SECONDS, _SEGMENT_FRAMES = 0.02, 40
 
 
@@ -118,17 +120,14 @@ def kill_again_and_again(
         while True:
             child = forked(batch)
             lives = _SHORTEST * (_LONGEST / _SHORTEST) ** rng.random()
-            if tally.kills < kills and not _ends_within(child, lives):
-                os.kill(child, signal.SIGKILL)
-                os.waitpid(child, 0)
-                tally.kills += 1
-                if rng.random() < 0.1 and (path / "store.json").exists():
-                    compare(Store(path), reference, tally, whole=False)
-                continue
-            if tally.kills >= kills:
-                _wait(child)
-            tally.ended += 1
-            break
+            if _ends_within(child, lives if tally.kills < kills else math.inf):
+                tally.ended += 1
+                break
+            os.kill(child, signal.SIGKILL)
+            os.waitpid(child, 0)
+            tally.kills += 1
+            if rng.random() < _LOOKED_AT and (path / "store.json").exists():
+                compare(Store(path), reference, tally, whole=False)
         compare(Store(path), reference, tally)
         tally.stores += 1
     return tally
@@ -143,13 +142,6 @@ def _ends_within(child: int, seconds: float) -> bool:
     return False
 
 
-def _wait(child: int) -> None:
-    try:
-        os.waitpid(child, 0)
-    except ChildProcessError:
-        pass
-
-
 def compare(found: Store, reference: Store, tally: Tally, *, whole: bool = True) -> None:
     """Count what a store has lost, has twice, or has otherwise than the reference."""
     frames = found.frames.drop_columns(list(TIMES)).to_pylist()
@@ -159,9 +151,7 @@ def compare(found: Store, reference: Store, tally: Tally, *, whole: bool = True)
         tally.lost += len(set(reference.ids) - set(counts))
     else:
         tally.read_while_open += 1
-    expected = {
-        row["frame"]: row for row in reference.frames.drop_columns(list(TIMES)).to_pylist()
-    }
+    expected = {row["frame"]: row for row in reference.frames.drop_columns(list(TIMES)).to_pylist()}
     tally.corrupt += sum(row != expected[row["frame"]] for row in frames)
     for frame, theirs in zip(found, map(reference.__getitem__, _ids(found)), strict=True):
         same = frame.plane_table.equals(theirs.plane_table)
@@ -210,15 +200,19 @@ def kill_the_command(
 
 
 def _kill_a_worker(parent: int, rng: random.Random) -> bool:
-    listed = Path(f"/proc/{parent}/task/{parent}/children").read_text().split()
-    workers = [
-        int(each)
-        for each in listed
-        if b"spawn_main" in Path(f"/proc/{each}/cmdline").read_bytes()
-    ]
+    workers = [each for child in children(parent) for each in children(child)]
     if workers:
         os.kill(rng.choice(workers), signal.SIGKILL)
     return bool(workers)
+
+
+def children(process: int) -> list[int]:
+    """Processes that a process has started; workers are children of a child of the command."""
+    try:
+        text = Path(f"/proc/{process}/task/{process}/children").read_text()
+    except FileNotFoundError:
+        return []
+    return [int(each) for each in text.split()]
 
 
 def main() -> None:
@@ -237,9 +231,7 @@ def main() -> None:
         if given.kills:
             print(kill_again_and_again(place / "frames", camera, reference, place, given.kills))
         if given.command_kills:
-            done = kill_the_command(
-                place / "frames", camera, reference, place, given.command_kills
-            )
+            done = kill_the_command(place / "frames", camera, reference, place, given.command_kills)
             print(f"planewise batch: {done}")
 
 

@@ -164,9 +164,7 @@ def batch(
             _run(job, chosen)
 
 
-def _engine(
-    engine: _Engine, workers: int | None, address: str | None, gpus: float
-) -> Engine:
+def _engine(engine: _Engine, workers: int | None, address: str | None, gpus: float) -> Engine:
     from planewise.batch import LocalEngine, RayEngine
 
     if engine is _Engine.ray:

@@ -171,17 +171,21 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
 def _show_costs(good: Sequence[Outcome], to_do: int, workers: int) -> None:
     read, detect, encode = np.mean([each.milliseconds for each in good], axis=0)
     seconds = 1e-3 * (read + detect + encode)
-    labels = np.mean([len(each.label_file[1]) if each.label_file else 0 for each in good])
-    rows = np.mean([len(each.record) for each in good])
+    labels = _mean([len(each.label_file[1]) if each.label_file else 0 for each in good])
+    rows = _mean([len(each.record) for each in good])
     terminal.say(
         f"a frame, by {len(good)} of them: {read:.1f} ms to read, {detect:.1f} to detect, "
-        f"{encode:.1f} to encode; {np.mean([each.planes for each in good]):.1f} planes"
+        f"{encode:.1f} to encode; {_mean([each.planes for each in good]):.1f} planes"
     )
     terminal.say(
         f"all: {duration(seconds * to_do / workers)} with {workers} workers "
         f"({seconds * to_do / 3600:.2f} core-hours), {size(to_do * labels)} of labels and at most "
         f"{size(to_do * rows)} of tables"
     )
+
+
+def _mean(numbers: Sequence[float]) -> float:
+    return sum(numbers) / len(numbers)
 
 
 def duration(seconds: float) -> str:

@@ -49,6 +49,9 @@ app = typer.Typer(
 )
 
 
+_NAMED = 20  # frames that a warning lists
+
+
 class _Search(StrEnum):
     joint = "joint"
     sequential = "sequential"
@@ -299,7 +302,7 @@ def evaluate(
             metavar="PRED",
             show_default=False,
             help="Label image (16-bit PNG, .npy, or .npz with labels or gt), or a folder of them, "
-            "such as 'planewise detect' makes.",
+            "such as 'planewise detect' makes, or a store of 'planewise batch'.",
         ),
     ],
     truth: Annotated[
@@ -338,7 +341,9 @@ def evaluate(
             check_table(output, pairs)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
-                terminal.warning(f"{folder} lacks {len(names)}: {', '.join(names)}")
+                more = " ..." if len(names) > _NAMED else ""
+                shown = ", ".join(names[:_NAMED])
+                terminal.warning(f"{folder} lacks {len(names)}: {shown}{more}")
         scoring = Scoring(iou=tuple(iou), minimum_pixels=minimum_pixels, tolerance=tolerance)
         results = list(terminal.progress(scoring.run_pairs(pairs), len(pairs.paired)))
         frames = [each for each in results if not isinstance(each, Failed)]

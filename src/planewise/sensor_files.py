@@ -79,7 +79,9 @@ def describe_exactly(sensor: Sensor) -> dict[str, Any]:
     return {
         **{key: getattr(sensor, name) for key, name in _LENGTHS.items()},
         "noise": _terms(sensor.noise),
-        "parts": None if parts is None else {k: _terms(getattr(parts, n)) for k, n in _PARTS.items()},
+        "parts": None
+        if parts is None
+        else {k: _terms(getattr(parts, n)) for k, n in _PARTS.items()},
     }
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.batch.columns import DONE, FAILED, PLANES
+from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
@@ -136,20 +136,18 @@ class FrameWork:
             label_file = (name, png_of_labels(model.labels))
         else:
             rle = encode_labels(model.labels, len(model))
-        rows = {
-            "frame": _frame_row(number, frame, seen, detector, model) | {"labels": name},
-            "planes": [
-                _plane_row(frame, label, plane, None if rle is None else rle[label - 1])
-                for label, plane in enumerate(model.planes, start=1)
-            ],
-        }
+        row = _frame_row(number, frame, seen, detector, model) | {"labels": name}
+        planes = [
+            _plane_row(frame, label, plane, None if rle is None else rle[label - 1])
+            for label, plane in enumerate(model.planes, start=1)
+        ]
         end = time.perf_counter()
         times = (1e3 * (read - start), 1e3 * (detected - read), 1e3 * (end - detected))
-        rows["frame"] |= dict(zip(("read_ms", "detect_ms", "encode_ms"), times, strict=True))
+        row |= dict(zip(TIMES, times, strict=True))
         return Outcome(
             number=number,
             frame=frame,
-            record=_as_json(rows),
+            record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
             milliseconds=times,
@@ -190,7 +188,7 @@ def failure(number: int, frame: str, reason: str) -> Outcome:
 def fingerprint(depth: NDArray[Any]) -> str:
     """Hash of readings, by which it shows that a frame is no longer what it was."""
     hashed = hashlib.sha256(f"{depth.dtype.str}{depth.shape}".encode())
-    hashed.update(np.ascontiguousarray(depth))
+    hashed.update(np.ascontiguousarray(depth).data)
     return hashed.hexdigest()[:32]
 
 

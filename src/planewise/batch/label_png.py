@@ -31,7 +31,7 @@ def png_of_labels(labels: NDArray[np.uint16]) -> bytes:
     rows[0, 1:] = image[0]
     np.subtract(image[1:], image[:-1], out=rows[1:, 1:])
     header = struct.pack(">IIBBBBB", width, height, _BITS, _GREY, 0, 0, 0)
-    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows, _LEVEL)), (b"IEND", b""))
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(rows.data, _LEVEL)), (b"IEND", b""))
     return _MAGIC + b"".join(_chunk(kind, data) for kind, data in chunks)
 
 

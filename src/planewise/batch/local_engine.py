@@ -6,12 +6,14 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
+from typing import Any
 
 from planewise.batch.frame_work import FrameWork, Outcome, failure
 from planewise.errors import PlanewiseError
@@ -100,7 +102,7 @@ class _Pool:
 
     def start(self) -> None:
         """Start a worker."""
-        context = multiprocessing.get_context("spawn")
+        context = _context()
         ours, theirs = context.Pipe()
         with _one_thread(), _no_interrupts():
             process = context.Process(target=_serve, args=(theirs,), daemon=True)
@@ -184,6 +186,15 @@ class _Pool:
                 yield failure(*frame, f"{_TRIES} workers {cause} with this frame")
             self._again.extendleft(reversed(worker.given))
         self.start()
+
+
+def _context() -> Any:
+    """How processes are made: forked from one that has loaded all they need, if that is safe."""
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["planewise.batch.preload"])
+    return context
 
 
 def _cause(code: int | None) -> str:

@@ -1,8 +1,8 @@
 """One process at a time writes a store, or one for each shard.
 
 The locks are the system's (`flock`), which lets go of them however a process ends; the files only
-say who has them. A run of all frames holds the store alone. A run of shard i of n shares it with the
-other shards of the same n.
+say who has them. A run of all frames holds the store alone. A run of shard i of n shares it with
+the other shards of the same n.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +18,11 @@ from planewise.batch.segments import FOLDERS, segments_of
 from planewise.batch.source import Selection, Source
 from planewise.batch.staging import Staging
 from planewise.batch.store import Store
-from planewise.batch.store_info import FILE, check_same, info_of
+from planewise.batch.store_info import check_same, info_of
 from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import arrow
 from planewise.errors import PlanewiseError
+from planewise.label_files import STORE_FILE
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,8 +66,10 @@ class Batch:
     --------
     >>> import planewise as pw
     >>> from planewise.batch import Batch, DepthFolder, LocalEngine, Recipe
+    >>> recipe = Recipe(
+    ...     sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=pw.cameras.NYU
+    ... )
     >>> def all_of(folder, store):
-    ...     recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=pw.cameras.NYU)
     ...     batch = Batch(source=DepthFolder(folder), store=store, recipe=recipe)
     ...     with batch.started(LocalEngine(workers=2)) as run:
     ...         for outcome in run:
@@ -76,7 +79,7 @@ class Batch:
     source: Source
     store: Path
     recipe: Recipe
-    selection: Selection = Selection()
+    selection: Selection = field(default_factory=Selection)
     retry_failed: bool = False
 
     def plan(self) -> Plan:
@@ -124,7 +127,7 @@ class Batch:
     def _statuses(self) -> dict[str, str]:
         """Status of every frame of the store, which is checked to be of this batch."""
         folder = Path(self.store)
-        if not (folder / FILE).exists():
+        if not (folder / STORE_FILE).exists():
             _check_empty(folder)
             return {}
         store = Store(folder)
@@ -168,9 +171,9 @@ class Batch:
     def _begin(self, folder: Path, staging: Staging) -> None:
         for name in FOLDERS:
             (folder / name).mkdir(exist_ok=True)
-        if not (folder / FILE).exists():
+        if not (folder / STORE_FILE).exists():
             text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
-            staging.publish(text.encode() + b"\n", folder / FILE)
+            staging.publish(text.encode() + b"\n", folder / STORE_FILE)
         own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
         for segment in segments_of(folder):
             writer = segment.name.rpartition("-")[0]

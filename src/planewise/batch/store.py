@@ -72,7 +72,8 @@ class StoredFrame:
 class Store:
     """Labels and planes of many frames, as ``planewise batch`` writes them.
 
-    What was there when it was opened is read, also while another process adds more.
+    It may be read while another process adds more; `ids` are those of the first time they are
+    asked for.
 
     Parameters
     ----------
@@ -94,11 +95,6 @@ class Store:
         self.path = Path(path)
         self.info = read_info(self.path)
         self._read: dict[str, dict[str, StoredFrame]] = {}  # the last segment asked for
-
-    @staticmethod
-    def is_store(path: str | Path) -> bool:
-        """Whether a folder says that it is a store."""
-        return (Path(path) / "store.json").is_file()
 
     @cached_property
     def _statuses(self) -> dict[str, tuple[str, str]]:

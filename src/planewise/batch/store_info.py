@@ -13,12 +13,12 @@ from planewise.batch.columns import SCHEMA_VERSION
 from planewise.batch.frame_work import Recipe
 from planewise.batch.source import Source
 from planewise.errors import PlanewiseError
+from planewise.label_files import STORE_FILE
 from planewise.machine import versions
 from planewise.noise import AUTO
 from planewise.sensor import Sensor
 from planewise.sensor_files import describe_exactly
 
-FILE = "store.json"
 SCHEMA = "planewise/store"
 
 _NAMED = 4  # differences that a message lists
@@ -71,9 +71,9 @@ def read_info(store: Path) -> dict[str, Any]:
     PlanewiseError
         If there is none, or it is of another layout.
     """
-    path = store / FILE
+    path = store / STORE_FILE
     if not path.is_file():
-        raise PlanewiseError(f"store: {store} is no store: it has no {FILE}")
+        raise PlanewiseError(f"store: {store} is no store: it has no {STORE_FILE}")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

@@ -25,7 +25,7 @@ def arrow() -> Any:
         If it is not installed.
     """
     try:
-        import pyarrow.parquet  # noqa: F401 (its parent is returned)
+        import pyarrow.parquet
     except ImportError:
         raise MissingExtraError("pyarrow", "a store of many frames", "batch") from None
     import pyarrow
