@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import socket
 import time
 import uuid
 from collections.abc import Iterable, Iterator
@@ -17,6 +18,7 @@ Frame = tuple[int, str]
 _AHEAD = 2  # frames under way for every one that can be done at a time
 _TRIES = 4  # of a frame whose worker or node dies
 _SECONDS_A_LOOK = 5.0  # at how large the cluster is now
+_SECONDS_TO_ANSWER = 10.0
 _works: dict[str, FrameWork] = {}  # of this worker: what it has loaded stays
 
 
@@ -28,6 +30,17 @@ def _do(key: str, work: list[Any], number: int, frame: str) -> Outcome:
         _works.clear()
         _works[key] = ray.get(work[0])
     return _works[key](number, frame)
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address at once where nothing answers: Ray itself tries for minutes."""
+    host, colon, port = address.removeprefix("ray://").rpartition(":")
+    if not colon:
+        return  # a name that Ray knows, such as auto
+    try:
+        socket.create_connection((host, int(port)), timeout=_SECONDS_TO_ANSWER).close()
+    except (OSError, ValueError) as error:
+        raise PlanewiseError(f"address: no cluster answers at {address} ({error})") from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,6 +84,8 @@ class RayEngine:
                 ray.shutdown()
 
     def _connect(self, ray: Any) -> None:
+        if self.address is not None:
+            _check_reachable(self.address)
         own = {"num_cpus": self.workers, "include_dashboard": False}
         try:
             ray.init(
