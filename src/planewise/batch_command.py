@@ -6,15 +6,16 @@ import errno
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from planewise import terminal, threads
 from planewise.batch_progress import Progress, show_forecast, show_result
-from planewise.camera_files import NOISE_HELP, read_camera
+from planewise.camera_files import NOISE_HELP, read_camera, read_sensor
 from planewise.cli import INTERRUPTED
 from planewise.command_line import (
     CAMERA_HELP,
@@ -24,14 +25,18 @@ from planewise.command_line import (
     RESOLUTION_HELP,
     check_numbers,
     optional,
+    partition_of,
+    preset_of,
     reported,
     sensor_of,
 )
 from planewise.errors import PlanewiseError
 
 if TYPE_CHECKING:
-    from planewise.batch import Batch
+    from planewise.batch import Batch, Source
     from planewise.batch.engine import Engine
+    from planewise.partition import Partitioner
+    from planewise.sensor import Sensor
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _TRIED = 5  # frames by which a dry run estimates
@@ -57,10 +62,18 @@ class _Objective(StrEnum):
     spatial = "spatial"
 
 
+class _Reassign(StrEnum):
+    normals = "normals"
+
+
 def batch(
     source: Annotated[
         Path,
-        typer.Argument(metavar="SOURCE", show_default=False, help="Folder of depth images."),
+        typer.Argument(
+            metavar="SOURCE",
+            show_default=False,
+            help="Folder of depth images, or a dataset of any kind that 'planewise frames' knows.",
+        ),
     ],
     output: Annotated[
         Path,
@@ -72,9 +85,15 @@ def batch(
             help="Folder of the results: new, or one that this command began.",
         ),
     ],
-    camera: Annotated[str | None, optional(CAMERA_HELP)] = None,
+    kind: Annotated[
+        str | None, optional("Kind of dataset. Default: whichever the contents look like.")
+    ] = None,
+    camera: Annotated[
+        str | None, optional(f"Not needed where a dataset states it. {CAMERA_HELP}")
+    ] = None,
     sensor: Annotated[
-        str | None, optional("As for detect; not needed where the camera's preset has its name.")
+        str | None,
+        optional("As for detect. Default: the dataset's, or the preset of the camera's name."),
     ] = None,
     noise: Annotated[str | None, optional(f"As for detect: {NOISE_HELP}; or auto.")] = None,
     max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
@@ -93,6 +112,16 @@ def batch(
     ] = None,
     confidence: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.99,
     inlier_ratio: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.1,
+    reassign: Annotated[_Reassign | None, optional("As for detect (paper's objective).")] = None,
+    partition: Annotated[
+        str | None, optional("Regions to search, as for detect: auto, graph, blocks or sam.")
+    ] = None,
+    sam_model: Annotated[
+        str | None, optional("Folder or hub name of the weights of Segment Anything.")
+    ] = None,
+    sam_device: Annotated[
+        str | None, optional("Where Segment Anything runs: cpu (the default), cuda ...")
+    ] = None,
     seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
     labels: Annotated[
         _Labels, typer.Option(help="Label images as 16-bit PNG, or COCO's run lengths in Parquet.")
@@ -127,13 +156,22 @@ def batch(
     with reported():
         check_numbers(depth_scale, seed)
         known_camera = None if camera is None else read_camera(camera)
-        known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
 
-        from planewise.batch import Batch, DepthFolder, Recipe, Selection
+        from planewise.batch import Batch, Recipe, Selection, open_source
         from planewise.batch.source import parse_shard
         from planewise.detect import Options
 
+        chosen = _engine(engine, workers, address, gpus)
+        frames = open_source(
+            source,
+            kind,
+            camera=known_camera,
+            depth_scale=depth_scale,
+            pictures=partition is not None,
+        )
         options = Options(
+            partition=_partition(partition, sam_model, sam_device),
+            reassign=None if reassign is None else "normals",
             search=search.value,
             objective=None if objective is None else objective.value,
             instances=instances,
@@ -144,20 +182,19 @@ def batch(
             rng=seed,
         )
         recipe = Recipe(
-            sensor=known_sensor,
+            sensor=_sensor(frames, sensor, camera, noise, max_depth, resolution),
             options=options,
             camera=known_camera,
             depth_scale=depth_scale,
             labels=labels.value,
         )
         job = Batch(
-            source=DepthFolder(source),
+            source=frames,
             store=output,
             recipe=recipe,
             selection=Selection(every=every, shard=parse_shard(shard), limit=limit),
             retry_failed=retry_failed,
         )
-        chosen = _engine(engine, workers, address, gpus)
         if dry_run:
             _forecast(job, workers or threads.available())
         else:
@@ -172,6 +209,35 @@ def _engine(engine: _Engine, workers: int | None, address: str | None, gpus: flo
     if address is not None or gpus:
         raise PlanewiseError("engine: --address and --gpus go with --engine ray")
     return LocalEngine(workers=threads.available() if workers is None else workers)
+
+
+def _sensor(
+    source: Source,
+    name: str | None,
+    camera: str | None,
+    noise: str | None,
+    max_depth: float | None,
+    resolution: float | None,
+) -> Sensor:
+    """Sensor as asked for, or that of the dataset with what is given replaced."""
+    from planewise.batch.open_source import sensor_of_source
+
+    stated = sensor_of_source(source)
+    if name is not None or stated is None or preset_of(camera) is not None:
+        return sensor_of(name, camera, noise, max_depth, resolution)
+    changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
+    if noise is not None:
+        changes |= {"noise": read_sensor(None, noise=noise).noise}
+        stated = replace(stated, parts=None)
+    return replace(stated, **{key: value for key, value in changes.items() if value is not None})
+
+
+def _partition(name: str | None, model: str | None, device: str | None) -> Partitioner | None:
+    """Partition by its name; regions of a file would be the same for all frames."""
+    named, path = partition_of(name, model, device)
+    if path is not None:
+        raise PlanewiseError(f"partition: batch takes a name such as graph, not a file ({path})")
+    return named
 
 
 def _forecast(job: Batch, workers: int) -> None:

@@ -5,6 +5,7 @@
 
 from planewise.batch.frame_work import Outcome, Recipe
 from planewise.batch.local_engine import LocalEngine
+from planewise.batch.open_source import open_source
 from planewise.batch.ray_engine import RayEngine
 from planewise.batch.run import Batch, Plan, Run
 from planewise.batch.source import DepthFolder, Selection, Source
@@ -23,4 +24,5 @@ __all__ = [
     "Source",
     "Store",
     "StoredFrame",
+    "open_source",
 ]

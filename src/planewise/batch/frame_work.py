@@ -119,7 +119,8 @@ class FrameWork:
         except MissingExtraError as error:
             return Outcome(number=number, frame=frame, fatal=str(error))
         except (ValueError, OSError) as error:
-            return failure(number, frame, _one_line(error))
+            named = f"{self.source.name}, frame {frame}: "  # by datasets, and again by who shows it
+            return failure(number, frame, _one_line(error).removeprefix(named))
         except Exception as error:  # one frame must not end a run of days
             return failure(number, frame, f"{type(error).__name__}: {_one_line(error)}")
 
@@ -128,7 +129,8 @@ class FrameWork:
         seen = self.source[frame]
         read = time.perf_counter()
         detector = self._detector(seen)
-        model = detector(seen.depth)
+        regions = self.recipe.options.partition is not None
+        model = detector(seen.depth, rgb=seen.rgb if regions else None)
         detected = time.perf_counter()
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
