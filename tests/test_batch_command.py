@@ -178,6 +178,37 @@ def test_a_dry_run_of_a_begun_store(frames, store):
     assert "4 in the store, 0 failed before, 6 to do" in text
 
 
+@pytest.mark.usefixtures("here")
+def test_a_dataset_needs_neither_camera_nor_sensor(frames, store, tmp_path):
+    (tmp_path / "set").mkdir()
+    frames.rename(tmp_path / "set" / "depth")
+    damage(tmp_path / "set" / "depth" / "00003.png")
+    camera = {"fx": 65.625, "fy": 65.625, "cx": 39.5, "cy": 39.5}
+    text = json.dumps(camera | {"depth_scale": 0.001, "sensor": "kinect-v1"})
+    (tmp_path / "set" / "camera.json").write_text(text)
+    code, text, errors = run("batch", tmp_path / "set", "-o", store)
+    assert code == 0
+    assert "9 of 10 frames done" in text
+    assert "error: frame 00003: depth: 00003.png cannot be read" in errors
+    read = Store(store)
+    assert read.info["source"]["kind"] == "GenericFolder"
+    assert read.info["sensor"]["noise"] == "0.0012 + 0.0019 (z - 0.4)^2 m"
+    assert read["00001"].row["depth_scale"] == 0.001
+    other = run("batch", tmp_path / "set", "-o", store, "--noise", "1%")
+    assert "sensor.noise is" in other[2]
+    (tmp_path / "points").mkdir()
+    np.zeros((5, 4), np.float32).tofile(tmp_path / "points" / "1.bin")
+    assert "holds points" in run("batch", tmp_path / "points", "-o", tmp_path / "new")[2]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_partition_is_an_option_of_the_store(frames, store):
+    arguments = ("batch", frames, "-o", store, *CAMERA, "--limit", 2)
+    assert run(*arguments, "--partition", "blocks", "--search", "sequential")[0] == 0
+    assert "options.search" in run(*arguments)[2]
+    assert "not a file" in run(*arguments, "--partition", frames / "00001.png")[2]
+
+
 BAD_ARGUMENTS = {
     "no part": (("--shard", "4/3"), "shard"),
     "no limit": (("--limit", "0"), "limit"),

@@ -241,6 +241,19 @@ def test_a_store_gives_what_the_detector_gives(frames, full):
             assert np.array_equal(np.reshape(row, (4, 4)), plane.covariance)
 
 
+def test_every_column_is_documented():
+    text = (Path(__file__).parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
+    frames, planes = text.split("### `frames`")[1].split("### `planes`")
+    for columns, part in ((FRAMES, frames), (PLANES, planes)):
+        for name, kind in columns.items():
+            (line,) = [
+                line
+                for line in part.splitlines()
+                if line.startswith("|") and f"`{name}`" in line.split("|")[1]
+            ]
+            assert kind.replace("<", " of ").rstrip(">") in line
+
+
 def test_masks_as_run_lengths_are_the_same_labels(frames, full, tmp_path):
     batch = batch_of(frames[0], tmp_path / "store", frames[1])
     recipe = Recipe(**(vars(batch.recipe) | {"labels": "rle"}))

@@ -60,6 +60,8 @@ class Recipe:
             raise ValueError(f"labels must be 'png' or 'rle', got {self.labels!r}")
         if not isinstance(self.options.rng, int):
             raise ValueError("rng must be an int: a generator does not give the same answer twice")
+        if not isinstance(self.options.objective, str | None):
+            raise ValueError("objective must be a name, by which the store can tell it from others")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -223,7 +225,7 @@ def _frame_row(
         "readings": model.readings,
         "planes": len(model),
         "information": float(model.information),
-        "curve": list(model.curve),
+        "curve": [_number_or_none(each) for each in model.curve],
         "note": model.note,
         "fx": camera.fx,
         "fy": camera.fy,

@@ -45,12 +45,7 @@ def open_source(
     """
     path = Path(path)
     reader = reader_of(path) if kind is None and path.exists() else None
-    if (
-        kind is None
-        and reader is None
-        and path.is_dir()
-        and any(map(is_depth_file, path.iterdir()))
-    ):
+    if kind is None and reader is None and _holds_depth_files(path):
         return DepthFolder(path)
     given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
     if reader is not None:
@@ -60,6 +55,10 @@ def open_source(
     if isinstance(opened, PointDataset):
         raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")
     return opened if pictures else opened.without_pictures()
+
+
+def _holds_depth_files(path: Path) -> bool:
+    return path.is_dir() and any(map(is_depth_file, path.iterdir()))
 
 
 def sensor_of_source(source: Source) -> Sensor | None:
