@@ -48,7 +48,7 @@ class Measured:
         Mean milliseconds a frame to read, detect and encode.
     pss, rss : list of float
         MB of the largest worker, at even intervals.
-    stored : float
+    labels, tables : float
         Bytes a frame in the store.
     """
 
@@ -58,7 +58,8 @@ class Measured:
     times: dict[str, float] = field(default_factory=dict)
     pss: list[float] = field(default_factory=list)
     rss: list[float] = field(default_factory=list)
-    stored: float = 0.0
+    labels: float = 0.0
+    tables: float = 0.0
 
 
 def write_frames(folder: Path, count: int, distinct: int) -> pw.PinholeCamera:
@@ -95,9 +96,13 @@ def measure(frames: Path, camera: pw.PinholeCamera, store: Path, workers: int) -
     table = Store(store).frames
     assert table.num_rows == count
     found.times = {name: float(np.mean(table[name].to_numpy()[1:])) for name in TIMES}
-    files = [path.stat().st_size for path in store.rglob("*") if path.is_file()]
-    found.stored = sum(files) / count
+    found.labels = _bytes_in(store / "labels") / count
+    found.tables = (_bytes_in(store / "frames") + _bytes_in(store / "planes")) / count
     return found
+
+
+def _bytes_in(folder: Path) -> int:
+    return sum(path.stat().st_size for path in folder.iterdir())
 
 
 def _workers() -> list[int]:
@@ -139,7 +144,8 @@ def rows_of(one: list[Measured], two: list[Measured]) -> list[Row]:
         row("encode, one worker", "ms", times["encode_ms"]),
         row("(read and encode) / detect", RATIO, files / times["detect_ms"]),
         row("start of a run", "s", of(two, "start")),
-        row("in the store a frame", "kB", 1e-3 * of(two, "stored")),
+        row("label image", "kB", 1e-3 * of(two, "labels")),
+        row("tables a frame", "kB", 1e-3 * of(two, "tables")),
     ]
 
 

@@ -48,8 +48,8 @@ class OneFrame:
         return self._frame
 
 
-def written(place: Path, count: int) -> tuple[float, float, Outcome]:
-    """Frames a second that the writer takes, bytes a frame in the store, and the frame."""
+def written(place: Path, count: int) -> tuple[float, Outcome]:
+    """Frames a second that the writer takes, and the frame."""
     source = OneFrame(count)
     recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options())
     store = place / "written"
@@ -74,9 +74,8 @@ def written(place: Path, count: int) -> tuple[float, float, Outcome]:
                 )
             )
     seconds = time.perf_counter() - begun
-    tables = [p.stat().st_size for kind in ("frames", "planes") for p in (store / kind).iterdir()]
     assert len(Store(store)) == count
-    return count / seconds, sum(tables) / count, one
+    return count / seconds, one
 
 
 def held(place: Path, count: int) -> tuple[float, float]:
@@ -110,12 +109,11 @@ def main() -> None:
     parser.add_argument("--held", type=int, default=2_500_000)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as made:
-        rate, tables, one = written(Path(made), given.written)
+        rate, one = written(Path(made), given.written)
         assert one.label_file is not None
         print(
             f"writer alone: {rate:,.0f} frames/s over {given.written:,}; label image "
-            f"{len(one.label_file[1]):,} bytes, tables {tables:,.0f} a frame, journal "
-            f"{len(one.record):,}, {one.planes} planes"
+            f"{len(one.label_file[1]):,} bytes, journal {len(one.record):,}, {one.planes} planes"
         )
         seconds, memory = held(Path(made), given.held)
         print(f"a store of {given.held:,} frames is opened in {seconds:.1f} s, {memory:,.0f} MB")

@@ -262,7 +262,7 @@ def process(*arguments, **options):
     )
 
 
-def test_a_full_disk_is_said_and_leaves_a_store(originals, store):
+def test_a_full_disk_is_said_and_leaves_a_store(originals, store, monkeypatch):
     # Files of at most so many bytes: the journal outgrows that, as it would a full disk.
     def small_files():
         resource.setrlimit(resource.RLIMIT_FSIZE, (16_000, resource.RLIM_INFINITY))
@@ -273,7 +273,8 @@ def test_a_full_disk_is_said_and_leaves_a_store(originals, store):
     assert errors.startswith(f"error: store: there is no room left for {store}")
     assert errors.count("\n") == 1
     assert len(Store(store)) < COUNT
-    code, text, errors = run("batch", originals, "-o", store, *CAMERA, "--workers", 1)
+    monkeypatch.setattr("planewise.batch_command._engine", lambda *_: InOrder())
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA)
     assert (code, errors) == (0, "")
     read = Store(store)
     assert len(list(read)) == len(read) == read.frames.num_rows == COUNT

@@ -112,6 +112,7 @@ def _bar() -> bars.Progress:
         MofNCompleteColumn(),
         TextColumn("{task.fields[rate]}"),
         TimeRemainingColumn(),
+        TextColumn("left"),
         TextColumn("{task.fields[planes]:,} planes"),
         TextColumn("{task.fields[failed]:,} failed"),
         console=terminal.errors(),
