@@ -176,7 +176,11 @@ def test_a_store_in_use_is_refused(tmp_path):
 
 
 def test_shards_of_one_number_share_a_store(tmp_path):
+    with locked(tmp_path):
+        pass
     with locked(tmp_path, (1, 3)), locked(tmp_path, (2, 3)):
+        with pytest.raises(PlanewiseError, match="runs of its shards"), locked(tmp_path):
+            pass
         for other in ((1, 3), (1, 1), (1, 2)):
             with pytest.raises(PlanewiseError, match="in use by"), locked(tmp_path, other):
                 pass
@@ -280,6 +284,35 @@ def test_a_store_is_read_while_it_is_written(frames, tmp_path, monkeypatch):
     assert len(list((batch.store / "frames").iterdir())) > 1
     assert not list((batch.store / "journal").iterdir())
     assert not list(batch.store.glob(".unfinished*"))
+
+
+def interrupted(batch, number):
+    """Run a batch up to a frame."""
+    with batch.started(InOrder()) as run:
+        for outcome in run:
+            if outcome.number == number:
+                raise KeyboardInterrupt
+
+
+def test_what_a_killed_shard_left_is_taken_over(frames, full, tmp_path):
+    whole = batch_of(frames[0], tmp_path / "store", frames[1])
+    part = Batch(
+        source=whole.source,
+        store=whole.store,
+        recipe=whole.recipe,
+        selection=Selection(shard=(2, 3)),
+    )
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(part, 7)
+    (whole.store / ".unfinished-2-of-3").mkdir()
+    assert [each.name for each in segments_of(whole.store)] == ["2-of-3-000001"]
+    assert len(list((whole.store / "journal").iterdir())) == 1
+    fill(whole)
+    store = Store(whole.store)
+    assert store.ids == full.ids
+    assert len(list(store)) == COUNT
+    assert not list((whole.store / "journal").iterdir())
+    assert not list(whole.store.glob(".unfinished*"))
 
 
 def test_what_is_no_store_is_refused(full, tmp_path):

@@ -88,9 +88,7 @@ def batch(
     kind: Annotated[
         str | None, optional("Kind of dataset. Default: whichever the contents look like.")
     ] = None,
-    camera: Annotated[
-        str | None, optional(f"Not needed where a dataset states it. {CAMERA_HELP}")
-    ] = None,
+    camera: Annotated[str | None, optional(f"Instead of the dataset's. {CAMERA_HELP}")] = None,
     sensor: Annotated[
         str | None,
         optional("As for detect. Default: the dataset's, or the preset of the camera's name."),

@@ -73,15 +73,15 @@ def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
         try:
             fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise PlanewiseError(f"store: {store} is in use by {_holder(store, path)}") from None
+            raise PlanewiseError(f"store: {store} is in use by {_holder(path)}") from None
         except OSError as error:
             raise PlanewiseError(
                 f"store: {store} lies on a file system without locks ({error.strerror})"
             ) from None
-        if not shared:
-            # Only for messages, so a full disk does not matter here.
-            with contextlib.suppress(OSError):
-                os.ftruncate(handle, 0)
+        # Only for messages, so a full disk does not matter here.
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, 0)
+            if not shared:
                 os.write(handle, _who().encode())
         yield
     finally:
@@ -93,8 +93,8 @@ def _who() -> str:
     return f"process {os.getpid()} on {platform.node()} since {since}"
 
 
-def _holder(store: Path, path: Path) -> str:
-    if path.name == _WHOLE and not (text := path.read_text(errors="replace").strip()):
-        return "runs of its shards"
+def _holder(path: Path) -> str:
     text = path.read_text(errors="replace").strip()
-    return f"another run ({text})" if text else "another run"
+    if text:
+        return f"another run ({text})"
+    return "runs of its shards" if path.name == _WHOLE else "another run"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,6 +24,8 @@ from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import arrow
 from planewise.errors import PlanewiseError
 from planewise.label_files import STORE_FILE
+
+_UNFINISHED = ".unfinished-"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +118,7 @@ class Batch:
         self._make_folder(folder)
         writer = writer_name(self.selection.shard)
         with locked(folder, self.selection.shard):
-            staging = Staging(folder / f".unfinished-{writer}")
+            staging = Staging(folder / f"{_UNFINISHED}{writer}")
             try:
                 self._begin(folder, staging)
                 plan = self.plan()  # once more, now that nobody else can change it
@@ -175,6 +178,9 @@ class Batch:
             text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
             staging.publish(text.encode() + b"\n", folder / STORE_FILE)
         own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
+        if alone:
+            for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
+                shutil.rmtree(left)  # by a shard that was killed
         for segment in segments_of(folder):
             writer = segment.name.rpartition("-")[0]
             if self.retry_failed and (alone or writer in (own, writer_name((1, 1)))):
