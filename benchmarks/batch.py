@@ -62,7 +62,7 @@ class Measured:
     tables: float = 0.0
 
 
-def write_frames(folder: Path, count: int, distinct: int) -> pw.PinholeCamera:
+def write_frames(folder: Path, count: int, distinct: int) -> pw.Camera:
     """Write `count` frames of which `distinct` differ; the others are links to them."""
     folder.mkdir()
     for number in range(distinct):
@@ -73,7 +73,7 @@ def write_frames(folder: Path, count: int, distinct: int) -> pw.PinholeCamera:
     return room.camera
 
 
-def measure(frames: Path, camera: pw.PinholeCamera, store: Path, workers: int) -> Measured:
+def measure(frames: Path, camera: pw.Camera, store: Path, workers: int) -> Measured:
     """Fill a store."""
     recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=camera)
     batch = Batch(source=DepthFolder(frames), store=store, recipe=recipe)

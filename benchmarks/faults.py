@@ -74,7 +74,7 @@ class InOrder:
             yield work(*frame)
 
 
-def write_frames(folder: Path, count: int, size: tuple[int, int] = SIZE) -> pw.PinholeCamera:
+def write_frames(folder: Path, count: int, size: tuple[int, int] = SIZE) -> pw.Camera:
     """Write `count` depth images, of which some are the same; give their camera."""
     folder.mkdir()
     rooms = [scenes.room(seed, size=size) for seed in range(min(count, _SCENES))]
@@ -83,7 +83,7 @@ def write_frames(folder: Path, count: int, size: tuple[int, int] = SIZE) -> pw.P
     return rooms[0].camera
 
 
-def batch_of(frames: Path, store: Path, camera: pw.PinholeCamera) -> Batch:
+def batch_of(frames: Path, store: Path, camera: pw.Camera) -> Batch:
     """Batch of a folder with the default options."""
     recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=camera)
     return Batch(source=DepthFolder(frames), store=store, recipe=recipe)
@@ -110,7 +110,7 @@ def forked(batch: Batch) -> int:
 
 
 def kill_again_and_again(
-    frames: Path, camera: pw.PinholeCamera, reference: Store, place: Path, kills: int, seed: int = 0
+    frames: Path, camera: pw.Camera, reference: Store, place: Path, kills: int, seed: int = 0
 ) -> Tally:
     """Kill forked processes; see the module."""
     tally, rng = Tally(), random.Random(seed)
@@ -165,11 +165,12 @@ def _ids(store: Store) -> list[str]:
 
 
 def kill_the_command(
-    frames: Path, camera: pw.PinholeCamera, reference: Store, place: Path, kills: int
+    frames: Path, camera: pw.Camera, reference: Store, place: Path, kills: int
 ) -> Tally:
     """Kill `planewise batch`, its workers, or both; see the module."""
     tally, rng = Tally(), random.Random(1)
-    numbers = ",".join(str(each) for each in (camera.fx, camera.fy, camera.cx, camera.cy))
+    described = camera.describe()
+    numbers = ",".join(str(described[name]) for name in ("fx", "fy", "cx", "cy"))
     while tally.kills < kills:
         path = place / f"command-{tally.stores}"
         command = [sys.executable, "-m", "planewise", "batch", str(frames), "-o", str(path)]

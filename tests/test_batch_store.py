@@ -18,14 +18,16 @@ from hypothesis import strategies as st
 from PIL import Image
 
 import planewise as pw
+from planewise import scenes
 from planewise.batch import Batch, Recipe, Selection, Store, store_writer
 from planewise.batch.columns import FRAMES, PLANES
 from planewise.batch.frame_names import safe_name
+from planewise.batch.frame_work import FrameWork
 from planewise.batch.journal import Journal, line_of, read_records
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.lock import locked
 from planewise.batch.segments import Segment, segments_of
-from planewise.batch.source import parse_shard
+from planewise.batch.source import FileFrame, parse_shard
 from planewise.batch.staging import Staging
 from planewise.batch.store_pairs import pair_store
 from planewise.errors import PlanewiseError
@@ -243,6 +245,18 @@ def test_a_store_gives_what_the_detector_gives(frames, full):
         covariance = frame.plane_table["covariance"].to_pylist()
         for row, plane in zip(covariance, model.planes, strict=True):
             assert np.array_equal(np.reshape(row, (4, 4)), plane.covariance)
+
+
+def test_cameras_that_are_no_pinholes_are_kept_in_words():
+    street = scenes.street(0)
+    source = {"sweep": FileFrame(depth=street.depth, camera=street.camera)}
+    work = FrameWork(source, Recipe(sensor=street.sensor, options=pw.Options()))
+    outcome = work(0, "sweep")
+    row = json.loads(outcome.record)["frame"]
+    assert outcome.reason == ""
+    assert outcome.planes >= 1
+    assert json.loads(row["camera"]) == json.loads(json.dumps(street.camera.describe()))
+    assert "fx" not in row
 
 
 def test_every_column_is_documented():

@@ -15,6 +15,7 @@ import typer
 
 from planewise import terminal, threads
 from planewise.batch_progress import Progress, show_forecast, show_result
+from planewise.camera import PinholeCamera
 from planewise.camera_files import NOISE_HELP, read_camera, read_sensor
 from planewise.cli import INTERRUPTED
 from planewise.command_line import (
@@ -163,7 +164,7 @@ def batch(
         frames = open_source(
             source,
             kind,
-            camera=known_camera,
+            camera=known_camera if isinstance(known_camera, PinholeCamera) else None,
             depth_scale=depth_scale,
             pictures=partition is not None,
         )

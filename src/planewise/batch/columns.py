@@ -22,6 +22,7 @@ FRAMES = {
     "cx": "double",
     "cy": "double",
     "distortion": "list<double>",
+    "camera": "string",
     "depth_scale": "double",
     "timestamp": "double",
     "noise": "string",

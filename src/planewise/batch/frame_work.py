@@ -17,7 +17,7 @@ from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.coco_rle import encode_labels
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.sensor import Sensor
@@ -41,7 +41,7 @@ class Recipe:
         Range, resolution and noise.
     options : Options
         How to search; every frame is searched by one thread.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         Intrinsics of all frames; ``None`` means that each frame states its own.
     depth_scale : float, optional
         Metres per unit of integer depth of all frames; ``None`` as above.
@@ -51,7 +51,7 @@ class Recipe:
 
     sensor: Sensor
     options: Options
-    camera: PinholeCamera | None = None
+    camera: Camera | None = None
     depth_scale: float | None = None
     labels: Labels = "png"
 
@@ -211,7 +211,6 @@ def _number_or_none(value: float) -> float | None:
 def _frame_row(
     number: int, frame: str, seen: SourceFrame, detector: Detector, model: PlaneModel
 ) -> dict[str, Any]:
-    camera = detector.camera
     scale = None
     if seen.depth.dtype.kind != "f":
         scale = detector.depth_scale or detector.sensor.resolution
@@ -227,16 +226,19 @@ def _frame_row(
         "information": float(model.information),
         "curve": [_number_or_none(each) for each in model.curve],
         "note": model.note,
-        "fx": camera.fx,
-        "fy": camera.fy,
-        "cx": camera.cx,
-        "cy": camera.cy,
-        "distortion": [float(each) for each in camera.distortion],
+        **_camera_columns(detector.camera),
         "depth_scale": scale,
         "timestamp": getattr(seen, "timestamp", None),
         "noise": None if noise is None else json.dumps(noise),
         "fingerprint": fingerprint(seen.depth),
     }
+
+
+def _camera_columns(camera: Camera) -> dict[str, Any]:
+    if not isinstance(camera, PinholeCamera):
+        return {"camera": json.dumps(camera.describe())}
+    numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
+    return numbers | {"distortion": [float(each) for each in camera.distortion]}
 
 
 def _plane_row(frame: str, label: int, plane: Plane, rle: str | None) -> list[Any]:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.depth_files import list_depth_files, read_depth
 from planewise.errors import PlanewiseError
 
@@ -24,7 +24,7 @@ class SourceFrame(Protocol):
         ...
 
     @property
-    def camera(self) -> PinholeCamera | None:
+    def camera(self) -> Camera | None:
         """Intrinsics, where they are known."""
         ...
 
@@ -70,7 +70,7 @@ class FileFrame:
     """Frame of a depth file."""
 
     depth: NDArray[Any]
-    camera: PinholeCamera | None = None
+    camera: Camera | None = None
     depth_scale: float | None = None
     timestamp: float | None = None
     rgb: NDArray[np.uint8] | None = None
