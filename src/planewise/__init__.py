@@ -28,7 +28,7 @@ from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
-    from planewise import datasets, partition
+    from planewise import batch, datasets, partition
     from planewise.calibration import calibrate
     from planewise.cloud_files import open_cloud, read_cloud
     from planewise.cloud_outlines import outline_points
@@ -56,6 +56,7 @@ __all__ = [
     "Sensor",
     "SphericalCamera",
     "__version__",
+    "batch",
     "calibrate",
     "cameras",
     "datasets",
@@ -92,7 +93,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("datasets", "partition"):
+    if name in ("batch", "datasets", "partition"):
         return import_module(f"planewise.{name}")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)

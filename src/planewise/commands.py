@@ -11,6 +11,7 @@ import typer
 
 from planewise import cameras, sensors, terminal
 from planewise._version import __version__
+from planewise.batch_command import batch
 from planewise.bench_command import bench
 from planewise.calibrate_command import calibrate
 from planewise.camera import PinholeCamera
@@ -46,6 +47,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+_NAMED = 20  # frames that a warning lists
 
 
 class _Search(StrEnum):
@@ -245,6 +249,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
 
 
 app.command()(points)
+app.command()(batch)
 app.command()(calibrate)
 app.command()(frames)
 
@@ -297,7 +302,7 @@ def evaluate(
             metavar="PRED",
             show_default=False,
             help="Label image (16-bit PNG, .npy, or .npz with labels or gt), or a folder of them, "
-            "such as 'planewise detect' makes.",
+            "such as 'planewise detect' makes, or a store of 'planewise batch'.",
         ),
     ],
     truth: Annotated[
@@ -336,7 +341,9 @@ def evaluate(
             check_table(output, pairs)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
-                terminal.warning(f"{folder} lacks {len(names)}: {', '.join(names)}")
+                more = " ..." if len(names) > _NAMED else ""
+                shown = ", ".join(names[:_NAMED])
+                terminal.warning(f"{folder} lacks {len(names)}: {shown}{more}")
         scoring = Scoring(iou=tuple(iou), minimum_pixels=minimum_pixels, tolerance=tolerance)
         results = list(terminal.progress(scoring.run_pairs(pairs), len(pairs.paired)))
         frames = [each for each in results if not isinstance(each, Failed)]

@@ -48,6 +48,16 @@ def say(message: str) -> None:
     _line(_OUT, (message, ""))
 
 
+def errors() -> Console:
+    """Console of stderr, for what is drawn on it."""
+    return _ERR
+
+
+def draws_bars() -> bool:
+    """Whether stderr is a terminal."""
+    return _ERR.is_terminal
+
+
 def _line(console: Console, *parts: tuple[str, str]) -> None:
     text = Text()
     for part, style in parts:
