@@ -158,7 +158,7 @@ def batch(
 
         from planewise.batch import Batch, Recipe, Selection, open_source
         from planewise.batch.source import parse_shard
-        from planewise.detect import Options
+        from planewise.options import Options
 
         chosen = _engine(engine, workers, address, gpus)
         frames = open_source(

@@ -23,7 +23,8 @@ from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
-    from planewise.detect import Detector, Options
+    from planewise.detect import Detector
+from planewise.options import Options
     from planewise.model import Plane, PlaneModel
 
 Labels = Literal["png", "rle"]
