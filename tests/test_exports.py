@@ -11,6 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planewise.batch import Store
+from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
 from planewise.coco_rle import decode_mask
 from planewise.commands import app
@@ -18,6 +19,7 @@ from planewise.errors import PlanewiseError
 from planewise.exports import FORMATS, CocoExport, NpzExport, PngExport, export
 from planewise.exports.planercnn import nearest_points
 from planewise.label_files import read_labels
+from tests import dataset_files
 from tests.batch_sources import Renamed
 from tests.stores import make_folder_store, make_store, write_frames
 
@@ -199,6 +201,43 @@ def test_planes_in_the_world_come_back_by_the_pose():
     assert ((in_world**2).sum(axis=1) >= (points**2).sum(axis=1) - 1e-9).all()
 
 
+def test_scans_with_poses_go_into_one_world(tmp_path):
+    for name in ("scene0000_00", "scene0001_00"):
+        dataset_files.write_scannet(tmp_path / "scans" / name)
+    store = make_store(open_source(tmp_path / "scans"), tmp_path / "store")
+    source = StoredSource(store)
+    assert not all_of(store, FORMATS["planercnn"], tmp_path / "out", source=source)
+    seen = 0
+    for name in ("scene0000_00", "scene0001_00"):
+        scene = tmp_path / "out" / "scans" / name
+        posed = np.loadtxt(scene / "frames/pose/2.txt")
+        assert np.allclose(posed, dataset_files.POSES[2])
+        assert np.array_equal(np.loadtxt(scene / "frames/pose/1.txt"), np.eye(4))  # it was lost
+        for index, frame in enumerate(each for each in store if each.id.startswith(name)):
+            _, number, planes, _, _ = _as_the_training_reads(scene, index)
+            for label, plane in enumerate(frame.planes, start=1):
+                (of_it,) = np.unique(number[frame.labels == label])
+                read = planes[of_it]
+                assert np.allclose(read * np.sign(read @ plane), plane, atol=1e-6)
+                seen += 1
+    assert seen >= 4
+
+
+def test_long_scenes_are_cut(made, tmp_path, monkeypatch):
+    monkeypatch.setattr("planewise.exports.planercnn._FRAMES_A_SCENE", 2)
+    store = Store(made / "png")
+    source = StoredSource(store)
+    assert not all_of(store, FORMATS["planercnn"], tmp_path / "out", source=source)
+    scenes = (tmp_path / "out" / "scenes.txt").read_text().split()
+    assert scenes == ["frames", "frames%part1", "frames%part2"]
+    for name in scenes:
+        scene = tmp_path / "out" / "scans" / name
+        indices = sorted(int(path.stem) for path in scene.rglob("*.jpg"))
+        assert indices == list(range(len(indices)))
+        number = _as_the_training_reads(scene, indices[-1])[1]
+        assert number.max() == len(np.load(scene / "annotation/planes.npy")) - 1
+
+
 def test_scenes_follow_the_parts_of_a_collection(made, tmp_path, monkeypatch):
     ids = ("flat one--a", "flat one--b", "flat_one--a", "yard--..")
     source = Renamed(made / "frames", ["damaged", "no reading", *ids])
@@ -207,7 +246,7 @@ def test_scenes_follow_the_parts_of_a_collection(made, tmp_path, monkeypatch):
     reads = StoredSource(store, made)
     assert not all_of(store, FORMATS["planercnn"], tmp_path / "out", source=reads)
     scenes = (tmp_path / "out" / "scenes.txt").read_text().split()
-    assert scenes == ["flat%20one_00", "flat_one_00", "renamed_00", "yard_00"]
+    assert scenes == ["flat%20one", "flat_one", "renamed", "yard"]
     counts = [len(list((tmp_path / "out/scans" / each).rglob("*.jpg"))) for each in scenes]
     assert counts == [2, 1, 1, 1]
 
@@ -247,7 +286,7 @@ def test_a_damaged_label_file_costs_its_frame_only(own, tmp_path):
         assert "error: store: frame room 1:" in errors
     coco = json.loads((tmp_path / "coco" / "annotations.json").read_text())
     assert "room 1" not in [each["frame"] for each in coco["images"]]
-    scene = tmp_path / "planercnn/scans/frames_00"
+    scene = tmp_path / "planercnn/scans/frames"
     assert not (scene / "frames/color/2.jpg").exists()
     assert (scene / "frames/color/3.jpg").exists()
     assert (scene / "annotation/planes.npy").exists()

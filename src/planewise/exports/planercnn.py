@@ -74,7 +74,8 @@ class PlaneRcnnExport(Form):
             seen = sizes.get(whole, 0)
             sizes[whole] = seen + 1
             part, index = divmod(seen, _FRAMES_A_SCENE)
-            self._places[each] = (f"{whole}_{part:02}", index)
+            name = f"{whole}%part{part}" if part else whole  # no other scene is named so
+            self._places[each] = (name, index)
         expected: dict[str, int] = {}
         for name, _ in self._places.values():
             expected[name] = expected.get(name, 0) + 1
