@@ -144,6 +144,17 @@ def test_planes_are_drawn_alone_where_the_source_is_gone(made, tmp_path):
     assert len(records_of(tmp_path / "g.html")[0]) == 3
 
 
+def test_without_pictures_planes_are_drawn_over_the_depth(tmp_path):
+    write_frames(tmp_path / "frames", 1, rgb=False)
+    store = make_folder_store(tmp_path / "frames", tmp_path / "store")
+    assert write_gallery(store, tmp_path / "g.html").alone == 0
+    records, pictures = records_of(tmp_path / "g.html")
+    found = {each["id"]: (each, data) for each, data in zip(records, pictures, strict=True)}
+    record, picture = found["room 0"]
+    assert record["over"] == "its depth"
+    assert len(np.unique(np.asarray(decoded(picture)).reshape(-1, 3), axis=0)) > 100  # shaded
+
+
 def test_frames_that_changed_or_are_damaged_say_so(made, tmp_path):
     shutil.copytree(made / "frames", tmp_path / "frames")
     store = make_folder_store(tmp_path / "frames", tmp_path / "store")
