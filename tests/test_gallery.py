@@ -155,6 +155,15 @@ def test_without_pictures_planes_are_drawn_over_the_depth(tmp_path):
     assert len(np.unique(np.asarray(decoded(picture)).reshape(-1, 3), axis=0)) > 100  # shaded
 
 
+def test_a_picture_of_another_view_is_left_out(tmp_path):
+    write_frames(tmp_path / "frames", 1)
+    with np.load(tmp_path / "frames" / "room 0.npz") as read:
+        arrays = dict(read)
+    np.savez(tmp_path / "frames" / "room 0.npz", **arrays | {"rgb": arrays["rgb"][:, ::2]})
+    store = make_folder_store(tmp_path / "frames", tmp_path / "store")
+    assert thumbnail_of(store["room 0"], StoredSource(store)).over == "its depth"
+
+
 def test_frames_that_changed_or_are_damaged_say_so(made, tmp_path):
     shutil.copytree(made / "frames", tmp_path / "frames")
     store = make_folder_store(tmp_path / "frames", tmp_path / "store")

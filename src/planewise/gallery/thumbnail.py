@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import io
+from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from planewise.batch.store import StoredFrame
 from planewise.batch.stored_source import StoredSource, camera_of, metres
@@ -14,7 +16,6 @@ HEIGHT = 240
 """Pixels that pictures are high, or nearly."""
 
 _QUALITY = 70
-_OVER = {True: "its picture", False: "its depth"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,14 +47,16 @@ def thumbnail_of(frame: StoredFrame, source: StoredSource) -> Thumbnail:
         return Thumbnail(reason=str(error))
     try:
         seen = source[frame]
-        picture = draw_small(
-            labels, HEIGHT, depth=metres(frame, seen), camera=camera_of(frame), rgb=seen.rgb
-        )
-        return Thumbnail(webp=_webp(picture), over=_OVER[seen.rgb is not None])
     except MissingExtraError:
         raise
     except (ValueError, OSError) as error:
         return Thumbnail(webp=_webp(draw_small(labels, HEIGHT)), reason=str(error))
+    under: dict[str, Any] = {"depth": metres(frame, seen), "camera": camera_of(frame)}
+    if seen.rgb is not None:
+        with suppress(PlanewiseError):  # a picture of another view
+            picture = draw_small(labels, HEIGHT, **under, rgb=seen.rgb)
+            return Thumbnail(webp=_webp(picture), over="its picture")
+    return Thumbnail(webp=_webp(draw_small(labels, HEIGHT, **under)), over="its depth")
 
 
 def _webp(picture: object) -> bytes:
