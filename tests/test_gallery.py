@@ -374,6 +374,10 @@ def test_two_thousand_frames_open_fast(opened, made, tmp_path, monkeypatch):
     assert count(opened) == "2,000 frames; these are 145 to 192."
     assert len(names(opened)) == 48
     opened.value("Promise.all([...document.images].map((each) => each.decode()))")
+    for _ in range(MANY // 48 - 3):
+        opened.press("Enter")
+    assert count(opened) == "2,000 frames; these are 1,969 to 2,000."
+    assert opened.value("document.activeElement.id") == "results"  # there is no next page
     opened.tab_to("e.id === 'name'")
     start = opened.value("performance.now()")
     opened.type("0199")
