@@ -31,6 +31,7 @@ from planewise.command_line import (
 )
 from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
+from planewise.export_command import export
 from planewise.frames_command import frames
 from planewise.jobs import Failed, Job, find_planes
 from planewise.nyu_command import nyu
@@ -38,6 +39,7 @@ from planewise.points_command import points
 from planewise.reproduce_command import reproduce
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
 from planewise.spherical import SphericalCamera
+from planewise.view_command import view
 
 app = typer.Typer(
     name="planewise",
@@ -250,6 +252,8 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
 
 app.command()(points)
 app.command()(batch)
+app.command()(view)
+app.command()(export)
 app.command()(calibrate)
 app.command()(frames)
 

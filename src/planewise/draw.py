@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import PlaneModel
 from planewise.palette import distinct_colours
 from planewise.spherical import SphericalCamera
+
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw as Pen
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -60,6 +64,58 @@ def draw_overlay(
     labels = model.labels.repeat(down, axis=0).repeat(across, axis=1)
     _outline(picture, labels)
     return annotate(picture, labels, model)
+
+
+def draw_small(
+    labels: NDArray[np.uint16],
+    height: int,
+    *,
+    depth: Array | None = None,
+    camera: Camera | None = None,
+    rgb: Picture | None = None,
+) -> Picture:
+    """Draw the planes of a frame with their ranks, some `height` pixels high, without legend.
+
+    Parameters
+    ----------
+    labels : ndarray of uint16, shape (H, W)
+        0 for no plane, j for the j-th best.
+    height : int
+        One of so many rows and columns is taken that the picture is nearest to this height.
+    depth, camera
+        As for `draw_overlay`; ``None`` means that it is not known, and planes are drawn alone.
+    rgb : ndarray of uint8, shape (h, w, 3), optional
+        What to draw over instead of the depth.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H', W', 3)
+
+    Raises
+    ------
+    PlanewiseError
+        If `rgb` is no colour picture, or its proportions are not those of the depth image.
+    """
+    step = max(1, round(labels.shape[0] / height))
+    every = (slice(step // 2, None, step),) * 2
+    shape = (labels.shape[0], labels.shape[1])
+    labels = labels[every]
+    valid = np.ones(labels.shape, bool) if depth is None else np.isfinite(depth[every])
+    if rgb is not None:
+        base = match_picture(match_picture(rgb, shape), labels.shape) / 255
+    elif depth is not None and camera is not None:
+        base = _shade(depth[every], camera.scaled(1 / step))
+    else:
+        base = np.full((*labels.shape, 3), 0.6)
+    picture = _tint(base, labels, valid, shaded=rgb is None)
+    _outline(picture, labels)
+    try:
+        from PIL import Image, ImageDraw
+    except ImportError:
+        raise MissingExtraError("pillow", "drawing") from None
+    canvas = Image.fromarray(picture)
+    _write_ranks(ImageDraw.Draw(canvas), labels, 13)
+    return np.asarray(canvas)
 
 
 def read_picture(path: Path) -> Picture:
@@ -273,10 +329,7 @@ def annotate(
     canvas = Image.new("RGB", (width + panel, height), _PAPER)
     canvas.paste(Image.fromarray(picture), (0, 0))
     pen = ImageDraw.Draw(canvas)
-    for label, (y, x, inside) in _anchors(np.where(labels <= listed, labels, 0)).items():
-        font_here = bold if inside > size else ImageFont.load_default(max(10, size - 3))
-        pen.text((x, y), str(label), fill="white", font=font_here, anchor="mm",
-                 stroke_width=2, stroke_fill=_INK)  # fmt: skip
+    _write_ranks(pen, np.where(labels <= listed, labels, 0), size)
     if note:
         pen.text((size, height - size), note, fill=_FAINT, font=font, anchor="lb")
     noun = "plane" if len(model) == 1 else "planes"
@@ -305,6 +358,15 @@ def annotate(
         share = f"{100 * plane.count / model.readings:.1f} %"
         pen.text((at + 11.0 * size, middle), share, fill=_INK, font=font, anchor="rm")
     return np.asarray(canvas)
+
+
+def _write_ranks(pen: Pen, labels: NDArray[np.uint16], size: int) -> None:
+    from PIL import ImageFont
+
+    for label, (y, x, inside) in _anchors(labels).items():
+        font = ImageFont.load_default(size + 2 if inside > size else max(10, size - 3))
+        pen.text((x, y), str(label), fill="white", font=font, anchor="mm",
+                 stroke_width=2, stroke_fill=_INK)  # fmt: skip
 
 
 def _legend_lines(height: int, row: int) -> int:

@@ -8,7 +8,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -117,6 +117,29 @@ class Store:
     def failed(self) -> tuple[str, ...]:
         """Frames that could not be done."""
         return tuple(each for each, (status, _) in self._statuses.items() if status == FAILED)
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Frames that are done or failed, in the order of the source."""
+        return tuple(self._statuses)
+
+    def failures(self) -> Iterator[tuple[int, str, str]]:
+        """Number, id and reason of every frame that failed, a segment at a time in memory."""
+        for segment in segments_of(self.path):
+            frames, _ = segment.tables(("number", "frame", "status", "reason"), ())
+            for row in frames.to_pylist():
+                if row["status"] == FAILED:
+                    yield row["number"], row["frame"], row["reason"]
+
+    def chosen(self, ids: Collection[str]) -> Iterator[StoredFrame]:
+        """Frames of these ids as they lie in the store, which is the fastest order."""
+        wanted = {each for each in ids if each in self}
+        for frame in self if wanted else ():
+            if frame.id in wanted:
+                yield frame
+                wanted.remove(frame.id)
+                if not wanted:
+                    return
 
     def __len__(self) -> int:
         return len(self.ids)

@@ -37,12 +37,19 @@ def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
         "source": {
             "name": source.name,
             "kind": type(source).__name__,
+            "path": _path_of(source),
             "frames": len(source.ids),
             "ids_sha256": ids.hexdigest(),
         },
         "sensor": recipe.sensor.describe(),
         "versions": versions(_PACKAGES),
     }
+
+
+def _path_of(source: Source) -> str | None:
+    """Where it lies, for those who want to see pictures beside the labels."""
+    path = getattr(source, "folder", None) or getattr(source, "path", None)
+    return None if path is None else str(Path(path).absolute())
 
 
 def _made_with(recipe: Recipe) -> dict[str, Any]:
