@@ -24,8 +24,8 @@ from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.detect import Detector
-from planewise.options import Options
     from planewise.model import Plane, PlaneModel
+    from planewise.options import Options
 
 Labels = Literal["png", "rle"]
 
