@@ -124,7 +124,7 @@ def draw_small(
     except ImportError:
         raise MissingExtraError("pillow", "drawing") from None
     canvas = Image.fromarray(picture)
-    _write_ranks(ImageDraw.Draw(canvas), labels, 13)
+    _write_ranks(ImageDraw.Draw(canvas), labels, max(13, canvas.width // 40))
     return np.asarray(canvas)
 
 

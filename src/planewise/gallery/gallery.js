@@ -29,6 +29,7 @@
   const whole = (value) => Math.round(value).toLocaleString("en");
   const fixed = (value, digits) => value === null ? "–" : value.toFixed(digits);
   const planes = (count) => count === 1 ? "1 plane" : `${whole(count)} planes`;
+  const noun = frames.length === 1 ? "frame" : "frames";
 
   function make(tag, attributes = {}, ...children) {
     const [space, name] = tag.startsWith("svg:") ? [SVG, tag.slice(4)] : ["http://www.w3.org/1999/xhtml", tag];
@@ -206,7 +207,7 @@
     const some = state.chosen.length === frames.length ? "" : ` of ${whole(frames.length)}`;
     const range = pages > 1 ? `; these are ${whole(first + 1)} to ${whole(first + shown.length)}` : "";
     at("count").textContent = state.chosen.length
-      ? `${whole(state.chosen.length)}${some} frames${range}.`
+      ? `${whole(state.chosen.length)}${some} ${noun}${range}.`
       : "No frame fits; widen the filters or reset them.";
     for (const pager of document.querySelectorAll(".pager")) {
       pager.hidden = pages === 1;
@@ -247,7 +248,7 @@
 
   const failed = frames.filter((frame) => frame.failed !== undefined).length;
   const found = frames.reduce((sum, frame) => sum + frame.planes.length, 0);
-  at("totals").textContent = `${whole(frames.length)} frames, ${planes(found)}, ` +
+  at("totals").textContent = `${whole(frames.length)} ${noun}, ${planes(found)}, ` +
     `${failed ? `${whole(failed)} failed` : "none failed"}`;
   choose();
 })();
