@@ -11,6 +11,7 @@ from benchmarks.faults import InOrder
 import planewise as pw
 from planewise import scenes
 from planewise.batch import Batch, DepthFolder, Recipe, Store
+from planewise.batch.source import FileFrame
 
 SIZE = (60, 80)
 
@@ -42,6 +43,17 @@ def make_store(source, path, *, labels="png", engine=None):
 def make_folder_store(folder, path, **options):
     """As `make_store`, of a folder."""
     return make_store(DepthFolder(folder), path, **options)
+
+
+class Sweeps:
+    """Range images of a LiDAR, whose camera is no pinhole."""
+
+    name = "sweeps"
+    ids = ("sweep",)
+
+    def __getitem__(self, frame):
+        street = scenes.street(0)
+        return FileFrame(depth=street.depth, camera=street.camera)
 
 
 class Many:

@@ -21,7 +21,7 @@ from planewise.exports.planercnn import nearest_points
 from planewise.label_files import read_labels
 from tests import dataset_files
 from tests.batch_sources import Renamed
-from tests.stores import make_folder_store, make_store, write_frames
+from tests.stores import Sweeps, make_folder_store, make_store, write_frames
 
 COUNT = 4
 DONE = COUNT + 1  # and the frame without a reading
@@ -260,6 +260,22 @@ def test_ids_lead_nowhere_else(made, tmp_path, form):
     new = set(tmp_path.rglob("*")) - before
     assert all((tmp_path / "out") in (each, *each.parents) for each in new)
     assert not [each for each in new if each.name.startswith(".")]
+
+
+def test_a_camera_that_is_no_pinhole_is_told_in_words(tmp_path, monkeypatch):
+    store = make_store(Sweeps(), tmp_path / "store")
+    words = json.loads(store["sweep"].row["camera"])
+    for form in ("coco", "png", "npz"):
+        assert not all_of(store, FORMATS[form], tmp_path / form)
+    coco = json.loads((tmp_path / "coco" / "annotations.json").read_text())
+    assert coco["images"][0]["camera"] == words
+    with np.load(tmp_path / "npz" / "sweep.npz") as arrays:
+        assert json.loads(str(arrays["camera"])) == words
+        assert "K" not in arrays
+    monkeypatch.setattr("planewise.batch.stored_source._open", lambda *_: Sweeps())
+    reads = StoredSource(store)
+    with pytest.raises(PlanewiseError, match="no picture"):
+        all_of(store, FORMATS["planercnn"], tmp_path / "scenes", source=reads)
 
 
 def test_pictures_go_with_coco_and_nothing_else(made, tmp_path):

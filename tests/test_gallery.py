@@ -20,10 +20,11 @@ from planewise.commands import app
 from planewise.draw import draw_small
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
+from planewise.gallery.records import record_of
 from planewise.gallery.thumbnail import HEIGHT, Thumbnail, thumbnail_of
 from tests import browser
 from tests.batch_sources import Renamed
-from tests.stores import SIZE, Cloning, Many, make_folder_store, make_store, write_frames
+from tests.stores import SIZE, Cloning, Many, Sweeps, make_folder_store, make_store, write_frames
 
 COUNT = 6
 KNOWN = COUNT + 2  # and a damaged frame, and one without a reading
@@ -162,6 +163,36 @@ def test_a_picture_of_another_view_is_left_out(tmp_path):
     np.savez(tmp_path / "frames" / "room 0.npz", **arrays | {"rgb": arrays["rgb"][:, ::2]})
     store = make_folder_store(tmp_path / "frames", tmp_path / "store")
     assert thumbnail_of(store["room 0"], StoredSource(store)).over == "its depth"
+
+
+def test_sweeps_of_a_lidar_are_magnified(opened, tmp_path, monkeypatch):
+    store = make_store(Sweeps(), tmp_path / "store")
+    monkeypatch.setattr("planewise.batch.stored_source._open", lambda *_: Sweeps())
+    assert write_gallery(store, tmp_path / "g.html") == Shown(frames=1)
+    records, (picture,) = records_of(tmp_path / "g.html")
+    assert records[0]["over"] == "its depth"
+    width, height = decoded(picture).size
+    assert HEIGHT / 2 < height < 2 * HEIGHT
+    assert 2 * HEIGHT < width < 8 * HEIGHT
+    opened.open(tmp_path / "g.html")
+    opened.value("document.querySelector('.card button').click()")
+    assert opened.complaints() == []
+    assert len(names(opened)) == 1
+
+
+def test_a_curve_may_have_gaps(opened, made, tmp_path, monkeypatch):
+    def with_gaps(frame):
+        record = record_of(frame)
+        record["curve"][{"room 0": 0, "room 1": 1}.get(frame.id, -1)] = None
+        return record
+
+    monkeypatch.setattr("planewise.gallery.page.record_of", with_gaps)
+    write_gallery(Store(made / "store"), tmp_path / "g.html")
+    opened.open(tmp_path / "g.html")
+    opened.value("document.querySelectorAll('.card button').forEach((each) => each.click())")
+    assert opened.complaints() == []
+    assert "NaN" not in opened.value("document.getElementById('frames').outerHTML")
+    assert len(names(opened)) == KNOWN
 
 
 def test_frames_that_changed_or_are_damaged_say_so(made, tmp_path):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import Camera
+from planewise.camera import Camera, PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import PlaneModel
 from planewise.palette import distinct_colours
@@ -24,6 +24,7 @@ Picture = NDArray[np.uint8]
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
 _TINT = 0.6
 _MOST_COLUMNS = 3  # of the legend; planes beyond are neither listed nor numbered
+_WIDEST = 4  # times their height that small pictures of LiDARs are wide
 _INK, _PAPER, _FAINT = (28, 30, 34), (250, 250, 248), (120, 124, 130)
 
 
@@ -81,7 +82,8 @@ def draw_small(
     labels : ndarray of uint16, shape (H, W)
         0 for no plane, j for the j-th best.
     height : int
-        One of so many rows and columns is taken that the picture is nearest to this height.
+        One of so many rows and columns is taken that the picture is nearest to this height. The
+        few rows of a LiDAR are magnified to it.
     depth, camera
         As for `draw_overlay`; ``None`` means that it is not known, and planes are drawn alone.
     rgb : ndarray of uint8, shape (h, w, 3), optional
@@ -96,25 +98,33 @@ def draw_small(
     PlanewiseError
         If `rgb` is no colour picture, or its proportions are not those of the depth image.
     """
-    step = max(1, round(labels.shape[0] / height))
-    every = (slice(step // 2, None, step),) * 2
     shape = (labels.shape[0], labels.shape[1])
+    step = across = max(1, round(shape[0] / height))
+    if isinstance(camera, SphericalCamera):
+        across = max(1, round(shape[1] / (_WIDEST * height)))
+    every = (slice(step // 2, None, step), slice(across // 2, None, across))
     labels = labels[every]
     valid = np.ones(labels.shape, bool) if depth is None else np.isfinite(depth[every])
     if rgb is not None:
-        base = match_picture(match_picture(rgb, shape), labels.shape) / 255
-    elif depth is not None and camera is not None:
+        picture = match_picture(rgb, shape)
+        base = (picture[every] if across != step else match_picture(picture, labels.shape)) / 255
+    elif depth is None or camera is None:
+        base = np.full((*labels.shape, 3), 0.6)
+    elif isinstance(camera, PinholeCamera):
         base = _shade(depth[every], camera.scaled(1 / step))
     else:
-        base = np.full((*labels.shape, 3), 0.6)
+        base = _shade(depth, camera)[every]
     picture = _tint(base, labels, valid, shaded=rgb is None)
+    if isinstance(camera, SphericalCamera):
+        up = max(1, round(height / shape[0]))
+        picture, labels = picture.repeat(up, axis=0), labels.repeat(up, axis=0)
     _outline(picture, labels)
     try:
         from PIL import Image, ImageDraw
     except ImportError:
         raise MissingExtraError("pillow", "drawing") from None
     canvas = Image.fromarray(picture)
-    _write_ranks(ImageDraw.Draw(canvas), labels, 13)
+    _write_ranks(ImageDraw.Draw(canvas), labels, max(13, canvas.width // 40))
     return np.asarray(canvas)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from planewise.batch.frame_work import fingerprint
 from planewise.batch.open_source import open_source
 from planewise.batch.source import DepthFolder, Source, SourceFrame
 from planewise.batch.store import Store, StoredFrame
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.opening import READERS
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.lidar_files import is_spherical, spherical_camera
 
 
 class StoredSource:
@@ -79,16 +81,19 @@ def metres(frame: StoredFrame, seen: SourceFrame) -> NDArray[np.float64]:
         return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
 
 
-def camera_of(frame: StoredFrame) -> PinholeCamera:
-    """Camera that the planes of a frame were found with."""
+def camera_of(frame: StoredFrame) -> Camera | None:
+    """Camera that the planes of a frame were found with; ``None`` for one of a user's own kind."""
     row = frame.row
-    return PinholeCamera(
-        fx=row["fx"],
-        fy=row["fy"],
-        cx=row["cx"],
-        cy=row["cy"],
-        distortion=tuple(row["distortion"] or ()),
-    )
+    if row["fx"] is None:
+        return _described(json.loads(row["camera"]))
+    names = ("fx", "fy", "cx", "cy", "distortion")
+    return _described({name: row[name] for name in names if row[name] is not None})
+
+
+def _described(camera: dict[str, Any]) -> Camera | None:
+    if is_spherical(camera):
+        return spherical_camera(camera)
+    return PinholeCamera(**camera) if "fx" in camera else None
 
 
 def _open(info: Mapping[str, Any], path: Path | None) -> Source:
@@ -103,8 +108,8 @@ def _open(info: Mapping[str, Any], path: Path | None) -> Source:
     if recorded["kind"] == DepthFolder.__name__:
         return DepthFolder(path)
     reader = next((each for each in READERS if each.__name__ == recorded["kind"]), None)
-    camera = None if made["camera"] is None else PinholeCamera(**made["camera"])
-    given = {"camera": camera, "depth_scale": made["depth_scale"]}
+    camera = None if made["camera"] is None else _described(made["camera"])
+    given: dict[str, Any] = {"camera": camera, "depth_scale": made["depth_scale"]}
     if reader is None:
         return open_source(path, pictures=True, **given)
     known = inspect.signature(reader).parameters

@@ -76,7 +76,11 @@ class CocoExport(Form):
             "width": row["width"],
             "height": row["height"],
             "frame": frame.id,
-            "camera": {each: row[each] for each in ("fx", "fy", "cx", "cy", "distortion")},
+            "camera": (
+                {each: row[each] for each in ("fx", "fy", "cx", "cy", "distortion")}
+                if row["fx"] is not None
+                else json.loads(row["camera"])
+            ),
         }
 
     @staticmethod

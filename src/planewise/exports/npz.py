@@ -19,8 +19,8 @@ class NpzExport(Form):
 
     Arrays: ``labels`` (H, W) uint16, ``planes`` (N, 4) rows (normal, distance), ``information``,
     ``rms``, ``significance``, ``area`` (N,), ``readings`` (N,) int64, ``covariance`` (N, 4, 4),
-    ``K`` (fx, fy, cx, cy), ``distortion``, ``frame`` (its id) and, where there is one,
-    ``timestamp``. What is not known is NaN.
+    ``K`` (fx, fy, cx, cy) and ``distortion``, or ``camera`` (JSON) of one that is no pinhole,
+    ``frame`` (its id) and, where there is one, ``timestamp``. What is not known is NaN.
     """
 
     def add(self, frame: StoredFrame, seen: SourceFrame | None) -> None:
@@ -33,10 +33,13 @@ class NpzExport(Form):
             "covariance": np.array(
                 [_NOT_A_NUMBER if each is None else each for each in _list(planes, "covariance")]
             ).reshape(-1, 4, 4),
-            "K": np.array([row["fx"], row["fy"], row["cx"], row["cy"]]),
-            "distortion": np.array(row["distortion"] or [], np.float64),
             "frame": np.array(frame.id),
         }
+        if row["fx"] is None:
+            arrays["camera"] = np.array(row["camera"])
+        else:
+            arrays["K"] = np.array([row["fx"], row["fy"], row["cx"], row["cy"]])
+            arrays["distortion"] = np.array(row["distortion"] or [], np.float64)
         for name in _COLUMNS:
             arrays[name] = np.array(_list(planes, name), np.float64)
         if row["timestamp"] is not None:

@@ -121,6 +121,8 @@ class PlaneRcnnExport(Form):
     def _check(scene: _Scene, frame: StoredFrame, seen: SourceFrame) -> None:
         if seen.rgb is None:
             raise PlanewiseError(f"frame {frame.id}: the source has no picture of it")
+        if frame.row["fx"] is None:
+            raise PlanewiseError(f"frame {frame.id}: its camera is no pinhole")
         if scene.camera not in (None, _camera(frame)):
             raise PlanewiseError(f"frame {frame.id}: it has another camera than its scene")
         if scene.count + len(frame.planes) > _MOST_PLANES:

@@ -15,7 +15,7 @@ from planewise.exports.form import Form
 
 _FRAME = (
     "frame", "number", "width", "height", "readings", "planes", "information",
-    "fx", "fy", "cx", "cy", "timestamp",
+    "fx", "fy", "cx", "cy", "camera", "timestamp",
 )  # fmt: skip
 _PLANE = tuple(name for name in PLANES if name not in ("frame", "covariance", "rle"))
 

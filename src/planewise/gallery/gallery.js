@@ -9,7 +9,7 @@
   const pictureBlocks = [...document.querySelectorAll("script.pictures")];
   const frames = [...document.querySelectorAll("script.records")].flatMap((each, block) =>
     JSON.parse(each.textContent).map((record, place) => {
-      const saved = record.curve.length ? record.curve[0] - record.information : NaN;
+      const saved = Number.isFinite(record.curve[0]) ? record.curve[0] - record.information : NaN;
       return { ...record, block, place, saved, rate: saved / record.readings };
     }));
   const unpacked = new Map();
@@ -29,6 +29,7 @@
   const whole = (value) => Math.round(value).toLocaleString("en");
   const fixed = (value, digits) => value === null ? "–" : value.toFixed(digits);
   const planes = (count) => count === 1 ? "1 plane" : `${whole(count)} planes`;
+  const noun = frames.length === 1 ? "frame" : "frames";
 
   function make(tag, attributes = {}, ...children) {
     const [space, name] = tag.startsWith("svg:") ? [SVG, tag.slice(4)] : ["http://www.w3.org/1999/xhtml", tag];
@@ -125,7 +126,8 @@
   function numbers(frame) {
     const line = make("p", { class: "numbers" }, make("b", {}, planes(frame.planes.length)));
     if (frame.planes.length) {
-      line.append(" · ", make("b", {}, whole(frame.saved)), ` nats saved, ${frame.rate.toFixed(2)} a reading`);
+      line.append(" · ", ...(Number.isNaN(frame.saved) ? ["nats saved not known"] :
+        [make("b", {}, whole(frame.saved)), ` nats saved, ${frame.rate.toFixed(2)} a reading`]));
     }
     return line;
   }
@@ -163,11 +165,13 @@
     const [width, height, left, right, top, bottom] = [400, 220, 66, 10, 24, 34];
     const values = frame.curve;
     const chosen = Math.min(frame.planes.length, values.length - 1);
-    const [low, high] = [Math.min(...values), Math.max(...values)];
+    const known = values.filter((each) => each !== null);
+    if (!known.length || values[chosen] === null) return make("p", { class: "quiet curve" }, "No curve is known.");
+    const [low, high] = [Math.min(...known), Math.max(...known)];
     const last = Math.max(values.length - 1, 1);
     const x = (number) => left + (width - left - right) * number / last;
     const y = (value) => top + (height - top - bottom) * (high > low ? (high - value) / (high - low) : 0.5);
-    const label = `Information against the number of planes: ${whole(values[0])} nats with none, ` +
+    const label = `Information against the number of planes: ${whole(known[0])} nats with none, ` +
       `${whole(values[chosen])} with ${chosen}`;
     const picture = make("svg:svg", { class: "curve", viewBox: `0 0 ${width} ${height}`, role: "img", "aria-label": label });
     const line = (kind, x1, y1, x2, y2) => make("svg:line", { class: kind, x1, y1, x2, y2 });
@@ -177,14 +181,15 @@
       picture.append(line("grid", left, y(value), width - right, y(value)),
         word(whole(value), left - 8, y(value) + 4, "end"));
     }
+    const spots = [...values.entries()].filter((each) => each[1] !== null);
     const every = Math.max(1, Math.ceil(last / 10));
     for (let number = 0; number < values.length; number += every) {
       picture.append(word(String(number), x(number), height - bottom + 16, "middle"));
     }
     picture.append(word("nats", left - 8, 12, "end"), word("planes", width - right, height - 4, "end"),
       line("mark", x(chosen), top, x(chosen), height - bottom),
-      make("svg:polyline", { class: "line", points: values.map((value, number) => `${x(number)},${y(value)}`).join(" ") }),
-      ...values.map((value, number) => make("svg:circle", { class: "dot", cx: x(number), cy: y(value), r: 2.2 })),
+      make("svg:polyline", { class: "line", points: spots.map(([number, value]) => `${x(number)},${y(value)}`).join(" ") }),
+      ...spots.map(([number, value]) => make("svg:circle", { class: "dot", cx: x(number), cy: y(value), r: 2.2 })),
       make("svg:circle", { class: "chosen", cx: x(chosen), cy: y(values[chosen]), r: 5 }));
     const side = x(chosen) > width / 2 ? "end" : "start";
     picture.append(word(`${planes(chosen)}`, x(chosen) + (side === "end" ? -7 : 7), top + 10, side, "word"));
@@ -202,7 +207,7 @@
     const some = state.chosen.length === frames.length ? "" : ` of ${whole(frames.length)}`;
     const range = pages > 1 ? `; these are ${whole(first + 1)} to ${whole(first + shown.length)}` : "";
     at("count").textContent = state.chosen.length
-      ? `${whole(state.chosen.length)}${some} frames${range}.`
+      ? `${whole(state.chosen.length)}${some} ${noun}${range}.`
       : "No frame fits; widen the filters or reset them.";
     for (const pager of document.querySelectorAll(".pager")) {
       pager.hidden = pages === 1;
@@ -243,7 +248,7 @@
 
   const failed = frames.filter((frame) => frame.failed !== undefined).length;
   const found = frames.reduce((sum, frame) => sum + frame.planes.length, 0);
-  at("totals").textContent = `${whole(frames.length)} frames, ${planes(found)}, ` +
+  at("totals").textContent = `${whole(frames.length)} ${noun}, ${planes(found)}, ` +
     `${failed ? `${whole(failed)} failed` : "none failed"}`;
   choose();
 })();

@@ -188,7 +188,7 @@ def _head(store: Store) -> dict[str, Any]:
 def _about(store: Store) -> dict[str, str]:
     """Say in words what the store was made with, line by line."""
     made, source = store.info["made_with"], store.info["source"]
-    lines = {"source": f"{source['name']}, {source['frames']:,} frames"}
+    lines = {"source": f"{source['name']}, frames: {source['frames']:,}"}
     for name, each in (
         ("options", made["options"]),
         ("sensor", store.info["sensor"]),
