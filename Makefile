@@ -6,11 +6,12 @@ READY := $(VENV)/.ready
 RIVALS := $(VENV)/.ready-bench
 SAM := $(VENV)/.ready-sam
 REPRODUCE := $(VENV)/.ready-reproduce
+RAY := $(VENV)/.ready-ray
 BENCH_OUTPUT := bench-output
 REPORT := report
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-sam lint types bench bench-quick guard guard-record accuracy ablation pictures reproduce clean
+.PHONY: help setup demo test test-sam test-ray lint types bench bench-quick guard guard-record accuracy ablation pictures reproduce clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -37,6 +38,14 @@ $(SAM): $(READY) pyproject.toml
 
 test-sam: $(SAM)  ## pass the tests of Segment Anything, on tiny networks made on the spot
 	$(BIN)/python -m pytest tests/test_segment_anything.py
+
+# Ray takes 250 MB, which the other tests do not need.
+$(RAY): $(READY) pyproject.toml
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[ray]'
+	touch $@
+
+test-ray: $(RAY)  ## pass the tests of the Ray engine, on a cluster of two nodes on this machine
+	$(BIN)/python -m pytest tests/test_batch_ray.py
 
 lint: $(READY)  ## style
 	$(BIN)/ruff check .

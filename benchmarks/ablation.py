@@ -83,10 +83,10 @@ def uniform_null() -> Iterator[None]:
         return segment(observation, frame, cells, **options)
 
     def agglomerate_all(*arguments: Any) -> Any:
-        segments, discords = agglomerate(*arguments)
+        segments, beside = agglomerate(*arguments)
         rows = segments.rows
         rows[:, FREE] = np.bincount(segments.of_unit, saved, len(rows))
-        return segments, discords
+        return segments, beside
 
     with (
         patch.object(spatial_model, "segment", segment_of),

@@ -25,7 +25,7 @@ class Frame:
 
     name: str
     depth: NDArray[np.generic]
-    camera: pw.PinholeCamera
+    camera: pw.Camera
     sensor: pw.Sensor
     depth_scale: float | None = None
 

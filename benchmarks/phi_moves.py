@@ -23,7 +23,7 @@ from planewise.evaluate import MAX_PLANES
 from planewise.frame import frame_of
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
-from planewise.spatial import turn_to_theta
+from planewise.sectors import turn_to_theta
 from planewise.spatial_information import Ledger, ledger
 from planewise.spatial_model import spatial_model
 from planewise.workspace import Workspace
@@ -140,7 +140,7 @@ def join(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
 def refit(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
     """Move a plane to that of its readings or of its cells, or along what it is least sure of."""
     none = np.zeros((len(now), judge.cells.rows.shape[1]))
-    rows = spatial_labels._refit(judge.cells, now.labels, none)
+    rows = spatial_labels._refit(judge.cells, now.labels, none, judge.frame.sectors)
     for j in range(1, len(now) + 1):
         mine = now.labels == j
         if not mine.any():

@@ -83,6 +83,7 @@ def _opencv(**options: Any) -> Callable[[Frame, bool], Ready]:
         cv2 = import_module("cv2")
         cv2.setNumThreads(1)
         z, camera = metres(frame), frame.camera
+        assert isinstance(camera, pw.PinholeCamera)  # what this rival takes
         matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
         points = cv2.depthTo3d(z.astype(np.float32), matrix)
         # With three channels instead of four it returns a mask of the wrong size.

@@ -16,7 +16,7 @@ def test_ray_of_the_principal_point_is_the_axis():
     assert_allclose(rays[20 + 6, 10 + 5], [0.1, 0.1, 1])
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(k1=st.floats(-0.2, 0.2), k2=st.floats(-0.05, 0.05), p=st.floats(-0.01, 0.01))
 def test_distortion_is_undone(k1, k2, p):
     camera = pw.PinholeCamera(fx=60, fy=60, cx=31, cy=23, distortion=(k1, k2, p, -p))
@@ -46,9 +46,16 @@ def test_crop_and_scale_keep_the_rays():
     assert_allclose(half[3, 5], (full[6:8, 10:12]).mean(axis=(0, 1)))
 
 
-@pytest.mark.parametrize("name", pw.cameras.PRESETS)
+PINHOLES = {
+    name: camera
+    for name, camera in pw.cameras.PRESETS.items()
+    if isinstance(camera, pw.PinholeCamera)
+}
+
+
+@pytest.mark.parametrize("name", PINHOLES)
 def test_presets_suit_their_own_image(name):
-    camera = pw.cameras.PRESETS[name]
+    camera = PINHOLES[name]
     camera.check((camera.height, camera.width))
     with pytest.raises(ValueError, match=f"camera is for images of {camera.width} x"):
         camera.check((100, 100))

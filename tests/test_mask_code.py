@@ -26,7 +26,7 @@ def test_a_room_is_sent_and_received_at_the_claimed_length(seed):
     check(scene.labels.astype(int), scene.depth > 0, len(scene.planes), 2)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10**6),
     height=st.integers(1, 12),
@@ -52,7 +52,7 @@ def check_prefixes(labels, there, planes, rng):
         assert spatial_mask_information(place[labels], there, n) == pytest.approx(lengths[n])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10**6),
     height=st.integers(1, 12),

@@ -227,7 +227,7 @@ def test_any_image_size(shape):
         assert model.labels.shape == shape
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(scale=st.floats(0.2, 5.0))
 def test_a_scene_twice_as_large_has_twice_the_noise(scale):
     camera = pw.PinholeCamera(fx=120, fy=120, cx=79.5, cy=59.5)

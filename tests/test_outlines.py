@@ -298,7 +298,7 @@ def test_distortion_bends_borders_in_the_image_only():
     assert_allclose(camera.project(2 * camera.unproject(pixels)), pixels, atol=1e-6)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000))
 def test_meshes_cover_their_polygons(seed):
     rng = np.random.default_rng(seed)

@@ -51,7 +51,7 @@ def test_a_pixel_belongs_to_the_smallest_mask_that_holds_it():
 
 
 @given(arrays(bool, st.tuples(st.integers(1, 6), st.just(4), st.just(5))))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_masks_against_the_rule_pixel_by_pixel(masks):
     regions = regions_of_masks(masks, (4, 5))
     sizes = masks.sum(axis=(1, 2))
@@ -95,7 +95,7 @@ def test_a_picture_of_another_shape_is_refused(camera):
 
 
 def test_points_have_no_regions():
-    from planewise.detect import Options
+    from planewise.options import Options
 
     points = pw.observe_points(np.random.default_rng(0).normal(size=(50, 3)), pw.Sensor(noise=0.01))
     with pytest.raises(ValueError, match="partition needs a depth image"):
@@ -316,7 +316,7 @@ def test_spatial_information_with_regions_is_that_of_the_judge(real_frames):
     """A frame on which a partition helps: its Phi is exact, and it is another model."""
     from planewise.cells import cells_of
     from planewise.frame import frame_of
-    from planewise.spatial import turn_to_theta
+    from planewise.sectors import turn_to_theta
     from planewise.spatial_information import ledger
 
     depth, camera, scale = real_frames("nyu_dpd", "nyu_0412")
@@ -353,7 +353,7 @@ def test_a_stream_and_any_number_of_threads_give_the_same(corner, search):
 
 
 def test_options_with_the_same_partition_are_equal():
-    from planewise.detect import Options
+    from planewise.options import Options
 
     assert Options(partition="graph") == Options(partition=Graph())
     assert hash(Options(partition="blocks")) == hash(Options(partition=Blocks()))

@@ -101,8 +101,8 @@ def test_pictures_are_looked_at(depth, tmp_path, scene):
         seen.append(view.rgb)
         return np.zeros(view.depth.shape, int)
 
-    from planewise.detect import Options
     from planewise.jobs import Job
+    from planewise.options import Options
 
     camera = pw.PinholeCamera(fx=125, fy=125, cx=80, cy=60)
     job = Job(sensor=pw.Sensor(), options=Options(partition=look), camera=camera, rgb=rgb)

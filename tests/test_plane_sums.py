@@ -50,7 +50,8 @@ def test_planes_are_described_as_by_their_readings(shape, distortion):
     unranked = np.array([0, 4, 1, 5, 3], np.uint16)[labels]
     unranked[(labels == 0) & (depth > 0) & (np.arange(shape[1]) % 3 > 0)] = 2
     before = unranked.copy()
-    fast, ranked = describe_image(frame, camera, PLANES, rows, covariances, unranked, place)
+    area = camera.pixel_area(shape)
+    fast, ranked = describe_image(frame, area, PLANES, rows, covariances, unranked, place)
     assert_array_equal(ranked, labels)
     assert_array_equal(unranked, before)
     assert fast[2].count == 0

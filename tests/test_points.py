@@ -51,7 +51,7 @@ def test_phi_equals_the_judge(search):
     assert model.information == pytest.approx(judge, rel=1e-9)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 1000), shift=st.floats(-1e6, 1e6))
 def test_moving_and_turning_the_points_moves_and_turns_the_planes(seed, shift):
     rng = np.random.default_rng(seed)

@@ -13,8 +13,9 @@ from typer.testing import CliRunner
 import planewise as pw
 from planewise import scenes
 from planewise.commands import app
-from planewise.detect import Options, find
+from planewise.options import Options
 from planewise.reassign import surface_normals
+from planewise.search import find
 
 from .conftest import render
 

@@ -92,7 +92,7 @@ def test_scores_are_bounded_and_then_exact(k, noise):
     assert (again[total > best] > best).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     seed=st.integers(0, 10_000),
     k=st.sampled_from(SIZES),

@@ -154,8 +154,8 @@ def test_what_it_cannot_do_is_said(camera):
         pw.detect_planes(depth, camera, SENSOR, objective="paper", instances=True)
     with pytest.raises(ValueError, match="instances needs search='joint'"):
         pw.detect_planes(depth, camera, SENSOR, search="sequential", instances=True)
-    with pytest.raises(ValueError, match="needs a depth image"):
-        pw.detect_planes_in_points(np.ones((9, 3)), SENSOR, objective="spatial")
+    with pytest.raises(ValueError, match="needs a depth image, or points"):
+        pw.find(pw.observe_points(np.ones((9, 3)), SENSOR), pw.Options(objective="spatial"))
 
 
 def test_residuals_tell_a_bent_surface_from_a_plane():

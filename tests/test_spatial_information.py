@@ -33,8 +33,11 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
     L = math.log(R / eps)
     images = [image.astype(float) for image in (frame.w, frame.x, frame.y)]
     p = frame.p.astype(float) / error.white
-    total = len(affine) * 3 * L
-    total += spatial_mask_information(labels, frame.p > 0, len(affine))
+    sectors = frame.sectors
+    plane = (labels + sectors.count - 1) // sectors.count  # of every label
+    total = len(affine) // sectors.count * 3 * L
+    mask, there = sectors.image(plane), sectors.image(frame.p > 0)
+    total += spatial_mask_information(mask, there, len(affine) // sectors.count)
     height, width = labels.shape
     slope = 100 * math.sqrt(pixel_size[0] * pixel_size[1])
     for top in range(0, height, GROUP_SIDE):
@@ -42,7 +45,7 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
             window = np.s_[top : top + GROUP_SIDE, left : left + GROUP_SIDE]
             if not p[window].any():
                 continue
-            of_block = np.average(images[0][window], weights=p[window])
+            of_block, *middle = (np.average(image[window], weights=p[window]) for image in images)
             for label in range(len(affine) + 1):
                 mine = (labels[window] == label) & (p[window] > 0)
                 if not mine.any():
@@ -53,6 +56,9 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 J = np.column_stack((np.ones_like(x), x - cx, y - cy))
                 # density of z, not of w: dz = z^2 dw, in steps of eps
                 change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
+                if sectors.ratio is not None:  # density of the range, dz = c dr
+                    aside = 100 * np.array(pixel_size) * middle
+                    change += 0.5 * w.size * math.log(1 + aside @ aside)
                 mean = np.average(w, weights=1 / v)
                 unbiased = 1 + error.seen * frame.table.noise_bias(of_block)
                 w, mean = unbiased * w, unbiased * mean
@@ -66,7 +72,8 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                     drift = error.drift * drift
                     q = np.mean(1 / v) * (t[1] ** 2 + t[2] ** 2) / 100**2
                     steep = 1 + error.lateral * q
-                    extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
+                    whole = plane == (label + sectors.count - 1) // sectors.count
+                    extent = math.sqrt(np.sum(whole & (frame.p > 0))) / 100
                     offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                     tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
                     C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
@@ -162,3 +169,46 @@ def test_memory_may_be_reused(scene):
     assert (books[0].curve == books[-1].curve).all()
     ledger(frame, cells, affine, labels, 8, 0.001, size, workspace)
     assert workspace.nbytes == held
+
+
+def test_the_ledger_is_exact_in_sectors():
+    """A box around a LiDAR: the sum over sectors, planes across seams counted once."""
+    camera = pw.SphericalCamera.spinning(
+        np.linspace(20, -20, 24), 150, azimuth_offset=[0.3, -0.2] * 12
+    )
+    rays = camera.rays(camera.shape)
+    faces = np.array([[-1, 0, 0, 3.0], [0, 1, 0, 2.0], [1, 0, 0, 2.5], [0, -1, 0, 3.5]])
+    with np.errstate(divide="ignore"):
+        ranges = -faces[:, 3] / (rays @ faces[:, :3].T)
+    ranges[ranges <= 0] = np.inf
+    labels = ranges.argmin(axis=-1) + 1
+    rng = np.random.default_rng(3)
+    ranges = ranges.min(axis=-1) + rng.normal(0, 0.003, camera.shape)
+    ranges[8:11, 20:40] = 0
+    labels[3:9, 55:70] = 0
+    observation = pw.observe(ranges, camera, SENSOR)
+    frame, size = frame_of(observation), observation.pixel_size
+    sectors = frame.sectors
+    assert sectors.count == 6
+    assert sectors.wraps
+    error = replace(FrameError(), near=0.5, bent=0.7, lateral=0.4, drift=0.6)
+    cells = replace(cells_of(frame, size), error=error)
+    affine = sectors.affine(-faces[:, :3] / faces[:, 3:])
+    inside = sectors.column >= 0
+    of_column = np.searchsorted(sectors.start, np.arange(inside.size), side="right") - 1
+    spread = np.zeros(frame.w.shape, int)
+    spread[:, inside] = labels
+    spread = np.where(spread > 0, (spread - 1) * 6 + of_column + 1, 0) * (frame.p > 0)
+    book = ledger(frame, cells, affine, spread, 8, 0.001, size)
+    expected = oracle(frame, error, affine, spread, 8, 0.001, size)
+    assert book.curve[-1] == pytest.approx(expected, rel=1e-8)
+    assert len(book.order) == 4
+    assert (book.worth < 0).all()
+    kept = book.order[:3]
+    of_plane = (spread + 5) // 6
+    fewer = np.where(np.isin(of_plane, kept + 1), spread, 0)
+    for rank, plane in enumerate(kept):
+        fewer = np.where(of_plane == plane + 1, rank * 6 + 1 + (spread - 1) % 6, fewer)
+    best = affine.reshape(4, 6, 3)[kept].reshape(-1, 3)
+    expected = oracle(frame, error, best, fewer, 8, 0.001, size)
+    assert book.curve[3] == pytest.approx(expected, rel=1e-8)

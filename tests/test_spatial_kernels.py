@@ -324,13 +324,19 @@ def discords_of(rng, grid):
     return discords, 3 * (low + over)
 
 
-def agglomerated(frame, discords, price, most):
+def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=False):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
+    home = np.zeros(len(rows), np.int32) if home is None else home
+    turns = np.eye(3)[None, None] if turns is None else turns
     of, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
-    ints, floats = segments.room(sum(1 for _ in oracles.sides(grid)), len(rows))
+    sides = sum(1 for _ in oracles.sides(grid)) + wraps * len(grid)
+    ints, floats = segments.room(sides, len(rows))
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
-    segments.agglomerate(grid, discords, price, rows, of, drift, *priors, most, root, *work)
+    sectors = home, turns, wraps
+    segments.agglomerate(
+        grid, discords, price, rows, of, drift, *priors, *sectors, most, root, *work
+    )
     assert_allclose(of[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
 
@@ -378,7 +384,7 @@ def test_borders_of_segments_are_paid_for_once():
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
     border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
     low, high, knee = bounds = 0.01, 1.5, 20.0
-    found = borders.segment_borders(of_cell, discords, bounds, border, ends, price)
+    found = borders.segment_borders(of_cell, discords, bounds, False, border, ends, price)
     exact, pairs = np.zeros(5), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
@@ -440,8 +446,11 @@ def test_join_through_gaps(seed):
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, owner = np.full(12, 0.25), np.empty(12, int)
     exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
-    of_rows = forms_of(rows, drift)
-    segments.join_through_gaps(rows, of_rows, drift, slope_prior, 0.3, owner)
+    in_sectors, of_rows = np.stack((rows, rows)), np.stack((forms_of(rows, drift),) * 2)
+    home = np.arange(12, dtype=np.int32) % 2
+    segments.join_through_gaps(in_sectors, of_rows, home, drift, slope_prior, 0.3, owner)
+    rows = in_sectors[0]
+    assert_array_equal(rows[np.unique(owner)], in_sectors[1][np.unique(owner)])
     assert_array_equal(owner, exact_owner)
     ids = np.unique(owner)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
@@ -453,7 +462,8 @@ def test_find_planes(seed):
     """Pieces are given the plane that they lie on, if it is there."""
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
-    segments.find_planes(rows, forms_of(rows, drift), slope_prior, 0.3, 3, plane)
+    of_rows, home = forms_of(rows, drift), np.zeros(12, np.int32)
+    segments.find_planes(rows[None], of_rows[None], home, slope_prior, 0.3, 3, plane)
     assert_array_equal(plane, oracles.find_planes(rows, drift, slope_prior, 0.3, 3))
     there = np.isin(of[3:], of[:3])
     assert (plane[~there] == -1).all()
@@ -472,6 +482,64 @@ def test_agglomerate(seed):
     ids = np.unique(root)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
     assert 1 < len(ids) < len(root)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_sectors_with_coordinates_of_their_own_change_nothing(seed):
+    """Coordinates that begin elsewhere in every sector: the same merges, planes in the root's."""
+    frame = random_segments(10 + seed, planes=2 + seed % 2)
+    grid, rows, drift, *priors = frame
+    discords, _ = discords_of(np.random.default_rng(seed), grid)
+    expected, exact_rows = agglomerated(frame, discords, PRICE, 25.0)
+    begin = np.random.default_rng(seed).uniform(-3, 3, (3, 2))
+    turns = np.tile(np.eye(3), (3, 3, 1, 1))
+    turns[:, :, 1:, 0] = begin[:, None] - begin[None]
+    home = np.zeros(len(rows), np.int32)
+    for column in range(grid.shape[1]):
+        home[grid[grid[:, column] >= 0, column]] = 3 * column // grid.shape[1]
+    moved, back = np.empty_like(rows), np.empty_like(rows)
+    for row, k, out in zip(rows, home, moved, strict=True):
+        shift = np.eye(3)
+        shift[1:, 0] = -begin[k]
+        segments.turn_row(row, shift, out)
+        matrix = shift @ information_of(row) @ shift.T
+        assert_allclose(information_of(out), matrix, rtol=1e-9, atol=1e-9 * abs(matrix).max())
+        assert_allclose(out[6:9], shift @ row[6:9], rtol=1e-9)
+        assert_array_equal(out[9:], row[9:])
+    root, found = agglomerated((grid, moved, drift, *priors), discords, PRICE, 25.0, home, turns)
+    assert_array_equal(root, expected)
+    for row, k, out in zip(found, home, back, strict=True):
+        shift = np.eye(3)
+        shift[1:, 0] = begin[k]
+        segments.turn_row(row, shift, out)
+    ids = np.unique(root)
+    assert_allclose(back[ids], exact_rows[ids], rtol=1e-5, atol=1e-5)
+
+
+def information_of(row):
+    a, b, c, d, e, f = row[:6]
+    return np.array([[a, b, c], [b, d, e], [c, e, f]])
+
+
+def test_the_last_column_may_be_beside_the_first():
+    """An image that begins elsewhere has the same segments, only around its end."""
+    frame = random_segments(10, planes=2)
+    grid = frame[0]
+    discords, _ = discords_of(np.random.default_rng(0), grid)
+    home, turns = np.zeros(len(frame[1]), np.int32), np.eye(3)[None, None]
+    apart, _ = agglomerated(frame, discords, PRICE, 25.0)
+    discords[0, :, -1] = -1
+    plain, _ = agglomerated(frame, discords, PRICE, 25.0, home, turns, True)
+    assert (plain != apart).any()
+    rolled = (np.roll(grid, 3, axis=1), *frame[1:])
+    around, _ = agglomerated(rolled, np.roll(discords, 3, axis=2), PRICE, 25.0, home, turns, True)
+    assert_array_equal(around, plain)
+    of_cell, border = np.append(plain, -1)[grid].astype(np.int32), np.empty((2, len(plain)))
+    room = np.empty((2 * grid.size, 2), np.int32), np.empty(2 * grid.size)
+    for out, shift in zip(border, (0, 3), strict=True):
+        cells, sides = np.roll(of_cell, shift, axis=1), np.roll(discords, shift, axis=2)
+        borders.segment_borders(cells, sides, PRICE, True, out, *room)
+    assert_allclose(border[0], border[1], rtol=1e-12)
 
 
 @pytest.mark.parametrize("seed", range(8))

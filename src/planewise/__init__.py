@@ -19,32 +19,30 @@ from typing import TYPE_CHECKING, Any
 
 from planewise import cameras, noise, scenes, sensors
 from planewise._version import __version__
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.information import information
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.objective import Objective
 from planewise.observation import observe, observe_points
 from planewise.sensor import Sensor
+from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
-    from planewise import datasets, partition
+    from planewise import batch, datasets, partition
     from planewise.calibration import calibrate
     from planewise.cloud_files import open_cloud, read_cloud
     from planewise.cloud_on_disk import detect_planes_in_cloud
     from planewise.cloud_outlines import outline_points
-    from planewise.detect import (
-        Detector,
-        Options,
-        detect_planes,
-        detect_planes_in_points,
-        find,
-    )
+    from planewise.detect import Detector, detect_planes, detect_planes_in_points
     from planewise.image_outlines import outline_image
     from planewise.noise_estimate import NoiseEstimate, estimate_noise
+    from planewise.options import Options
     from planewise.point_cloud import PointCloud
     from planewise.reassign import NormalReassignment
+    from planewise.search import find
 
 __all__ = [
+    "Camera",
     "Curve",
     "Detector",
     "Move",
@@ -57,7 +55,9 @@ __all__ = [
     "PlaneModel",
     "PointCloud",
     "Sensor",
+    "SphericalCamera",
     "__version__",
+    "batch",
     "calibrate",
     "cameras",
     "datasets",
@@ -81,9 +81,9 @@ __all__ = [
 
 # Numba takes longer to import than everything else together: it waits for the first detection.
 _LAZY = {
-    **dict.fromkeys(
-        ("Detector", "Options", "detect_planes", "detect_planes_in_points", "find"), "detect"
-    ),
+    **dict.fromkeys(("Detector", "detect_planes", "detect_planes_in_points"), "detect"),
+    "Options": "options",
+    "find": "search",
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
     "calibrate": "calibration",
     "NormalReassignment": "reassign",
@@ -96,7 +96,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("datasets", "partition"):
+    if name in ("batch", "datasets", "partition"):
         return import_module(f"planewise.{name}")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)

@@ -15,7 +15,7 @@ import typer
 from numpy.typing import NDArray
 
 from planewise import terminal
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.camera_files import NOISE_HELP, read_camera
 from planewise.command_line import (
     CAMERA_HELP,
@@ -185,7 +185,7 @@ def timed(call: Callable[[], Any], runs: int) -> Times:
 class _Frame:
     name: str
     depth: NDArray[np.generic]
-    camera: PinholeCamera
+    camera: Camera
     sensor: Sensor
     depth_scale: float | None = None
 

@@ -29,7 +29,7 @@ from planewise.sensor import Sensor
 from planewise.whole_files import written_whole
 
 if TYPE_CHECKING:
-    from planewise.camera import PinholeCamera
+    from planewise.camera import Camera
     from planewise.noise_cells import NoiseCells
 
 _MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
@@ -115,7 +115,7 @@ class _Reading:
     """What all frames have in common; what is ``None`` their files have to say."""
 
     sensor: Sensor
-    camera: PinholeCamera | None
+    camera: Camera | None
     depth_scale: float | None
 
     def run(self, paths: list[Path]) -> Iterator[NoiseCells | str]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.errors import PlanewiseError
 from planewise.noise_cells import NoiseCells
 from planewise.noise_estimate import (
@@ -23,7 +23,7 @@ from planewise.sensor import Sensor
 
 def calibrate(
     depths: Iterable[ArrayLike],
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     *,
     depth_scale: float | None = None,
@@ -35,7 +35,7 @@ def calibrate(
     ----------
     depths : iterable of array_like, shape (H, W)
         As in `planewise.detect_planes`; one is held at a time.
-    camera : PinholeCamera
+    camera : Camera
         Intrinsics.
     sensor : Sensor
         Range and resolution; its noise is not used.

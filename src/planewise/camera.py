@@ -1,7 +1,8 @@
-"""The pinhole camera: from pixels to rays.
+"""From pixels to rays: what any camera tells, and the pinhole camera.
 
-Frame: x right, y down, z forward, origin at the optical centre. Pixel (0, 0) is the centre of the
-upper left pixel. The ray of a pixel is r = (u, v, 1) and a reading z on it is the point z r.
+Frame of the pinhole camera: x right, y down, z forward, origin at the optical centre. Pixel (0, 0)
+is the centre of the upper left pixel. The ray of a pixel is r = (u, v, 1) and a reading z on it is
+the point z r.
 """
 
 from __future__ import annotations
@@ -9,15 +10,75 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from planewise.sectors import Sectors
 
 Array = NDArray[np.float64]
 
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
 _UNDISTORT_STEPS = 50
 _UNDISTORT_TOLERANCE = 1e-9
+
+
+class Camera(Protocol):
+    """Known rays of an image: `PinholeCamera`, `SphericalCamera`, or one of your own.
+
+    Cameras are immutable and hashable. A reading s on the ray r of its pixel is the point s r in
+    the camera's frame.
+    """
+
+    @property
+    def frame(self) -> str:
+        """The camera's axes in words."""
+        ...
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the last column of an image is beside the first one."""
+        ...
+
+    @property
+    def pixel_size(self) -> tuple[float, float]:
+        """Width and height of a usual pixel at one metre, in metres."""
+        ...
+
+    def check(self, shape: tuple[int, int]) -> None:
+        """Raise ValueError for an image (height, width) that it cannot have taken."""
+        ...
+
+    def rays(self, shape: tuple[int, int]) -> Array:
+        """Rays of all pixels, shape (height, width, 3)."""
+        ...
+
+    def ray_rows(self, shape: tuple[int, int]) -> Array:
+        """Return the same rays as rows over the flattened image, shape (3, H * W)."""
+        ...
+
+    def pixel_area(self, shape: tuple[int, int]) -> Array:
+        """Area that pixels cover where readings are 1, square metres, shape (height, width)."""
+        ...
+
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image."""
+        ...
+
+    def unproject(self, pixels: Array) -> Array:
+        """Rays (..., 3) of places (x, y) in the image, (..., 2); centres of pixels are integers."""
+        ...
+
+    def sectors(self, shape: tuple[int, int]) -> Sectors:
+        """Coordinates in which inverse depth is affine on planes (`planewise.sectors`)."""
+        ...
+
+    def describe(self) -> dict[str, Any]:
+        """Say in plain types what the camera is, for result files."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +138,26 @@ class PinholeCamera:
                 f"camera: width and height must be given together and be positive, "
                 f"got {self.width} and {self.height}"
             )
+
+    @property
+    def frame(self) -> str:
+        """The camera's axes in words."""
+        return "x right, y down, z forward"
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the last column is beside the first one: not of a pinhole image."""
+        return False
+
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image: by distortion."""
+        return any(self.distortion)
+
+    @property
+    def pixel_size(self) -> tuple[float, float]:
+        """Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy."""
+        return 1.0 / self.fx, 1.0 / self.fy
 
     def check(self, shape: tuple[int, int]) -> None:
         """Refuse an image that these intrinsics cannot belong to.
@@ -144,6 +225,10 @@ class PinholeCamera:
             Of the image, in pixels; at least 2 x 2.
         """
         return _pixel_area(self, shape)
+
+    def sectors(self, shape: tuple[int, int]) -> Sectors:
+        """Pixel coordinates: inverse depth of a plane is affine in them all over the image."""
+        return _sectors(self, shape)
 
     def project(self, points: Array) -> Array:
         """Pixel coordinates (x, y) of points in front of the camera.
@@ -249,6 +334,15 @@ def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
     rows.flags.writeable = False
     return rows
+
+
+@lru_cache(maxsize=4)
+def _sectors(camera: PinholeCamera, shape: tuple[int, int]) -> Sectors:
+    from planewise.sectors import one_sector  # loads Numba
+
+    u, v = camera.directions(shape)
+    straight = not any(camera.distortion)
+    return one_sector(u, v, (camera.fx, camera.fy), straight)
 
 
 @lru_cache(maxsize=4)

@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from planewise import cameras, noise, sensors
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.lidar_files import is_spherical, spherical_camera
 from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
 
@@ -26,7 +27,7 @@ NOISE_HELP = (
 )
 
 
-def read_camera(text: str) -> PinholeCamera:
+def read_camera(text: str) -> Camera:
     """Camera from a preset's name, four numbers or a calibration file.
 
     Parameters
@@ -36,17 +37,20 @@ def read_camera(text: str) -> PinholeCamera:
         or YAML file, ROS ``camera_info`` included. A file states the intrinsics as ``K``,
         ``camera_matrix``, ``intrinsic_matrix`` or ``intrinsics`` (nine numbers, three rows or four
         numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``,
-        ``distortion_coefficients`` or ``distortion`` in the order k1, k2, p1, p2, k3.
+        ``distortion_coefficients`` or ``distortion`` in the order k1, k2, p1, p2, k3. A LiDAR's
+        file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's metadata
+        (`planewise.lidar_files`).
 
     Returns
     -------
-    PinholeCamera
+    Camera
         Where the file states the size of the image, so does the camera.
 
     Raises
     ------
     PlanewiseError
-        If it is none of these, or the camera is not a pinhole with radial-tangential distortion.
+        If it is none of these, or the camera is neither a pinhole with radial-tangential distortion
+        nor a LiDAR.
     """
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
@@ -59,7 +63,9 @@ def read_camera(text: str) -> PinholeCamera:
             "nor fx,fy,cx,cy in pixels, nor a file"
         )
     try:
-        return camera_of_mapping(read_mapping(path))
+        content = read_mapping(path)
+        values = {str(key).lower(): value for key, value in content.items()}
+        return spherical_camera(values) if is_spherical(values) else camera_of_mapping(content)
     except PlanewiseError as error:
         if isinstance(error, MissingExtraError):
             raise
@@ -221,7 +227,9 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
             raise PlanewiseError(f"is not valid JSON ({error})") from None
         content = _parse_yaml(text)
     if not isinstance(content, dict):
-        raise PlanewiseError("holds no named values; expected a camera's K or fx, fy, cx, cy")
+        raise PlanewiseError(
+            "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
+        )
     inner = content.get("camera", content.get("intrinsics"))
     return {**content, **inner} if isinstance(inner, dict) else content
 

@@ -129,8 +129,8 @@ def cloud_of(
     Parameters
     ----------
     points : ndarray of float, shape (k, 3)
-        Metres, any origin. Points more than two million standard deviations from the others are no
-        reading, like those that are not finite.
+        Metres, any origin. Points farther from the others than R and two million standard
+        deviations are no reading, like those that are not finite.
     sensor : Sensor
         Its noise is evaluated at the distance from the origin of the coordinates.
     sigma : ndarray, shape (k,), optional
@@ -151,6 +151,8 @@ def cloud_of(
     held_by = separations(order.keys)
     side = max(side_for(order.side, held_by, held), THICK * typical)
     order = order_of(points, centre, reach, side / (1 << FINER), workers)
+    if len(order.keys) < 3:
+        return None
     starts, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
     cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
     about = np.full((len(cubes), 27), -1, np.int32)
@@ -173,7 +175,9 @@ def grid_about(
     centre = 0.5 * (low + high)
     reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     typical = _typical(points, sensor, sigma, origin)
-    farthest = float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
+    farthest = max(
+        sensor.range, float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
+    )
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
         some = points[:: 1 + len(points) // _PART]

@@ -35,6 +35,8 @@ MOST = 4096  # points of a cloud that has few
 POINTS = 3.0  # in a cube of such a cloud
 _MOST_PLANES = 64
 _RELABELLED = 3  # times
+_MERGED_PLANES = 24  # above which merging them by trial takes too long
+_FALL = 1e-6  # nats that count as a fall
 _PARALLEL = 0.9  # least cosine between planes that are merged
 
 
@@ -78,6 +80,7 @@ def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError
     xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
     scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
     inside = np.linalg.eigvalsh(scatter)[:, 1:].clip(0)
+    inside = np.nan_to_num(inside)
     # Of a rectangle with this scatter; of points near a line none, for they tell no plane.
     told = inside[:, 0] * STEEPEST > 1.0
     area = 12.0 * np.sqrt(inside.prod(axis=1)) / np.maximum(rows[:, WEIGHT], 1e-300)
@@ -124,16 +127,17 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
     """Merge pairs of planes, the one that saves most first, while Phi falls."""
     while True:
         planes = int(labels.max(initial=0))
-        normals = planes_of(plane_rows(cloud, groups_of(cloud, labels, error), planes, error))[
-            :, :3
-        ]
+        if planes > _MERGED_PLANES:
+            return labels
+        rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
+        normals = planes_of(rows)[:, :3]
         best = phi, labels
         for i, j in combinations(range(planes), 2):
             if abs(normals[i] @ normals[j]) < _PARALLEL:
                 continue
             joint = np.where(labels == j + 1, i + 1, labels).astype(np.uint16)
             best = min(best, _paid(cloud, error, joint, limits), key=lambda each: each[0])
-        if best[0] >= phi:
+        if not best[0] < phi - _FALL:
             return labels
         phi, labels = best
         again = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)

@@ -102,6 +102,8 @@ def tiled_cloud(
         nodes.append(moments)
         variance.append(noise)
         disk.release()
+    if total < 3:
+        return None
     begins, in_order = np.concatenate(starts), cubes.taken()
     parts = tile_bounds(in_order, begins, tile_points)
     about = disk.empty((len(in_order), 27), np.int32)

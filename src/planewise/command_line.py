@@ -25,7 +25,7 @@ FAILED = 2
 
 CAMERA_HELP = (
     "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "
-    "file. Not needed where an .npz holds K."
+    "file, or a LiDAR's table of angles. Not needed where an .npz holds K."
 )
 MAX_DEPTH_HELP = "Largest depth in metres; what is beyond is no reading."
 OUTLINES_HELP = (
@@ -72,8 +72,11 @@ def optional(help_text: str, *names: str) -> typer.models.OptionInfo:
 
 
 def preset_of(camera: str | None) -> str | None:
-    """Name of the sensor preset that a camera's preset shares."""
-    return camera if camera is not None and camera.lower() in sensors.PRESETS else None
+    """Name of the sensor preset that a camera's preset shares, or begins with."""
+    name = "" if camera is None else camera.lower()
+    return next(
+        (each for each in sensors.PRESETS if name == each or name.startswith(f"{each}-")), None
+    )
 
 
 def sensor_of(

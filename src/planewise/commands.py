@@ -11,8 +11,10 @@ import typer
 
 from planewise import cameras, sensors, terminal
 from planewise._version import __version__
+from planewise.batch_command import batch
 from planewise.bench_command import bench
 from planewise.calibrate_command import calibrate
+from planewise.camera import PinholeCamera
 from planewise.camera_files import NOISE_HELP, read_camera
 from planewise.command_line import (
     CAMERA_HELP,
@@ -29,12 +31,15 @@ from planewise.command_line import (
 )
 from planewise.depth_files import list_depth_files
 from planewise.errors import PlanewiseError
+from planewise.export_command import export
 from planewise.frames_command import frames
 from planewise.jobs import Failed, Job, find_planes
 from planewise.nyu_command import nyu
 from planewise.points_command import points
 from planewise.reproduce_command import reproduce
 from planewise.result_files import output_folder, parent_folder, write_image, write_results
+from planewise.spherical import SphericalCamera
+from planewise.view_command import view
 
 app = typer.Typer(
     name="planewise",
@@ -44,6 +49,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+_NAMED = 20  # frames that a warning lists
 
 
 class _Search(StrEnum):
@@ -190,7 +198,7 @@ def detect(
         known_camera = None if camera is None else read_camera(camera)
         known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
 
-        from planewise.detect import Options
+        from planewise.options import Options
 
         named, regions = partition_of(partition, sam_model, sam_device)
         options = Options(
@@ -243,6 +251,9 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
 
 
 app.command()(points)
+app.command()(batch)
+app.command()(view)
+app.command()(export)
 app.command()(calibrate)
 app.command()(frames)
 
@@ -260,8 +271,8 @@ def demo(
             raise PlanewiseError(f"seed must not be negative, got {seed}")
         with output_folder(output) as folder:
             from planewise import scenes
-            from planewise.detect import Options
             from planewise.draw import draw_labels
+            from planewise.options import Options
 
             room = scenes.room(seed)
             options = Options()
@@ -295,7 +306,7 @@ def evaluate(
             metavar="PRED",
             show_default=False,
             help="Label image (16-bit PNG, .npy, or .npz with labels or gt), or a folder of them, "
-            "such as 'planewise detect' makes.",
+            "such as 'planewise detect' makes, or a store of 'planewise batch'.",
         ),
     ],
     truth: Annotated[
@@ -334,7 +345,9 @@ def evaluate(
             check_table(output, pairs)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
-                terminal.warning(f"{folder} lacks {len(names)}: {', '.join(names)}")
+                more = " ..." if len(names) > _NAMED else ""
+                shown = ", ".join(names[:_NAMED])
+                terminal.warning(f"{folder} lacks {len(names)}: {shown}{more}")
         scoring = Scoring(iou=tuple(iou), minimum_pixels=minimum_pixels, tolerance=tolerance)
         results = list(terminal.progress(scoring.run_pairs(pairs), len(pairs.paired)))
         frames = [each for each in results if not isinstance(each, Failed)]
@@ -382,8 +395,22 @@ def info() -> None:
                     *(f"{value:.2f}" for value in (camera.fx, camera.fy, camera.cx, camera.cy)),
                 )
                 for name, camera in cameras.PRESETS.items()
+                if isinstance(camera, PinholeCamera)
             ),
             ("--camera", "pixels", "fx", "fy", "cx", "cy"),
+        )
+        terminal.show_table(
+            "LiDAR",
+            (
+                (
+                    name,
+                    f"{camera.shape[1]} x {camera.shape[0]}",
+                    f"{max(camera.elevation):g} ... {min(camera.elevation):g}",
+                )
+                for name, camera in cameras.PRESETS.items()
+                if isinstance(camera, SphericalCamera)
+            ),
+            ("--camera", "pixels", "elevation in degrees"),
         )
         terminal.show_table(
             "sensors",

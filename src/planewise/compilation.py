@@ -50,4 +50,5 @@ def announce() -> None:
                 stderr=subprocess.DEVNULL,
                 env=os.environ | {_HELPED: "1"},
             )
+            helper.returncode = 0  # nobody waits for it, nor should Python complain of that at exit
             _helpers.append(helper)

@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import PlaneModel
 from planewise.palette import distinct_colours
+from planewise.spherical import SphericalCamera
+
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw as Pen
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
@@ -19,11 +24,12 @@ Picture = NDArray[np.uint8]
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
 _TINT = 0.6
 _MOST_COLUMNS = 3  # of the legend; planes beyond are neither listed nor numbered
+_WIDEST = 4  # times their height that small pictures of LiDARs are wide
 _INK, _PAPER, _FAINT = (28, 30, 34), (250, 250, 248), (120, 124, 130)
 
 
 def draw_overlay(
-    model: PlaneModel, depth: Array, camera: PinholeCamera, *, rgb: Picture | None = None
+    model: PlaneModel, depth: Array, camera: Camera, *, rgb: Picture | None = None
 ) -> Picture:
     """Draw the planes of a depth image with their ranks, and a legend beside it.
 
@@ -33,8 +39,8 @@ def draw_overlay(
         Of a depth image.
     depth : ndarray, shape (H, W)
         Metres, NaN where there is no reading.
-    camera : PinholeCamera
-        Its intrinsics; they shade the relief.
+    camera : Camera
+        Its rays shade the relief.
     rgb : ndarray of uint8, shape (h, w, 3), optional
         Picture of the same view; resized if it has another size. ``None`` means that the depth
         itself is shaded.
@@ -42,7 +48,7 @@ def draw_overlay(
     Returns
     -------
     ndarray of uint8, shape (H', W', 3)
-        The image, magnified by a whole number if it is small, with the legend on its right.
+        The image, magnified by whole numbers if it is small, with the legend on its right.
 
     Raises
     ------
@@ -52,11 +58,74 @@ def draw_overlay(
     shape = (depth.shape[0], depth.shape[1])
     base = _shade(depth, camera) if rgb is None else match_picture(rgb, shape) / 255
     picture = _tint(base, model.labels, np.isfinite(depth), shaded=rgb is None)
-    factor = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
-    picture = picture.repeat(factor, axis=0).repeat(factor, axis=1)
-    labels = model.labels.repeat(factor, axis=0).repeat(factor, axis=1)
+    # The few rows of a LiDAR are farther apart than its columns, and magnified alone.
+    down = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
+    across = 1 if isinstance(camera, SphericalCamera) else down
+    picture = picture.repeat(down, axis=0).repeat(across, axis=1)
+    labels = model.labels.repeat(down, axis=0).repeat(across, axis=1)
     _outline(picture, labels)
     return annotate(picture, labels, model)
+
+
+def draw_small(
+    labels: NDArray[np.uint16],
+    height: int,
+    *,
+    depth: Array | None = None,
+    camera: Camera | None = None,
+    rgb: Picture | None = None,
+) -> Picture:
+    """Draw the planes of a frame with their ranks, some `height` pixels high, without legend.
+
+    Parameters
+    ----------
+    labels : ndarray of uint16, shape (H, W)
+        0 for no plane, j for the j-th best.
+    height : int
+        One of so many rows and columns is taken that the picture is nearest to this height. The
+        few rows of a LiDAR are magnified to it.
+    depth, camera
+        As for `draw_overlay`; ``None`` means that it is not known, and planes are drawn alone.
+    rgb : ndarray of uint8, shape (h, w, 3), optional
+        What to draw over instead of the depth.
+
+    Returns
+    -------
+    ndarray of uint8, shape (H', W', 3)
+
+    Raises
+    ------
+    PlanewiseError
+        If `rgb` is no colour picture, or its proportions are not those of the depth image.
+    """
+    shape = (labels.shape[0], labels.shape[1])
+    step = across = max(1, round(shape[0] / height))
+    if isinstance(camera, SphericalCamera):
+        across = max(1, round(shape[1] / (_WIDEST * height)))
+    every = (slice(step // 2, None, step), slice(across // 2, None, across))
+    labels = labels[every]
+    valid = np.ones(labels.shape, bool) if depth is None else np.isfinite(depth[every])
+    if rgb is not None:
+        picture = match_picture(rgb, shape)
+        base = (picture[every] if across != step else match_picture(picture, labels.shape)) / 255
+    elif depth is None or camera is None:
+        base = np.full((*labels.shape, 3), 0.6)
+    elif isinstance(camera, PinholeCamera):
+        base = _shade(depth[every], camera.scaled(1 / step))
+    else:
+        base = _shade(depth, camera)[every]
+    picture = _tint(base, labels, valid, shaded=rgb is None)
+    if isinstance(camera, SphericalCamera):
+        up = max(1, round(height / shape[0]))
+        picture, labels = picture.repeat(up, axis=0), labels.repeat(up, axis=0)
+    _outline(picture, labels)
+    try:
+        from PIL import Image, ImageDraw
+    except ImportError:
+        raise MissingExtraError("pillow", "drawing") from None
+    canvas = Image.fromarray(picture)
+    _write_ranks(ImageDraw.Draw(canvas), labels, max(13, canvas.width // 40))
+    return np.asarray(canvas)
 
 
 def read_picture(path: Path) -> Picture:
@@ -128,7 +197,7 @@ def draw_labels(labels: NDArray[np.uint16], rgb: Picture) -> Picture:
     return picture
 
 
-def _shade(depth: Array, camera: PinholeCamera) -> Array:
+def _shade(depth: Array, camera: Camera) -> Array:
     """Grey relief of the depth, lit from the upper left: shape (H, W, 3) in 0 ... 1."""
     shape = (depth.shape[0], depth.shape[1])
     z = _smooth(depth)
@@ -136,9 +205,10 @@ def _shade(depth: Array, camera: PinholeCamera) -> Array:
     right = _moved(points, 2, 1) - _moved(points, -2, 1)
     down = _moved(points, 2, 0) - _moved(points, -2, 0)
     normal = np.cross(down, right)  # faces the camera
+    upright = isinstance(camera, SphericalCamera)  # z is up, and the lamp a sun
     length = np.linalg.norm(normal, axis=-1)
     normal /= np.maximum(length, 1e-12)[..., None]
-    lamp = np.array((-0.45, -0.60, -0.66))
+    lamp = np.array((0.45, 0.60, 0.66) if upright else (-0.45, -0.60, -0.66))
     light = 0.55 + 0.45 * np.clip(normal @ lamp, 0, 1)
     valid = np.isfinite(z)
     near, far = np.percentile(z[valid], (1, 99)) if valid.any() else (0.0, 1.0)
@@ -269,10 +339,7 @@ def annotate(
     canvas = Image.new("RGB", (width + panel, height), _PAPER)
     canvas.paste(Image.fromarray(picture), (0, 0))
     pen = ImageDraw.Draw(canvas)
-    for label, (y, x, inside) in _anchors(np.where(labels <= listed, labels, 0)).items():
-        font_here = bold if inside > size else ImageFont.load_default(max(10, size - 3))
-        pen.text((x, y), str(label), fill="white", font=font_here, anchor="mm",
-                 stroke_width=2, stroke_fill=_INK)  # fmt: skip
+    _write_ranks(pen, np.where(labels <= listed, labels, 0), size)
     if note:
         pen.text((size, height - size), note, fill=_FAINT, font=font, anchor="lb")
     noun = "plane" if len(model) == 1 else "planes"
@@ -301,6 +368,15 @@ def annotate(
         share = f"{100 * plane.count / model.readings:.1f} %"
         pen.text((at + 11.0 * size, middle), share, fill=_INK, font=font, anchor="rm")
     return np.asarray(canvas)
+
+
+def _write_ranks(pen: Pen, labels: NDArray[np.uint16], size: int) -> None:
+    from PIL import ImageFont
+
+    for label, (y, x, inside) in _anchors(labels).items():
+        font = ImageFont.load_default(size + 2 if inside > size else max(10, size - 3))
+        pen.text((x, y), str(label), fill="white", font=font, anchor="mm",
+                 stroke_width=2, stroke_fill=_INK)  # fmt: skip
 
 
 def _legend_lines(height: int, row: int) -> int:

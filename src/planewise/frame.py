@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
-from planewise.kernels.cells import UNIT
 from planewise.kernels.images import fill_between
 from planewise.observation import RayObservation
+from planewise.sectors import Sectors
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -80,6 +78,8 @@ class ErrorTable:
 class Frame:
     """Images (H, W) of an observation; where there is no reading `w` and `p` are zero.
 
+    With several sectors they lie side by side, with gaps between them.
+
     Attributes
     ----------
     w, p : ndarray of float32
@@ -95,6 +95,8 @@ class Frame:
         depth is taken from them, and their size from the frame.
     resolution : float
         Step between two readings in metres.
+    sectors : Sectors
+        What `x` and `y` are coordinates of.
     """
 
     w: Image
@@ -105,6 +107,7 @@ class Frame:
     table: ErrorTable
     known: bool
     resolution: float
+    sectors: Sectors
 
 
 def frame_of(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
@@ -126,24 +129,20 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
     p: Image = workspace.kept(image.shape, np.float32)
     image.spread(1.0 / (by_level[0] + by_level[3]), w, p)
 
+    sectors = observation.camera.sectors(image.shape)
+    w, p = sectors.spread(w, p)
+    # Where depth is less than range, by c: variances of w are those of 1 / range over c^2.
+    ratio = sectors.mean_ratio
     table = workspace.kept((4, int(image.levels[-1]) + 2))
-    fill_between(image.levels, by_level, table)
-    x, y = _pixel_coordinates(observation.camera, image.shape)
+    fill_between(image.levels, by_level / ratio**2, table)
     return Frame(
         w=w,
         p=p,
-        x=x,
-        y=y,
-        straight=not any(observation.camera.distortion),
-        table=ErrorTable(image.per_metre, int(image.levels[0]), *table),
+        x=sectors.x,
+        y=sectors.y,
+        straight=sectors.straight,
+        table=ErrorTable(image.per_metre / ratio, int(image.levels[0]), *table),
         known=parts is not None,
         resolution=observation.resolution,
+        sectors=sectors,
     )
-
-
-@lru_cache(maxsize=4)
-def _pixel_coordinates(camera: PinholeCamera, shape: tuple[int, int]) -> tuple[Image, Image]:
-    """Undistorted coordinates x and y of all pixels in units of 100 pixels."""
-    u, v = camera.directions(shape)
-    x, y = (u * (camera.fx / UNIT)).astype(np.float32), (v * (camera.fy / UNIT)).astype(np.float32)
-    return x, y

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.label_borders import regions
 from planewise.model import Plane, PlaneModel
 from planewise.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
@@ -21,7 +21,7 @@ _STRAIGHT = 8.0  # pixels over which a distorted camera's straight lines are tak
 
 def outline_image(
     model: PlaneModel,
-    camera: PinholeCamera,
+    camera: Camera,
     *,
     tolerance: float = 1.5,
     instances: bool = False,
@@ -36,7 +36,7 @@ def outline_image(
     ----------
     model : PlaneModel
         Of a depth image.
-    camera : PinholeCamera
+    camera : Camera
         That took it.
     tolerance : float
         How far borders may be from those of the pixels, in pixels; 0 keeps every step, and pieces
@@ -84,7 +84,7 @@ def outline_image(
             return frame.to_plane(at / nearness[:, None])
 
         pieces = found.get(label, [])
-        if any(camera.distortion):
+        if camera.bends:
             pieces = shapely.segmentize(pieces, _STRAIGHT)
         pieces = [shapely.transform(piece, laid) for piece in pieces]
         sound = [each for piece in pieces for each in _valid(piece) if each.area > 0]

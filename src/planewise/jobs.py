@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.depth_files import DepthFile, read_depth
 from planewise.errors import PlanewiseError
 from planewise.result_files import FILES, OUTLINE_FILES, output_folder, write_results
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
-    from planewise.detect import Options
     from planewise.model import PlaneModel
+    from planewise.options import Options
 
 _PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".bmp", ".tif", ".tiff")
 
@@ -62,7 +62,7 @@ class Job:
         Range, resolution and noise.
     options : Options
         How to search.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         Intrinsics.
     depth_scale : float, optional
         Metres per unit of integer depth.
@@ -76,7 +76,7 @@ class Job:
 
     sensor: Sensor
     options: Options
-    camera: PinholeCamera | None = None
+    camera: Camera | None = None
     depth_scale: float | None = None
     rgb: Path | None = None
     outlines: bool = False
@@ -119,7 +119,7 @@ class Job:
                 self._write_outlines(folder, model, camera)
         return Done(model=model, seconds=seconds, folder=target)
 
-    def _write_outlines(self, folder: Path, model: PlaneModel, camera: PinholeCamera) -> None:
+    def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.image_outlines import outline_image
         from planewise.outline_files import write_outlines
 
@@ -171,15 +171,15 @@ class Job:
 
 def find_planes(
     depth: NDArray[np.generic],
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     depth_scale: float | None,
     options: Options,
     rgb: NDArray[np.uint8] | None = None,
 ) -> tuple[PlaneModel, float]:
     """Detect planes and say how many seconds it took."""
-    from planewise.detect import find
     from planewise.observation import observe
+    from planewise.search import find
 
     started = time.perf_counter()
     model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options, rgb=rgb)

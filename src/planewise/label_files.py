@@ -7,7 +7,7 @@ import zipfile
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".npy", ".npz")
 _RESULT = "labels.png"
 _PARAMETERS = "planes.json"
+
+STORE_FILE = "store.json"
+"""What a store is known by."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,29 +43,38 @@ class LabelFile:
     planes: NDArray[np.float64] | None = None
 
 
+@runtime_checkable
+class Labelled(Protocol):
+    """A frame whose labels are not in a file of their own, such as one of a store."""
+
+    def read(self) -> LabelFile:
+        """Read them; raise `PlanewiseError` where that cannot be done."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class Pairs:
     """Frames of two folders.
 
     Attributes
     ----------
-    paired : tuple of (str, Path, Path)
+    paired : tuple of (str, Path or Labelled, Path)
         Name, predicted and true file of the frames that both hold.
     only_predicted, only_true : tuple of str
         Names that the other folder lacks.
     """
 
-    paired: tuple[tuple[str, Path, Path], ...]
+    paired: tuple[tuple[str, Path | Labelled, Path], ...]
     only_predicted: tuple[str, ...] = ()
     only_true: tuple[str, ...] = ()
 
 
-def read_labels(path: str | Path, *, name: str = "labels") -> LabelFile:
+def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFile:
     """Read one label image.
 
     Parameters
     ----------
-    path : path
+    path : path or Labelled
         A grey or indexed PNG of 8 or 16 bits, an array of integers (``.npy``), or an archive
         (``.npz``) with the key ``labels``, ``gt`` or ``plane_instance`` (NYUv2-Plane). An archive
         may also hold ``depth`` (0 or NaN where there is no reading) and ``planes``; beside a
@@ -80,6 +92,8 @@ def read_labels(path: str | Path, *, name: str = "labels") -> LabelFile:
     PlanewiseError
         If the file is missing, damaged, too large, or holds no labels.
     """
+    if isinstance(path, Labelled):
+        return path.read()
     path = Path(path)
     if not path.is_file():
         raise PlanewiseError(f"{name}: there is no file {path}")
@@ -108,7 +122,8 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     ----------
     predicted, truth : Path
         Label images, or folders of them. A subfolder with a ``labels.png``, as `planewise detect`
-        writes one for each frame, is the frame of the subfolder's name.
+        writes one for each frame, is the frame of the subfolder's name. `predicted` may be a
+        store that `planewise batch` wrote.
 
     Raises
     ------
@@ -119,12 +134,16 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     for name, path in (("predicted", predicted), ("truth", truth)):
         if not path.exists():
             raise PlanewiseError(f"{name}: there is no file or folder {path}")
+    if (predicted / STORE_FILE).is_file():
+        from planewise.batch.store_pairs import pair_store
+
+        return pair_store(predicted, truth)
     if predicted.is_dir() != truth.is_dir():
         folder = "predicted" if predicted.is_dir() else "truth"
         raise PlanewiseError(f"{folder} is a folder and the other is not; give two of a kind")
     if not predicted.is_dir():
         return Pairs(paired=((_stem(truth), predicted, truth),))
-    found, true = _by_stem(predicted), _by_stem(truth)
+    found, true = label_images(predicted), label_images(truth)
     pairs = Pairs(
         paired=tuple((stem, found[stem], true[stem]) for stem in true if stem in found),
         only_predicted=tuple(stem for stem in found if stem not in true),
@@ -142,7 +161,14 @@ def _stem(path: Path) -> str:
     return path.parent.name if path.name == _RESULT and path.parent.name else path.stem
 
 
-def _by_stem(folder: Path) -> dict[str, Path]:
+def label_images(folder: Path) -> dict[str, Path]:
+    """Label images of a folder by name without ending, in natural order.
+
+    Raises
+    ------
+    PlanewiseError
+        If it holds two of one name.
+    """
     files: dict[str, Path] = {}
     for path in sorted(folder.iterdir(), key=natural_order):
         file = path / _RESULT if path.is_dir() else path

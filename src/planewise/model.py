@@ -27,7 +27,8 @@ class Plane:
     count : int
         Readings on it.
     rms : float
-        Root mean square residual in metres (along the ray for depth images).
+        Root mean square residual in metres: along the ray for depth images, across the plane for
+        range images and points.
     centroid : ndarray, shape (n,)
         Mean of its readings in space, metres.
     covariance : ndarray, shape (n + 1, n + 1)
@@ -42,7 +43,9 @@ class Plane:
     area : float
         Area its readings cover, in square metres; NaN for free points.
     bounding_box : tuple of int
-        (top, left, bottom, right) in pixels, the last two exclusive; empty for free points.
+        (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an
+        image all the way round, the shortest run of columns that holds the plane: across the end of
+        the image, right is more than its width, and columns count on from there.
     """
 
     normal: Array

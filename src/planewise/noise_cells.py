@@ -55,7 +55,7 @@ class NoiseCells:
     centroid : ndarray, shape (2, cells)
         Undistorted pixel coordinates about the principal point.
     inverse : ndarray
-        w at the centroid, 1 / m.
+        w at the centroid, 1 / m; of a LiDAR along the axis of its sector.
     usable : ndarray of bool
         Whether the cell has enough readings and is not rougher than any sensor.
     grid : (int, int)
@@ -104,11 +104,14 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
     side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
     rows, columns = -(-height // side), -(-width // side)
     planes = np.empty((rows * columns, kernels.PLANE))
+    pixel_size = np.array(observation.pixel_size)
+    rays, z = observation.in_sectors()
+    in_range = z is not observation.depth
     kernels.cell_planes(
         observation.index,
-        observation.depth,
-        observation.rays,
-        1.0 / np.array(observation.pixel_size),
+        z,
+        rays,
+        1.0 / pixel_size,
         width,
         side,
         columns,
@@ -117,11 +120,15 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
     )
     count, x, y, inverse, slope_x, slope_y, squares = planes.T
     with np.errstate(invalid="ignore", divide="ignore"):
-        depth = 1.0 / inverse
-        variance = squares / (count - 3.0) * depth**4
+        # Where readings are ranges, z along the axis of a sector is that much shorter.
+        across = (x * pixel_size[0]) ** 2 + (y * pixel_size[1]) ** 2 if in_range else 0.0
+        longer = np.sqrt(1.0 + across)
+        along = 1.0 / inverse
+        depth = longer * along
+        variance = squares / (count - 3.0) * along**4 * longer**2
         usable = (count >= _FILLED * side**2) & (np.sqrt(variance) < _NO_PLANE * depth)
         step = _steps_at(np.where(usable, depth, 0.0), observation.depth)
-        crossed = np.abs((slope_x, slope_y)) * side * depth**2 / step
+        crossed = np.abs((slope_x, slope_y)) * side * along**2 * longer / step
     quantised = usable & (step > 0)
     followed, mean = _harmonics(np.minimum(crossed, _MOST_CROSSED), quantised)
     return NoiseCells(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.correlated_noise import shared_ratio
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, proportional
 from planewise.noise_cells import NoiseCells, blurred, noise_cells
@@ -136,7 +136,7 @@ class NoiseEstimate:
 
 def estimate_noise(
     depth: ArrayLike,
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     *,
     depth_scale: float | None = None,
@@ -148,7 +148,7 @@ def estimate_noise(
     ----------
     depth : array_like, shape (H, W)
         As in `planewise.detect_planes`.
-    camera : PinholeCamera
+    camera : Camera
         Intrinsics.
     sensor : Sensor
         Range and resolution; its noise is not used, its parts only where the image cannot tell.
@@ -180,7 +180,7 @@ def estimate_noise(
 
 
 def cells_of_frame(
-    depth: ArrayLike, camera: PinholeCamera, sensor: Sensor, depth_scale: float | None
+    depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
 ) -> NoiseCells:
     """What one frame says about the noise of its sensor."""
     return noise_cells(observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale))

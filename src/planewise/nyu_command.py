@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise import terminal
+from planewise.camera import PinholeCamera
 from planewise.camera_files import read_camera
 from planewise.command_line import (
     CAMERA_HELP,
@@ -87,7 +88,7 @@ def nyu(
             raise PlanewiseError(f"limit must be at least 1, got {limit}")
 
         from planewise.datasets.nyu import open_nyu
-        from planewise.detect import Options
+        from planewise.options import Options
         from planewise.reproduce.nyu import (
             COLUMNS,
             MEANING,
@@ -99,6 +100,8 @@ def nyu(
         )
 
         known = None if camera is None else read_camera(camera)
+        if known is not None and not isinstance(known, PinholeCamera):
+            raise PlanewiseError(f"camera: {camera} is a LiDAR; the dataset's is a pinhole camera")
         dataset = open_nyu(
             data,
             truth=truth,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor
@@ -117,7 +117,7 @@ class RayObservation(Observation):
 
     shape: tuple[int, int]
     image: DepthImage
-    camera: PinholeCamera
+    camera: Camera
     sensor: Sensor
     estimate: NoiseEstimate | None = None
 
@@ -159,15 +159,32 @@ class RayObservation(Observation):
         """Direction of each reading, shape (3, k): the point is depth * ray."""
         return self.camera.ray_rows(self.shape).take(self.index, axis=1)
 
+    @property
+    def ranges(self) -> bool:
+        """Whether depth is the distance from the sensor: of a LiDAR."""
+        return self.camera.sectors(self.shape).ratio is not None
+
+    def in_sectors(self) -> tuple[Array, Array]:
+        """Rays as (u, v, 1) in the sector of each, shape (3, k), and depth along its axis, (k,)."""
+        sectors = self.camera.sectors(self.shape)
+        if sectors.ratio is None:
+            return self.rays, self.depth
+        x, y, ratio = (
+            sectors.image(image).reshape(-1)[self.index].astype(np.float64)
+            for image in (sectors.x, sectors.y, sectors.ratio)
+        )
+        u, v = sectors.metres(x, y)
+        return np.stack((u, v, np.ones(self.count))), self.depth * ratio
+
     @cached_property
     def solid(self) -> Array:
-        """Area that each pixel covers on the plane z = 1, in square metres, shape (k,)."""
+        """Area that each pixel covers where readings are 1, in square metres, shape (k,)."""
         return self.camera.pixel_area(self.shape).take(self.index)
 
     @property
     def pixel_size(self) -> tuple[float, float]:
-        """Width and height of a pixel on the plane z = 1, in metres: 1 / fx, 1 / fy."""
-        return 1.0 / self.camera.fx, 1.0 / self.camera.fy
+        """Width and height of a pixel at one metre, in metres."""
+        return self.camera.pixel_size
 
     @property
     def parts(self) -> ErrorParts | None:
@@ -268,7 +285,7 @@ class PointObservation(Observation):
 
 def observe(
     depth: ArrayLike,
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     *,
     depth_scale: float | None = None,
@@ -281,8 +298,8 @@ def observe(
     depth : array_like, shape (H, W)
         Floating point: metres. Integer: units of `depth_scale`. 0, NaN, infinity and readings
         outside the sensor's range are "no reading".
-    camera : PinholeCamera
-        Its intrinsics.
+    camera : Camera
+        Its rays.
     sensor : Sensor
         Its range, resolution and noise. The noise of integer depth is evaluated once per value;
         noise "auto" is estimated from the image (`planewise.estimate_noise`).

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
-from planewise.camera import PinholeCamera
 from planewise.evaluate import FEWEST_PARTS, Assignment, Evaluator, part_count
 from planewise.frame import Frame
 from planewise.kernels import readings as kernels
@@ -107,6 +106,7 @@ def describe(
     gains: Array,
     square: Array,
     workers: int = 1,
+    **told: list[float],
 ) -> list[Plane]:
     """Planes with the statistics of their readings, in the order of their labels.
 
@@ -124,12 +124,16 @@ def describe(
         What each reading saves, in nats, and its squared residual, in square metres.
     workers : int
         Threads.
+    **told
+        What else is known of each plane, by the names of `Plane`.
     """
     parts = part_count(observation.count)
     sums = np.empty((parts, len(rows), 4 + observation.dimension))
     boxes = np.empty((parts, len(rows), 4), np.int64)
     if isinstance(observation, RayObservation):
         direction, depth, solid = observation.rays, observation.depth, observation.solid
+        if observation.ranges:
+            square = _across(rows, labels, direction, depth)
     else:
         direction = observation.positions().T.copy()
         depth, solid = np.ones(observation.count), np.zeros(observation.count)
@@ -144,16 +148,85 @@ def describe(
     )
     total = sums.sum(axis=0)
     box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
-    image = isinstance(observation, RayObservation) and len(observation.shape) == 2
+    image = isinstance(observation, RayObservation)
+    if isinstance(observation, RayObservation) and observation.camera.wraps:
+        box = _around(box, labels, *where, len(rows))
     return [
-        _plane(row, covariances[j], total[j], box[j] if image else None)
+        _plane(
+            row,
+            covariances[j],
+            total[j],
+            box[j] if image else None,
+            {name: told[name][j] for name in told},
+        )
         for j, row in enumerate(rows)
     ]
 
 
+def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:
+    """Squared distances of readings to their planes, normal . x + distance.
+
+    Many rays of a LiDAR graze the ground: distances along them say little.
+    """
+    mine = np.vstack((np.zeros((1, 4)), rows))[labels]
+    facing = np.einsum("ik,ki->k", direction, mine[:, :3])
+    return np.asarray((ranges * facing + mine[:, 3]) ** 2)
+
+
+def _around(
+    box: NDArray[np.int64],
+    labels: NDArray[np.integer],
+    index: NDArray[np.int64],
+    width: int,
+    planes: int,
+) -> NDArray[np.int64]:
+    """Boxes of planes in a panorama: columns between their widest gap, beyond the last if need be.
+
+    The columns of a plane that lies across the end of the image are left ... right - 1, of which
+    those from `width` on are the first ones of the image.
+    """
+    there = np.zeros((planes + 1, width), bool)
+    there[labels, index % width] = True
+    out = box.copy()
+    for j in range(planes):
+        columns = np.flatnonzero(there[j + 1])
+        gaps = np.diff(columns, append=columns[:1] + width)
+        if columns.size and gaps[:-1].max(initial=0) > gaps[-1]:
+            widest = int(gaps[:-1].argmax())
+            out[j, 1], out[j, 3] = columns[widest + 1], columns[widest] + width + 1
+    return out
+
+
+def describe_labels(
+    observation: RayObservation,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.uint16],
+    **told: list[float],
+) -> list[Plane]:
+    """`describe` for a label image of ranges.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        The readings.
+    rows : ndarray, shape (N, 4)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, 4, 4)
+        Of the rows.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
+    **told
+        What else is known of each plane, by the names of `Plane`.
+    """
+    mine = labels.reshape(-1)[observation.index]
+    nothing = np.zeros(mine.size)
+    return describe(observation, rows, covariances, mine, nothing, nothing, 1, **told)
+
+
 def describe_image(
     frame: Frame,
-    camera: PinholeCamera,
+    area: Array,
     affine: Array,
     rows: Array,
     covariances: Array,
@@ -169,8 +242,8 @@ def describe_image(
     ----------
     frame : Frame
         The readings.
-    camera : PinholeCamera
-        That took them.
+    area : ndarray, shape (H, W)
+        That each pixel covers on the plane z = 1, in square metres.
     affine : ndarray, shape (N, 3)
         (t0, t1, t2) of w = t0 + t1 x + t2 y, the planes that residuals are taken to.
     rows : ndarray, shape (N, 4)
@@ -194,12 +267,11 @@ def describe_image(
     ranked = np.empty_like(labels)
     sums = np.empty((len(rows), 7))
     boxes = np.empty((len(rows), 4), np.int64)
-    one = np.array([[1.0 / (camera.fx * camera.fy)]])
-    solid = camera.pixel_area(labels.shape) if any(camera.distortion) else one
+    solid = area[:1, :1] if frame.straight else area  # the same of all pixels
     plane_sums(
         labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ranked, sums, boxes
     )
-    sums[:, 4:6] *= UNIT / camera.fx, UNIT / camera.fy
+    sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
     planes = [
         _plane(row, covariances[j], sums[j], boxes[j], {name: told[name][j] for name in told})
         for j, row in enumerate(rows)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise._version import __version__
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import Plane, PlaneModel
 from planewise.point_cloud import PointCloud
@@ -134,7 +134,7 @@ def write_results(
     model: PlaneModel,
     *,
     depth: NDArray[Any],
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     depth_scale: float | None = None,
     rgb: NDArray[np.uint8] | None = None,
@@ -192,7 +192,7 @@ def depth_in_metres(
 def describe_model(
     model: PlaneModel,
     *,
-    camera: PinholeCamera,
+    camera: Camera,
     sensor: Sensor,
     depth: NDArray[Any],
     depth_scale: float | None = None,
@@ -215,7 +215,7 @@ def describe_model(
     return _describe(
         model,
         sensor,
-        frame="x right, y down, z forward; normal . x + distance = 0 with distance >= 0",
+        frame=f"{camera.frame}; normal . x + distance = 0 with distance >= 0",
         camera=camera.describe(),
         what={
             "file": source,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import noise, sensors
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.furniture import Block, Room, Solid, furnish
 from planewise.scene import Scene, Seed
 
@@ -29,7 +29,7 @@ _GRAZING = 0.10  # cosine of incidence below which the pattern is not found
 
 
 @dataclass(frozen=True, kw_only=True)
-class _View:
+class View:
     """Where the camera stands: columns of `rotation` are its axes x, y, z in the world."""
 
     position: Array
@@ -70,13 +70,13 @@ def room(
     rng = np.random.default_rng(seed)
     solids, view = _arrange(rng)
     camera = _camera(size)
-    hit = _cast(solids, view, camera, size)
+    hit = cast(solids, view, camera, size)
     lamp = _lamp(solids)
     rgb = _picture(solids, view, camera, size, hit, lamp, rng)
     lost = np.zeros(size, bool)
     if holes:
         lost = _shadowed(hit.depth, camera) | (hit.cosine < _GRAZING) | _blotches(size, rng)
-    labels, planes = _truth(solids, view, hit, ~lost)
+    labels, planes = truth(solids, view, hit, ~lost)
 
     noise_model = noise.KINECT if sigma is None else noise.constant(sigma)
     z = hit.depth + noise_model(hit.depth) * rng.standard_normal(size)
@@ -98,20 +98,20 @@ def _camera(size: tuple[int, int]) -> PinholeCamera:
     return PinholeCamera(fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
 
 
-def _arrange(rng: np.random.Generator) -> tuple[list[Solid], _View]:
+def _arrange(rng: np.random.Generator) -> tuple[list[Solid], View]:
     """Furnish rooms until one shows a fair number of planes, judged on a small preview."""
     camera = _camera(_PREVIEW)
     for _ in range(_ATTEMPTS):
         solids = furnish(rng)
         view = _stand(solids[0], rng)
-        hit = _cast(solids, view, camera, _PREVIEW)
-        _, planes = _truth(solids, view, hit, np.ones(_PREVIEW, bool))
+        hit = cast(solids, view, camera, _PREVIEW)
+        _, planes = truth(solids, view, hit, np.ones(_PREVIEW, bool))
         if _FEWEST <= len(planes) <= _MOST and hit.depth.min() > 0.7:
             return solids, view
     raise AssertionError("no room with a fair number of planes")  # pragma: no cover
 
 
-def _stand(walls: Solid, rng: np.random.Generator) -> _View:
+def _stand(walls: Solid, rng: np.random.Generator) -> View:
     """Put the camera by the near wall, at eye height, looking into the room and down."""
     half = walls.half
     position = np.array(
@@ -125,11 +125,11 @@ def _stand(walls: Solid, rng: np.random.Generator) -> _View:
     roll = math.radians(rng.uniform(-3, 3))
     down = np.cross(forward, right)
     x = math.cos(roll) * right + math.sin(roll) * down
-    return _View(position=position, rotation=np.column_stack((x, np.cross(forward, x), forward)))
+    return View(position=position, rotation=np.column_stack((x, np.cross(forward, x), forward)))
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Hits:
+class Hits:
     """First surface on every ray: which face of which solid, how far, and at what incidence."""
 
     solid: NDArray[np.intp]
@@ -139,7 +139,8 @@ class _Hits:
     cosine: Array
 
 
-def _cast(solids: list[Solid], view: _View, camera: PinholeCamera, size: tuple[int, int]) -> _Hits:
+def cast(solids: list[Solid], view: View, camera: Camera, size: tuple[int, int]) -> Hits:
+    """First surface on the ray of every pixel; every ray has to meet one."""
     rays = camera.rays(size).reshape(-1, 3) @ view.rotation.T
     origin = np.broadcast_to(view.position, rays.shape)
     depth = np.full(len(rays), np.inf)
@@ -157,7 +158,7 @@ def _cast(solids: list[Solid], view: _View, camera: PinholeCamera, size: tuple[i
         points = view.position + depth[at, None] * rays[at]
         normal[at] = solids[number].normal(points, face[at])
     cosine = -np.einsum("ij,ij->i", normal, rays) / np.linalg.norm(rays, axis=1)
-    return _Hits(
+    return Hits(
         solid=solid.reshape(size),
         face=face.reshape(size),
         depth=depth.reshape(size),
@@ -166,11 +167,11 @@ def _cast(solids: list[Solid], view: _View, camera: PinholeCamera, size: tuple[i
     )
 
 
-def _in_view(
-    thing: Solid, view: _View, camera: PinholeCamera, size: tuple[int, int]
-) -> NDArray[np.intp]:
+def _in_view(thing: Solid, view: View, camera: Camera, size: tuple[int, int]) -> NDArray[np.intp]:
     """Flat indices of the pixels whose rays can meet the solid."""
     height, width = size
+    if not isinstance(camera, PinholeCamera):
+        return np.arange(height * width)
     seen = (thing.corners() - view.position) @ view.rotation
     if isinstance(thing, Room) or seen[:, 2].min() < 0.05:
         return np.arange(height * width)
@@ -181,8 +182,8 @@ def _in_view(
     return flat.reshape(-1)
 
 
-def _truth(
-    solids: list[Solid], view: _View, hit: _Hits, seen: NDArray[np.bool_]
+def truth(
+    solids: list[Solid], view: View, hit: Hits, seen: NDArray[np.bool_]
 ) -> tuple[NDArray[np.uint16], Array]:
     """Label the flat faces that are large enough, largest first; planes in the camera frame."""
     faces = np.where(seen, hit.solid * 6 + hit.face, -1)
@@ -209,10 +210,10 @@ def _lamp(solids: list[Solid]) -> Array:
 
 def _picture(
     solids: list[Solid],
-    view: _View,
+    view: View,
     camera: PinholeCamera,
     size: tuple[int, int],
-    hit: _Hits,
+    hit: Hits,
     lamp: Array,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:

@@ -55,8 +55,9 @@ class Runs:
     def of(cls, a: Array, s: Array, tau: Array, workers: int) -> Runs:
         """Put readings in runs: a (3, k), s (k,), tau (k,)."""
         order = np.empty(s.size, np.int32)
+        flat = _flattened(a)
         threads.over_chunks(
-            lambda first, last: kernels.order_rays(a, s, first, last, order),
+            lambda first, last: kernels.order_rays(flat, s, first, last, order),
             -(-s.size // kernels.STRIP),
             workers,
         )
@@ -107,3 +108,15 @@ class Runs:
         # A plane that is out has a total above best, as its rest is not negative.
         pick = int(np.argmin(total))
         return pick, float(total[pick])
+
+
+def _flattened(a: Array) -> Array:
+    """Rays as (u, v, 1) by which readings are near to each other, whitened as they are.
+
+    Those of a panorama point in all directions: then u and v are azimuth and elevation.
+    """
+    if (a[2] > 0).all():
+        return a
+    length = np.linalg.norm(a, axis=0)
+    around, up = np.arctan2(a[1], a[0]), np.arcsin(np.clip(a[2] / length, -1, 1))
+    return np.stack((around * length, up * length, length))

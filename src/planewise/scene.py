@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -23,8 +23,8 @@ class Scene:
     depth : ndarray of uint16, shape (H, W)
         Readings in millimetres, 0 where there is none; float metres for scenes made with
         ``quantise=False``.
-    camera : PinholeCamera
-        Its intrinsics.
+    camera : Camera
+        Its rays.
     sensor : Sensor
         Its range, resolution and true noise.
     labels : ndarray of uint16, shape (H, W)
@@ -36,7 +36,7 @@ class Scene:
     """
 
     depth: NDArray[np.uint16] | Array
-    camera: PinholeCamera
+    camera: Camera
     sensor: Sensor
     labels: NDArray[np.uint16]
     planes: Array

@@ -1,6 +1,7 @@
-"""Synthetic scenes with exact truth: the paper's test images, and furnished rooms.
+"""Synthetic scenes with exact truth: the paper's test images, furnished rooms, and streets.
 
-All have a pinhole camera without distortion and metres or millimetres of depth.
+Streets have a spherical camera, the others a pinhole camera without distortion; depth is in metres
+or millimetres.
 """
 
 from __future__ import annotations
@@ -15,8 +16,18 @@ from planewise.noise import constant
 from planewise.rooms import room
 from planewise.scene import Array, Scene, Seed
 from planewise.sensor import Sensor
+from planewise.streets import street
 
-__all__ = ["Scene", "corner", "flatness", "room", "staircase", "t_junction", "two_planes"]
+__all__ = [
+    "Scene",
+    "corner",
+    "flatness",
+    "room",
+    "staircase",
+    "street",
+    "t_junction",
+    "two_planes",
+]
 
 _VGA = (480, 640)
 

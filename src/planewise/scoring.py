@@ -11,7 +11,7 @@ from pathlib import Path
 
 from planewise.errors import PlanewiseError
 from planewise.jobs import Failed
-from planewise.label_files import Pairs, read_labels
+from planewise.label_files import Labelled, Pairs, read_labels
 from planewise.metrics import MINIMUM_PIXELS, FrameScores, evaluate
 from planewise.whole_files import written_whole
 
@@ -42,7 +42,7 @@ class Scoring:
             tolerance=self.tolerance,
         )
 
-    def run(self, predicted: Path, truth: Path) -> FrameScores:
+    def run(self, predicted: Path | Labelled, truth: Path) -> FrameScores:
         """Score one file against another.
 
         Raises
@@ -74,7 +74,7 @@ class Scoring:
             try:
                 yield Scored(name=name, scores=self.run(predicted, truth))
             except (ValueError, OSError) as error:
-                yield Failed(path=predicted, reason=f"{name}: {error}")
+                yield Failed(path=truth, reason=f"{name}: {error}")
 
 
 def check_table(path: Path, pairs: Pairs) -> None:
@@ -91,7 +91,8 @@ def check_table(path: Path, pairs: Pairs) -> None:
         raise PlanewiseError(f"output: the scores are a .csv file, got {path.name}")
     if path.parent.exists() and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
         raise PlanewiseError(f"output: {path.parent} is not a folder that can be written to")
-    inputs = {each.resolve() for _, *files in pairs.paired for each in files}
+    files = (each for _, *both in pairs.paired for each in both if isinstance(each, Path))
+    inputs = {each.resolve() for each in files}
     if path.resolve() in inputs:
         raise PlanewiseError(f"output: {path} would be written over; choose another file")
 

@@ -58,17 +58,31 @@ def save(sensor: Sensor, path: str | Path, *, calibration: Mapping[str, Any] | N
         "schema": SCHEMA,
         "schema_version": SCHEMA_VERSION,
         "planewise_version": __version__,
-        **{key: getattr(sensor, name) for key, name in _LENGTHS.items()},
-        "noise": _terms(sensor.noise),
-        "parts": None,
+        **describe_exactly(sensor),
     }
-    if sensor.parts is not None:
-        record["parts"] = {key: _terms(getattr(sensor.parts, n)) for key, n in _PARTS.items()}
     if calibration is not None:
         record["calibration"] = dict(calibration)
     text = json.dumps(record, indent=2, allow_nan=False) + "\n"
     with written_whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+def describe_exactly(sensor: Sensor) -> dict[str, Any]:
+    """Say in plain types what a sensor is, so that it can be made again from them.
+
+    Raises
+    ------
+    PlanewiseError
+        As `save`.
+    """
+    parts = sensor.parts
+    return {
+        **{key: getattr(sensor, name) for key, name in _LENGTHS.items()},
+        "noise": _terms(sensor.noise),
+        "parts": None
+        if parts is None
+        else {k: _terms(getattr(parts, n)) for k, n in _PARTS.items()},
+    }
 
 
 def load(path: str | Path) -> Sensor:

@@ -1,9 +1,10 @@
-"""Presets of depth sensors that people own, each with the source of its numbers.
+"""Presets of depth sensors and LiDAR that people own, each with the source of its numbers.
 
 A data sheet states limits, not your device: where you can, estimate the noise of your own sensor
 (``planewise calibrate``) and `load` it.
-Every preset reports depth in millimetres, which is its resolution. How much of its error a sensor's
-neighbouring readings share was measured for the Kinect only; for the others each frame tells.
+Depth cameras report millimetres, which is their resolution; LiDAR have steps of their own, and
+their depth is range. How much of its error a sensor's neighbouring readings share was measured for
+the Kinect only; for the others each frame tells.
 """
 
 from __future__ import annotations
@@ -18,11 +19,17 @@ __all__ = [
     "IPHONE_LIDAR",
     "KINECT_V1",
     "NYU",
+    "OUSTER_OS0",
+    "OUSTER_OS1",
     "PRESETS",
     "REALSENSE_D415",
     "REALSENSE_D435",
     "REALSENSE_D455",
     "STRUCTURE",
+    "VELODYNE_HDL32E",
+    "VELODYNE_HDL64E",
+    "VELODYNE_VLP16",
+    "VELODYNE_VLS128",
     "load",
     "save",
 ]
@@ -80,6 +87,35 @@ IPHONE_LIDAR = Sensor(max_depth=5.0, resolution=0.001, noise=noise.constant(0.01
 """Apple iPhone and iPad Pro LiDAR (256 x 192 depth map of ARKit). Range 5 m, accuracy +-1 cm
 (Luetzenburg, Kroon, Bjoerk, Scientific Reports 2021)."""
 
+OUSTER_OS0 = Sensor(min_depth=0.3, max_depth=50.0, resolution=0.001, noise=noise.constant(0.03))
+"""Ouster OS0: 0.3-50 m, resolution 1 mm. Noise: as of the OS1, its kin."""
+
+OUSTER_OS1 = Sensor(min_depth=0.8, max_depth=120.0, resolution=0.012, noise=noise.constant(0.03))
+"""Ouster OS1. Data sheet of the first generation: 0.8-120 m, range resolution 1.2 cm, one standard
+deviation of 1.5 cm with a strong and 3 cm with a fair signal, of which the latter is taken; later
+ones report millimetres (give ``resolution=0.001``)."""
+
+VELODYNE_VLP16 = Sensor(
+    min_depth=0.5, max_depth=100.0, resolution=0.002, noise=noise.constant(0.03)
+)
+"""Velodyne VLP-16. User manual: up to 100 m, steps of 2 mm, accuracy +-3 cm (typical)."""
+
+VELODYNE_HDL32E = Sensor(
+    min_depth=0.5, max_depth=100.0, resolution=0.002, noise=noise.constant(0.02)
+)
+"""Velodyne HDL-32E. User manual: up to 100 m, steps of 2 mm, accuracy +-2 cm (one sigma)."""
+
+VELODYNE_HDL64E = Sensor(
+    min_depth=0.9, max_depth=120.0, resolution=0.002, noise=noise.constant(0.02)
+)
+"""Velodyne HDL-64E. User manual: up to 120 m, steps of 2 mm, accuracy below 2 cm (one sigma)."""
+
+VELODYNE_VLS128 = Sensor(
+    min_depth=0.5, max_depth=245.0, resolution=0.004, noise=noise.constant(0.03)
+)
+"""Velodyne VLS-128 (Alpha Prime). Data sheet: up to 245 m, steps of 4 mm, accuracy +-3 cm
+(typical)."""
+
 PRESETS: dict[str, Sensor] = {
     "kinect-v1": KINECT_V1,
     "nyu": NYU,
@@ -90,5 +126,11 @@ PRESETS: dict[str, Sensor] = {
     "gemini-2-xl": GEMINI_2_XL,
     "structure": STRUCTURE,
     "iphone-lidar": IPHONE_LIDAR,
+    "ouster-os0": OUSTER_OS0,
+    "ouster-os1": OUSTER_OS1,
+    "velodyne-vlp16": VELODYNE_VLP16,
+    "velodyne-hdl32e": VELODYNE_HDL32E,
+    "velodyne-hdl64e": VELODYNE_HDL64E,
+    "velodyne-vls128": VELODYNE_VLS128,
 }
 """Names of the presets at the command line."""

@@ -19,13 +19,17 @@ from planewise.information import plane_information
 from planewise.kernels import borders
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
-from planewise.kernels.cells import COUNT, FREE, MISFIT, UNIT
+from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.observation import RayObservation
+from planewise.seams import Neighbours, neighbours
+from planewise.sectors import Sectors
+from planewise.segments import Segments
 from planewise.spatial_labels import (
     affine_planes,
     information_matrices,
     label_planes,
     residual_correlation,
+    sector_of_units,
 )
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -52,13 +56,13 @@ class Segmentation:
     Attributes
     ----------
     covariance : ndarray, shape (N, 3, 3)
-        Of theta (`turn_to_theta`), the error that near readings share included.
-    labels : ndarray of uint16, shape (H, W)
-        0 for none, j for row j - 1.
+        Of theta (`sectors`), the error that near readings share included.
+    labels : ndarray of uint16, shape (H, W')
+        In sectors: 0 for none, n K + k + 1 for plane n in sector k of K.
     significance : ndarray, shape (N,)
         Nats that each plane saves against a smooth surface, all its costs paid.
-    affine : ndarray, shape (N, 3)
-        The same planes as w = t0 + t1 x + t2 y (`cells.Frame`).
+    affine : ndarray, shape (N K, 3)
+        The same planes as w = t0 + t1 x + t2 y (`frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
         Of cells side by side on each plane (`spatial_labels`).
     left_out : int
@@ -106,72 +110,34 @@ def segment(
     """
     workspace = workspace or Workspace()
     if cells is None:
-        return _nothing(observation.shape)
+        return _nothing(frame.w.shape)
     cost = plane_information(3, observation.range, observation.resolution)
     with stage("segments"), workspace.stage():
-        segments, discords = _agglomerate(cells, cost, workspace)
-        worth, accepted = _accept(cells, discords, segments, cost, significance, workspace)
-        chosen, owner, planes = _join_through_gaps(segments, worth, accepted, instances)
+        segments, beside = _agglomerate(cells, frame.sectors, cost, workspace)
+        worth, accepted = _accept(beside, segments, cost, significance, workspace)
+        chosen, owner, planes = _join_through_gaps(
+            segments, worth, accepted, frame.sectors, instances
+        )
         worth = worth[chosen]
-    left_out = 0 if max_planes is None else max(0, len(planes) - max_planes)
+    count = planes.shape[1]
+    left_out = 0 if max_planes is None else max(0, count - max_planes)
     if max_planes is not None and left_out:
         planes, owner = _most_significant(planes, owner, worth, max_planes)
-    if not len(planes):
-        return _nothing(observation.shape)
+    if not count:
+        return _nothing(frame.w.shape)
     with stage("labels"), workspace.stage():
         rows, labels = label_planes(
             frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace
         )
     kept = owner >= 0
-    total = np.bincount(owner[kept], worth[kept], len(planes))
-    found = _segmentation(cells, rows, labels, np.asarray(total), observation.pixel_size)
+    total = np.bincount(owner[kept], worth[kept], planes.shape[1])
+    found = _segmentation(cells, rows, labels, np.asarray(total), frame.sectors)
     return replace(found, left_out=left_out)
-
-
-@dataclass(frozen=True)
-class Segments:
-    """Segments of a frame.
-
-    Attributes
-    ----------
-    rows, forms : ndarray, shapes (n, 13) and (n, 12)
-        What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
-    drift, offset_prior, slope_prior : ndarray, shape (n,)
-        As of `cells.Cells`.
-    of_unit : ndarray of int32, shape (units,)
-        Segment of every unit.
-    """
-
-    rows: Array
-    forms: Array
-    drift: Array
-    offset_prior: Array
-    slope_prior: Array
-    of_unit: NDArray[np.int32]
-
-    def kept(self, root: NDArray[np.int32]) -> Segments:
-        """Only the roots of segments that were merged."""
-        found = merging.keep_roots(
-            root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
-        )
-        return Segments(
-            rows=self.rows[:found],
-            forms=self.forms[:found],
-            drift=self.drift[:found],
-            offset_prior=self.offset_prior[:found],
-            slope_prior=self.slope_prior[:found],
-            of_unit=root[self.of_unit],
-        )
-
-    def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
-        """Segment of every cell of a grid of units, -1 where there is none."""
-        out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
-        np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
-        return out
 
 
 def planes_within(
     cells: Cells,
+    sectors: Sectors,
     inside: NDArray[np.bool_],
     settled: NDArray[np.bool_],
     cost: float,
@@ -184,6 +150,8 @@ def planes_within(
     ----------
     cells : Cells
         Of the frame, or of a rectangle of it.
+    sectors : Sectors
+        Of the frame; one.
     inside : ndarray of bool, shape (units,)
         Units that may be joined.
     settled : ndarray of bool, shape (units,)
@@ -201,9 +169,9 @@ def planes_within(
         Units of a plane, its (t0, t1, t2), and what it saves in nats; the best first.
     """
     grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
-    segments, discords = _agglomerate(cells, cost, workspace, grid)
+    segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
     worth, accepted = _accept(
-        cells, discords, segments, cost, significance, workspace, settled & ~inside
+        replace(beside, grid=cells.grid), segments, cost, significance, workspace, settled & ~inside
     )
     mine = np.zeros(len(worth), np.bool_)
     mine[segments.of_unit[inside]] = True
@@ -219,11 +187,15 @@ def planes_within(
 
 
 def _agglomerate(
-    cells: Cells, cost: float, workspace: Workspace, grid: NDArray[np.int32] | None = None
-) -> tuple[Segments, Array]:
+    cells: Cells,
+    sectors: Sectors,
+    cost: float,
+    workspace: Workspace,
+    grid: NDArray[np.int32] | None = None,
+) -> tuple[Segments, Neighbours]:
     """Merge neighbouring cells into segments; those of `grid` only, where it is given.
 
-    Returns the discord across every side that two units share, too: to the right, and below.
+    Returns which cells are neighbours, too.
     """
     count, grid = len(cells.rows), cells.grid if grid is None else grid
     forms = workspace.empty((count, comparing.FORM))
@@ -239,6 +211,7 @@ def _agglomerate(
         drift=cells.drift.copy(),
         offset_prior=cells.offset_prior.copy(),
         slope_prior=cells.slope_prior.copy(),
+        home=sector_of_units(cells, sectors),
         of_unit=np.arange(count, dtype=np.int32),
     )
     segments.rows[:, FREE] = free
@@ -262,28 +235,31 @@ def _agglomerate(
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
-    ints, floats = merging.room(sides, len(segments.rows))
+    beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
+    ints, floats = merging.room(beside.sides, len(segments.rows))
     root = root[: len(segments.rows)]
     merging.agglomerate(
-        segments.of_cell(grid, workspace),
-        discords,
+        segments.of_cell(beside.grid, workspace),
+        beside.discords,
         _MERGE_BORDER,
         segments.rows,
         segments.forms,
         segments.drift,
         segments.offset_prior,
         segments.slope_prior,
+        segments.home,
+        sectors.turns,
+        beside.wraps,
         cost,
         root,
         workspace.empty(ints, np.int32),
         workspace.empty(floats),
     )
-    return segments.kept(root), discords
+    return segments.kept(root), beside
 
 
 def _accept(
-    cells: Cells,
-    discords: Array,
+    beside: Neighbours,
     segments: Segments,
     cost: float,
     least: float,
@@ -295,11 +271,13 @@ def _accept(
     Those that do not save as much as part of a plane, whose parameters are paid for. Segments of
     `settled` units are planes, whatever they save.
     """
-    rows, of_cell = segments.rows, segments.of_cell(cells.grid, workspace)
+    rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
     ends = workspace.empty((2 * of_cell.size, 2), np.int32)
     nats = workspace.empty(2 * of_cell.size)
-    found = borders.segment_borders(of_cell, discords, _PLANE_BORDER, border, ends, nats)
+    found = borders.segment_borders(
+        of_cell, beside.discords, _PLANE_BORDER, beside.wraps, border, ends, nats
+    )
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
@@ -310,69 +288,78 @@ def _accept(
 
 
 def _join_through_gaps(
-    segments: Segments, worth: Array, accepted: NDArray[np.bool_], instances: bool
+    segments: Segments,
+    worth: Array,
+    accepted: NDArray[np.bool_],
+    sectors: Sectors,
+    instances: bool,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Join segments of one plane that do not touch.
 
     First accepted ones, then what is left over and saves anything as part of one of those planes.
-    Returns the segments of all planes, the plane of each, and the rows of the planes.
+    Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
     """
     order = np.argsort(-worth, kind="stable")
     chosen = order[accepted[order]]
-    planes, owner = segments.rows[chosen], np.arange(len(chosen))
+    home = segments.home[chosen]
+    planes, owner = sectors.everywhere(segments.rows[chosen], home), np.arange(len(chosen))
     if instances or not len(chosen):
         return chosen, owner, planes
-    forms = segments.forms[chosen]
+    drift = segments.drift[chosen]
+    forms = _forms(planes, drift)
     slope_prior = segments.slope_prior[chosen]
-    merging.join_through_gaps(
-        planes, forms, segments.drift[chosen], slope_prior, _GAP_OFFSET, owner
-    )
+    merging.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
     alive, owner = np.unique(owner, return_inverse=True)
-    planes = planes[alive]
+    planes = planes[:, alive]
     rest = order[~accepted[order] & (worth[order] > 0.0)]
     plane = np.empty(len(rest), np.int64)
+    others = sectors.everywhere(segments.rows[rest], segments.home[rest])
     merging.find_planes(
-        np.vstack((planes, segments.rows[rest])),
-        np.vstack((forms[alive], segments.forms[rest])),
+        np.concatenate((planes, others), axis=1),
+        np.concatenate((forms[:, alive], _forms(others, segments.drift[rest])), axis=1),
+        np.concatenate((home[alive], segments.home[rest])),
         np.concatenate((slope_prior[alive], segments.slope_prior[rest])),
         _GAP_OFFSET,
-        len(planes),
+        planes.shape[1],
         plane,
     )
     part = plane >= 0
     return np.concatenate((chosen, rest[part])), np.concatenate((owner, plane[part])), planes
 
 
+def _forms(rows: Array, drift: Array) -> Array:
+    """Forms (K, n, 12) of segment rows (K, n, 13)."""
+    out = np.empty((*rows.shape[:2], comparing.FORM))
+    for of_sector, forms in zip(rows, out, strict=True):
+        comparing.write_forms(of_sector, drift, forms)
+    return out
+
+
 def _most_significant(
     planes: Array, owner: NDArray[np.int64], worth: Array, most: int
 ) -> tuple[Array, NDArray[np.int64]]:
     """The planes that save most, and owners with -1 for the others' segments."""
-    total = np.bincount(owner, worth, len(planes))
+    total = np.bincount(owner, worth, planes.shape[1])
     keep = np.sort(np.argsort(-total, kind="stable")[:most])
-    place = np.full(len(planes), -1)
+    place = np.full(planes.shape[1], -1)
     place[keep] = np.arange(len(keep))
-    return planes[keep], place[owner]
+    return planes[:, keep], place[owner]
 
 
 def _segmentation(
-    cells: Cells, planes: Array, labels: Labels, worth: Array, pixel_size: tuple[float, float]
+    cells: Cells, planes: Array, labels: Labels, worth: Array, sectors: Sectors
 ) -> Segmentation:
-    """Planes w = t . (1, x, y) of segment rows, with what is said of them."""
+    """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     affine = affine_planes(planes)
-    turn = turn_to_theta(pixel_size)
+    turn = sectors.turn[0]
+    information = information_matrices(planes[:: sectors.count])
     return Segmentation(
-        covariance=turn @ np.linalg.inv(information_matrices(planes)) @ turn.T,
+        covariance=turn @ np.linalg.inv(information) @ turn.T,
         labels=labels,
         significance=worth,
         affine=affine,
-        residual_correlation=residual_correlation(cells, labels, affine),
+        residual_correlation=residual_correlation(cells, labels, affine, sectors),
     )
-
-
-def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
-    """Matrix that makes theta, theta . x = 1 for the points of a plane, of (t0, t1, t2)."""
-    du, dv = pixel_size
-    return np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:

@@ -33,6 +33,7 @@ from planewise.kernels import group_data as loops
 from planewise.kernels import groups as tiles
 from planewise.kernels.frame_error import TILT
 from planewise.mask_code import prefix_mask_information
+from planewise.sectors import Sectors
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -72,9 +73,10 @@ class GroupData:
     ----------
     total : float
         All of them.
-    worth, saved, leaving : ndarray, shape (N + 1,)
-        By label: what its groups take on its plane less what on none, and less what as anything at
-        all; and what those in blocks with one label take more without it.
+    worth, saved : ndarray, shape (N,)
+        By plane: what its groups take on it less what on none, and less what as anything at all.
+    leaving : ndarray, shape (N K + 1,)
+        By label: what groups in blocks with that label alone take more without it.
     """
 
     total: float
@@ -95,8 +97,10 @@ class Groups:
     ----------
     moments, label, first
         As `kernels.groups` writes them.
-    readings : ndarray of int, shape (N + 1,)
+    readings : ndarray of int, shape (N K + 1,)
         Of every label.
+    sectors : Sectors
+        Labels are those of planes in sectors.
     table : tuple
         Variances by depth (shared, step, drift), and rows a metre.
     sizes : tuple of float
@@ -111,19 +115,21 @@ class Groups:
     label: NDArray[np.uint16]
     first: NDArray[np.int32]
     readings: NDArray[np.int64]
+    sectors: Sectors
     table: tuple[Array, Array, Array, float]
     sizes: tuple[float, ...]
     prior: tuple[float, ...]
     nats: Array
 
     def planes(self, affine: Array) -> Array:
-        """Planes by label as `kernels.group_data` takes them, shape (4, N + 1)."""
+        """Planes by label as `kernels.group_data` takes them, shape (4, N K + 1)."""
         by_label = np.zeros((4, len(affine) + 1))
-        by_label[:3, 1:], by_label[3] = affine.T, np.sqrt(self.readings) / kernels.UNIT
+        count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
+        by_label[:3, 1:], by_label[3, 1:] = affine.T, np.sqrt(count) / kernels.UNIT
         return by_label
 
     def data(self, affine: Array) -> GroupData:
-        """What the groups take on planes, shape (N, 3); overwrites `nats`."""
+        """What the groups take on planes, shape (N K, 3); overwrites `nats`."""
         worth, saved, leaving = np.zeros((3, len(affine) + 1))
         shared, step, drift, per_metre = self.table
         alone, data = self.nats
@@ -131,7 +137,8 @@ class Groups:
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
             per_metre, self.sizes, self.prior, alone, data, worth, saved, leaving,
         )  # fmt: skip
-        return GroupData(total, worth, saved, leaving)
+        by_plane = self.sectors.summed
+        return GroupData(total, by_plane(worth[1:]), by_plane(saved[1:]), leaving)
 
 
 def ledger(
@@ -152,10 +159,10 @@ def ledger(
         The readings.
     cells : Cells, optional
         Of the frame; ``None`` if no cell has a plane.
-    affine : ndarray, shape (N, 3)
-        (t0, t1, t2) of w = t0 + t1 x + t2 y.
-    labels : ndarray of int, shape (H, W)
-        0 for none, j for row j - 1.
+    affine : ndarray, shape (N K, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, of every plane in every sector.
+    labels : ndarray of int, shape (H, W')
+        In sectors: 0 for none, j for row j - 1.
     range, resolution : float
         R and eps in metres.
     pixel_size : (float, float)
@@ -182,20 +189,22 @@ def book_of(
     order: NDArray[np.intp] | None = None,
 ) -> Ledger:
     """`ledger` of what the groups of these labels took last, in any order; uses the data up."""
-    worth, saved, leaving = data.worth[1:], data.saved[1:], data.leaving
+    worth, saved, leaving, sectors = data.worth, data.saved, data.leaving, groups.sectors
     planes = len(worth)
     if order is None:
         order = np.argsort(worth, kind="stable")
-    place = np.zeros(planes + 1, np.uint16)
-    place[order + 1] = np.arange(1, planes + 1)
+    place = sectors.places(order, planes)
     loops.groups_left(
         groups.moments, groups.label, groups.first, place, groups.prior, groups.nats[1], leaving
     )
     curve = np.full(planes + 1, data.total)
     # Planes are taken away from the last on.
-    curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
+    curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    curve += prefix_mask_information(labels, frame.p, place, groups.readings)
+    mask = prefix_mask_information(
+        sectors.image(labels), sectors.image(frame.p), place, groups.readings
+    )
+    curve += mask[: planes + 1]
     return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
 
 
@@ -209,7 +218,7 @@ def groups_of(
     pixel_size: tuple[float, float],
     workspace: Workspace | None = None,
 ) -> Groups:
-    """Groups of a frame; arguments as of `ledger`, planes: their number."""
+    """Groups of a frame; arguments as of `ledger`, planes: the number of planes in sectors, N K."""
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
@@ -230,6 +239,7 @@ def groups_of(
         label=label,
         first=first,
         readings=readings,
+        sectors=frame.sectors,
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
@@ -267,28 +277,36 @@ def _groups(
         labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, error.white, constant,
         first, moments, label, readings,
     )  # fmt: skip
-    _without_bias(moments, first, block, frame, error.seen)
+    _by_block(moments, first, block, frame, error.seen)
     return moments, label, first
 
 
-def _without_bias(
+def _by_block(
     moments: Array,
     first: NDArray[np.int32],
     block: NDArray[np.int32],
     frame: Frame,
     seen: float,
 ) -> None:
-    """Take off the moments of groups what noise adds to weighted means, the same in all a block.
+    """Corrections of the moments of groups, the same in all a block.
 
-    So Phi of fewer planes, whose groups are larger, is that of the same data.
+    So Phi of fewer planes, whose groups are larger, is that of the same data. What noise adds to
+    weighted means is taken off; and where readings are ranges, r = z / c, a step of eps is one of
+    c eps in z, c that of the block's mean direction.
     """
     sums = moments[:, : block.size]  # of all readings of a block, be they several groups
-    mean = np.divide(sums[6], sums[0], where=sums[0] > 0, out=np.ones(block.size))
+    x, y, mean = (
+        np.divide(sums[e], sums[0], where=sums[0] > 0, out=np.ones(block.size)) for e in (1, 2, 6)
+    )
+    several, again = np.flatnonzero(block == tiles.SEVERAL), np.diff(first)
     unbiased = 1.0 + seen * frame.table.noise_bias(mean)
-    several = np.flatnonzero(block == tiles.SEVERAL)
-    unbiased = np.concatenate((unbiased, np.repeat(unbiased[several], np.diff(first))))
+    unbiased = np.concatenate((unbiased, np.repeat(unbiased[several], again)))
     moments[6:9, : first[-1]] *= unbiased
     moments[9, : first[-1]] *= unbiased * unbiased
+    if frame.sectors.ratio is not None:
+        finer = 0.5 * np.log(frame.sectors.squared_range(x, y))  # -ln c
+        finer = np.concatenate((finer, np.repeat(finer[several], again)))
+        moments[tiles.NORM, : first[-1]] += moments[kernels.COUNT, : first[-1]] * finer
 
 
 def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:

@@ -14,6 +14,7 @@ from planewise.kernels import labels as label_loops
 from planewise.kernels import units as unit_loops
 from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
+from planewise.sectors import Sectors
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -101,8 +102,8 @@ def label_planes(
         Segment of every unit.
     accepted, owner : ndarray of int
         Segments that are part of a plane, and its row in `planes`, -1 for none.
-    planes : ndarray, shape (N, 13)
-        Rows of segments (`kernels.cells`).
+    planes : ndarray, shape (K, N, 13)
+        Rows of segments (`kernels.cells`) in the coordinates of every sector.
     observation : RayObservation
         For range and resolution.
     workspace : Workspace, optional
@@ -110,21 +111,27 @@ def label_planes(
 
     Returns
     -------
-    planes : ndarray, shape (N, 13)
-        Rows of the refitted planes.
-    labels : ndarray of uint16, shape (H, W)
-        0 for none, j for row j - 1.
+    planes : ndarray, shape (N K, 13)
+        Rows of the refitted planes, those of one plane in all sectors together.
+    labels : ndarray of uint16, shape (H, W')
+        In sectors: 0 for none, j for row j - 1.
     """
     workspace = workspace or Workspace()
     marks = _Marks.of(frame.w.shape, workspace)
     labels: Labels = workspace.kept(frame.w.shape, np.uint16)
+    sectors = frame.sectors
     segment = np.zeros(len(cells.rows), np.int16)
     segment[accepted] = owner + 1
+    number = segment[root]
+    if sectors.count > 1:
+        number = (number > 0) * ((number - 1) * sectors.count + 1 + sector_of_units(cells, sectors))
+        number = number.astype(np.int16)
+    planes = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
     null = float(np.log(observation.range / observation.resolution))
     variance, slow = _variances(frame, cells)
-    _label_pixels(frame, cells, segment[root], planes, variance, null, marks, workspace)
+    _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
     label_loops.without_margin(marks.label, labels)
-    planes = _refit(cells, labels, planes)
+    planes = _refit(cells, labels, planes, sectors)
     if _put_creases(frame, cells, planes, variance, slow, marks, labels, workspace):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
@@ -351,11 +358,22 @@ def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
     return inside
 
 
-def _refit(cells: Cells, labels: Labels, planes: Array) -> Array:
+def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
+    """Sector that every unit lies in, shape (units,)."""
+    out = np.zeros(len(cells.rows), np.int32)
+    if sectors.count > 1:
+        there = cells.grid >= 0
+        of_cell = np.broadcast_to(sectors.of_cells(cells.grid.shape[1]), cells.grid.shape)
+        out[cells.grid[there]] = of_cell[there]
+    return out
+
+
+def _refit(cells: Cells, labels: Labels, planes: Array, sectors: Sectors) -> Array:
     """Rows of the planes once more, from the units that lie wholly inside their label."""
     sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
     unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
-    return np.where(count[1:, None] >= _FEWEST_PURE, sums[1:], planes)
+    enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
+    return np.where(enough[:, None], sectors.together(sums[1:]), planes)
 
 
 def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:
@@ -373,16 +391,17 @@ def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) ->
     return out
 
 
-def residual_correlation(cells: Cells, labels: Labels, affine: Array) -> Array:
+def residual_correlation(cells: Cells, labels: Labels, affine: Array, sectors: Sectors) -> Array:
     """Correlation of the residuals of cells side by side on every plane, shape (N,).
 
     Residuals are those of mean inverse depth in standard deviations of the cell's own error. Where
     the surface is a plane and the error white it is about 0; a surface that bends, or an error that
-    drifts, brings it towards 1. NaN with fewer than ten pairs of cells.
+    drifts, brings it towards 1. NaN with fewer than ten pairs of cells. affine (N K, 3): the planes
+    in every sector.
     """
     sums = np.empty((len(affine) + 1, 3))
     inside = _units_inside(cells, labels)
     unit_loops.correlate(cells.grid, cells.rows, inside, _with_none(affine), sums)
-    together, apart, pairs = sums[1:].T
+    together, apart, pairs = sectors.summed(sums[1:]).T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
     return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told))

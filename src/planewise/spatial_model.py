@@ -12,8 +12,7 @@ from planewise.frame import frame_of
 from planewise.model import Curve, PlaneModel
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
-from planewise.rank import describe_image
-from planewise.spatial import turn_to_theta
+from planewise.rank import describe_image, describe_labels
 from planewise.spatial_solution import solve
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -54,10 +53,20 @@ def spatial_model(
     -------
     PlaneModel
         With exact Phi of its planes and labels.
+
+    Raises
+    ------
+    ValueError
+        If there are regions, and the camera's image has several sectors.
     """
     workspace, size = workspace or Workspace(), observation.pixel_size
     with stage("frame"):
         frame = frame_of(observation, workspace)
+    if regions is not None and frame.sectors.column is not None:
+        raise ValueError(
+            "partition with objective='spatial' needs a pinhole camera; range images of a "
+            "SphericalCamera take it with objective='paper'"
+        )
     with stage("cells"), workspace.stage():
         cells = cells_of(frame, size, workspace)
     solution = solve(
@@ -80,28 +89,27 @@ def spatial_model(
             )  # fmt: skip
     found, book, best = solution.found, solution.book, solution.best
     order = book.order[:best]
-    place = np.zeros(len(book.order) + 1, np.uint16)
-    place[order + 1] = np.arange(1, best + 1)
+    place = frame.sectors.places(order, len(book.order))
     phi = solution.curve[: best + 1]
 
-    affine = solution.affine[order]
-    theta = affine @ turn_to_theta(size).T
+    theta = frame.sectors.theta(solution.affine, order)
     length = np.linalg.norm(theta, axis=1, keepdims=True)
     rows = np.hstack((-theta / length, 1.0 / length))
     covariances = covariance_of_plane(theta, found.covariance[order])
+    told = {
+        "information": book.saved[:best].tolist(),
+        "significance": found.significance[order].tolist(),
+        "residual_correlation": found.residual_correlation[order].tolist(),
+    }
     with stage("describe"):
-        planes, labels = describe_image(
-            frame,
-            observation.camera,
-            affine,
-            rows,
-            covariances,
-            found.labels,
-            place,
-            information=book.saved.tolist(),
-            significance=found.significance[order].tolist(),
-            residual_correlation=found.residual_correlation[order].tolist(),
-        )
+        if frame.sectors.column is None:
+            area, affine = observation.camera.pixel_area(observation.shape), solution.affine[order]
+            planes, labels = describe_image(
+                frame, area, affine, rows, covariances, found.labels, place, **told
+            )
+        else:
+            labels = frame.sectors.image(place[found.labels])
+            planes = describe_labels(observation, rows, covariances, labels, **told)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
         reason = (

@@ -25,12 +25,12 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
     ----------
     groups : Groups
         Of the labels.
-    affine : ndarray, shape (N, 3)
-        (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    affine : ndarray, shape (N K, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, of every plane in every sector.
 
     Returns
     -------
-    affine : ndarray, shape (N, 3)
+    affine : ndarray, shape (N K, 3)
     data : GroupData
         On these planes.
     """
@@ -42,12 +42,12 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
         groups.moments, groups.label[: groups.first[-1]], groups.planes(affine), shared, step,
         drift, per_metre, groups.sizes, groups.prior[2], alone, nats, sums,
     )  # fmt: skip
-    rows = sums[1:]
+    rows = groups.sectors.together(sums[1:])
     told = _told(rows)
     moved = affine.copy()
     moved[told] = affine_planes(rows[told])
     after = groups.data(moved)
-    worse = (after.worth > before.worth)[1:]
+    worse = groups.sectors.repeated(after.worth > before.worth)
     if not worse.any():
         return moved, after
     moved[worse] = affine[worse]

@@ -21,7 +21,8 @@ from planewise.kernels.cells import SIDE
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
-from planewise.spatial import Segmentation, planes_within, turn_to_theta
+from planewise.sectors import turn_to_theta
+from planewise.spatial import Segmentation, planes_within
 from planewise.spatial_labels import (
     misfits,
     pure_information,
@@ -125,7 +126,13 @@ class _Mover:
         cost = plane_information(3, self.observation.range, self.observation.resolution)
         with self.workspace.stage():
             found = planes_within(
-                part, units[chosen], settled[chosen], cost, significance, self.workspace
+                part,
+                self.frame.sectors,
+                units[chosen],
+                settled[chosen],
+                cost,
+                significance,
+                self.workspace,
             )
         for members, plane, worth in found:
             mine = np.zeros(len(part.rows) + 1, np.bool_)
@@ -179,7 +186,9 @@ class _Mover:
         return replace(
             now.found,
             covariance=turn @ np.linalg.pinv(information, hermitian=True) @ turn.T,
-            residual_correlation=residual_correlation(self.cells, labels, now.affine),
+            residual_correlation=residual_correlation(
+                self.cells, labels, now.affine, self.frame.sectors
+            ),
         )
 
 

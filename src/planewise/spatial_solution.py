@@ -33,8 +33,8 @@ class SpatialSolution:
     ----------
     found : Segmentation
         All planes found, and labels.
-    affine : ndarray, shape (N, 3)
-        Its planes, refitted.
+    affine : ndarray, shape (N K, 3)
+        Its planes in every sector, refitted.
     book : Ledger
         Order and exact Phi of all planes found.
     curve : ndarray, shape (M + 1,)
@@ -133,7 +133,7 @@ def judged(
     groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
     affine, data = refitted(groups, found.affine)
     pays = _paying(frame, labels, groups, data, *limits)
-    order = np.lexsort((data.saved[1:], ~pays))
+    order = np.lexsort((data.saved, ~pays))
     book = book_of(frame, labels, groups, data, *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
@@ -153,8 +153,8 @@ def _paying(
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
     least = _LEAST * plane_information(3, range, resolution)
-    pays = np.asarray(data.worth[1:] < -least)
-    if (data.worth[1:][pays] > -_SURE * least).any():
+    pays = np.asarray(data.worth < -least)
+    if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of all by worth.
         book = book_of(frame, labels, groups, data.copy(), range, resolution)
         best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))

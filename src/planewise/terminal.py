@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -46,6 +47,16 @@ def notice(message: str) -> None:
 def say(message: str) -> None:
     """Print a line of the result."""
     _line(_OUT, (message, ""))
+
+
+def errors() -> Console:
+    """Console of stderr, for what is drawn on it."""
+    return _ERR
+
+
+def draws_bars() -> bool:
+    """Whether stderr is a terminal."""
+    return _ERR.is_terminal
 
 
 def _line(console: Console, *parts: tuple[str, str]) -> None:
@@ -216,3 +227,17 @@ def progress(items: Iterable[Item], total: int) -> Iterator[Item]:
             yield item
             bar.advance(task)
             bar.start()
+
+
+@contextmanager
+def bar(total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on stderr; give what is to be told how many are done."""
+    if not _ERR.is_terminal:
+        yield lambda done: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_ERR, transient=True) as shown:
+        task = shown.add_task("", total=total)
+        yield lambda done: shown.update(task, completed=done)

@@ -32,6 +32,7 @@ def later_stages() -> None:
 
     Its arrays have the types and layouts of a real one's.
     """
+    camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
     y, x = np.indices((_SIZE, _SIZE), np.float32) / np.float32(100)
     frame = Frame(
         w=(0.5 + np.abs(x - _CREASE)).astype(np.float32),
@@ -42,6 +43,7 @@ def later_stages() -> None:
         table=ErrorTable(1000.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
         resolution=0.001,
+        sectors=camera.sectors((_SIZE, _SIZE)),
     )
     side = _SIZE // SIDE
     of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)
@@ -49,15 +51,15 @@ def later_stages() -> None:
     cells = _cells(rows[of_unit])
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)
-    _, labels = label_planes(frame, cells, of_unit, both, rows, both, limits)
-    residual_correlation(cells, labels, _PLANES)
+    _, labels = label_planes(frame, cells, of_unit, both, rows[None], both, limits)
+    residual_correlation(cells, labels, _PLANES, frame.sectors)
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
     planes, data = refitted(groups, _PLANES)
     book = book_of(frame, labels, groups, data, 10.0, 0.001)
-    camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
     affine, covariances = planes[book.order], np.zeros((2, 4, 4))
     place = np.arange(3, dtype=np.uint16)
-    describe_image(frame, camera, affine, np.ones((2, 4)), covariances, labels, place)
+    area = camera.pixel_area(labels.shape)
+    describe_image(frame, area, affine, np.ones((2, 4)), covariances, labels, place)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:

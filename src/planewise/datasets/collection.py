@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import ClassVar, Self
 
 from planewise.datasets.frames import (
@@ -94,10 +95,15 @@ class Collection(_Joined[DatasetFrame], Dataset):
     parts : mapping of str to Dataset or str
         By their names; what could not be opened is there by what is wrong with it, and counts as
         one frame, of the part's name, that cannot be read.
+    folder : Path, optional
+        Where the parts lie.
     """
 
-    def __init__(self, name: str, parts: Mapping[str, Dataset | str]) -> None:
+    def __init__(
+        self, name: str, parts: Mapping[str, Dataset | str], folder: Path | None = None
+    ) -> None:
         super().__init__(name, parts)
+        self.folder = folder
         sensors = [part.sensor for part in parts.values() if not isinstance(part, str)]
         self.sensor = sensors[0] if all(each == sensors[0] for each in sensors) else None
 

@@ -33,7 +33,7 @@ from typing import Any, ClassVar, Generic, Self, SupportsIndex, TypeVar, overloa
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.sensor import Sensor
 
@@ -50,7 +50,7 @@ class DatasetFrame:
         Name in its dataset.
     depth : ndarray, shape (H, W)
         Integer units of `depth_scale`, or floating-point metres; 0 or NaN is no reading.
-    camera : PinholeCamera
+    camera : Camera
         Intrinsics of this image.
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` for metres.
@@ -68,7 +68,7 @@ class DatasetFrame:
 
     id: str
     depth: NDArray[Any]
-    camera: PinholeCamera
+    camera: Camera
     depth_scale: float | None = None
     rgb: NDArray[np.uint8] | None = None
     timestamp: float | None = None

@@ -150,7 +150,7 @@ def _collected(path: Path, parts: Mapping[str, Part]) -> Dataset | PointDataset:
     depth = {name: part for name, part in parts.items() if not isinstance(part, PointDataset)}
     points = {name: part for name, part in parts.items() if not isinstance(part, Dataset)}
     if len(depth) == len(parts):
-        return Collection(path.name, depth)
+        return Collection(path.name, depth, path)
     if len(points) == len(parts):
         return PointCollection(path.name, points)
     raise PlanewiseError(

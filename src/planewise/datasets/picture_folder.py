@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.datasets.colour import is_picture, read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed, numbers_of
@@ -50,7 +50,7 @@ class PictureFolder(Dataset):
         The dataset; no file outside it is read.
     frames : iterable of FrameFiles
         In order.
-    camera : PinholeCamera
+    camera : Camera
         Of the depth images.
     depth_scale : float, optional
         Metres per unit of integer depth; may be left out where depth is in metres.
@@ -62,7 +62,7 @@ class PictureFolder(Dataset):
         self,
         folder: Path,
         frames: Iterable[FrameFiles],
-        camera: PinholeCamera,
+        camera: Camera,
         depth_scale: float | None,
         invalid: int | None = None,
     ) -> None:

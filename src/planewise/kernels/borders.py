@@ -50,10 +50,11 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
 
 
 @in_order
-def segment_borders(of_cell, discords, price, border, ends, nats):  # type: ignore[no-untyped-def]
+def segment_borders(of_cell, discords, price, wraps, border, ends, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
-    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it. Writes
+    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it; wraps:
+    whether the last column is beside the first. Writes
     border (n,): all sides of each; and for each side between two segments ends (., 2) and nats (.);
     returns how many of these there are.
     """
@@ -65,6 +66,8 @@ def segment_borders(of_cell, discords, price, border, ends, nats):  # type: igno
             u = of_cell[i, j]
             for k in range(2):
                 row, column = i + k, j + 1 - k
+                if wraps and column == columns:
+                    column = 0
                 if row >= rows or column >= columns or of_cell[row, column] == u:
                     continue
                 v, cost = of_cell[row, column], border_price(discords[k, i, j], price)

@@ -43,7 +43,9 @@ def _on_none(row, norm, prior):  # type: ignore[no-untyped-def]
     chi2, largest, middle = write_normal(row)
     smooth = prior[1] + norm + 0.5 * chi2
     smooth += 0.5 * math.log((1.0 + prior[0] * largest) * (1.0 + prior[0] * max(middle, 0.0)))
-    return math.log(2.0) + min(smooth, row[COUNT] * prior[2])
+    anything = row[COUNT] * prior[2]
+    # Written so that a surface that is no number counts as none.
+    return math.log(2.0) + (smooth if smooth < anything else anything)
 
 
 @internal

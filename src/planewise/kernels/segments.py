@@ -28,21 +28,56 @@ def _tempered(discord, count):  # type: ignore[no-untyped-def]
     return (nu + 3.0) * np.log(1.0 + discord / nu)
 
 
+@compiled
+def turn_row(row, back, out):  # type: ignore[no-untyped-def]
+    """Row of a segment in the coordinates of another sector: P' = B P B', P' t' = B P t."""
+    p = row[0], row[1], row[2], row[1], row[3], row[4], row[2], row[4], row[5]
+    at = 0
+    for i in range(3):
+        a, b, c = back[i, 0], back[i, 1], back[i, 2]
+        x, y = a * p[0] + b * p[3] + c * p[6], a * p[1] + b * p[4] + c * p[7]
+        z = a * p[2] + b * p[5] + c * p[8]
+        for j in range(i, 3):
+            out[at] = x * back[j, 0] + y * back[j, 1] + z * back[j, 2]
+            at += 1
+        out[6 + i] = a * row[6] + b * row[7] + c * row[8]
+    for e in range(9, SEGMENT):
+        out[e] = row[e]
+
+
 @internal
-def _merge_gain(segments, forms, u, v, boundary, offset_prior, slope_prior, most):  # type: ignore[no-untyped-def]
+def _across(segments, forms, home, turns, drift, small, large, offset, slope):  # type: ignore[no-untyped-def]
+    """`compare_forms` of segments in different sectors, in the coordinates of the smaller one."""
+    row, form = np.empty(SEGMENT), np.empty(FORM)
+    turn_row(segments[large], turns[home[large], home[small]], row)
+    write_form(row, drift[large], form)
+    return compare_forms(form, forms[small], offset, slope)
+
+
+@internal
+def _merge_gain(  # type: ignore[no-untyped-def]
+    segments, forms, home, turns, drift, u, v, boundary, offset_prior, slope_prior, most
+):
     """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
 
     Returns the misfit of the join, too, of which half counts.
     """
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
-    discord, evidence = compare_forms(forms[u], forms[v], offset_prior[small], slope_prior[small])
+    offset, slope = offset_prior[small], slope_prior[small]
+    if home[u] == home[v]:
+        discord, evidence = compare_forms(forms[u], forms[v], offset, slope)
+    else:
+        large = u + v - small
+        discord, evidence = _across(
+            segments, forms, home, turns, drift, small, large, offset, slope
+        )
     misfit = _tempered(discord, segments[small, COUNT])
     return min(evidence, most) - 0.5 * misfit + boundary, misfit
 
 
 @internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
-    """Make segment v part of segment u."""
+    """Make segment v part of segment u, in whose coordinates it is."""
     share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
     drift[u] += share * (drift[v] - drift[u])
     for e in range(SEGMENT):
@@ -146,6 +181,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
     drift,
     offset_prior,
     slope_prior,
+    home,
+    turns,
+    wraps,
     most,
     root,
     ints,
@@ -156,7 +194,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
     unit (rows, columns): segment of every cell, or -1; discords (2, rows, columns): across each
     side shared with the cell to the right and below, which `price` (`border_price`) turns into the
     nats that a merge saves there. segments, their forms and drift are changed in place: the row of
-    a root holds its whole segment. Writes the root of every segment. ints, floats: room to work in,
+    a root holds its whole segment. home (n,): the sector in whose coordinates each is; turns (K, K,
+    3, 3): what `turn_row` takes from the first to the second; wraps: whether the last column is
+    beside the first. Writes the root of every segment. ints, floats: room to work in,
     `room` of so many sides and segments.
 
     Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
@@ -181,6 +221,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
             u = unit[i, j]
             for k in range(2):
                 row, column = i + k, j + 1 - k
+                if wraps and column == columns:
+                    column = 0
                 if u >= 0 and row < rows and column < columns:
                     v = unit[row, column]
                     if v >= 0 and v != u:
@@ -227,8 +269,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
             degree[v] += 1
             valued[edge] = 0
             current[edge], misfit[edge] = _merge_gain(
-                segments, forms, u, v, boundary[edge], offset_prior, slope_prior, most
-            )
+                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                slope_prior, most,
+            )  # fmt: skip
             if current[edge] > 0.0:
                 size = push(keys, items, size, current[edge], edge)
     while size > 0:
@@ -240,8 +283,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
         if valued[edge] != version[u] + version[v]:
             valued[edge] = version[u] + version[v]
             current[edge], misfit[edge] = _merge_gain(
-                segments, forms, u, v, boundary[edge], offset_prior, slope_prior, most
-            )
+                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                slope_prior, most,
+            )  # fmt: skip
             if current[edge] > 0.0:
                 replace(keys, items, size, current[edge], edge)
             else:
@@ -250,6 +294,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
         size = pop(keys, items, size)
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
+        if home[u] != home[v]:
+            moved_row = np.empty(SEGMENT)
+            turn_row(segments[v], turns[home[v], home[u]], moved_row)
+            for e in range(SEGMENT):
+                segments[v, e] = moved_row[e]
         _join(segments, forms, drift, u, v, misfit[edge])
         version[u] += version[v] + 1
         root[v] = u
@@ -285,8 +334,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
                     current[kept], misfit[kept] = _merge_gain(
-                        segments, forms, u, other, boundary[kept], offset_prior, slope_prior, most
-                    )
+                        segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
+                        slope_prior, most,
+                    )  # fmt: skip
                     if current[kept] > 0.0:
                         size = push(keys, items, size, current[kept], kept)
                 else:
@@ -312,39 +362,44 @@ def agglomerate(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
-    """Nats saved by making two segments that do not touch one plane."""
-    small = i if segments[i, COUNT] < segments[j, COUNT] else j
-    offset = (gap_offset * forms[small, W]) ** 2
-    discord, evidence = compare_forms(forms[i], forms[j], offset, slope_prior[small])
+def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
+    """Nats saved by making two segments that do not touch one plane, seen from the smaller one."""
+    small = i if segments[0, i, COUNT] < segments[0, j, COUNT] else j
+    here = forms[home[small]]
+    offset = (gap_offset * here[small, W]) ** 2
+    discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
     return evidence - 0.5 * discord - naming, discord
 
 
 @compiled
-def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
+def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
-    gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments and
-    forms are changed in place; owner (n,): the segment that each becomes part of.
+    segments (K, n, 13), forms (K, n, 12): in the coordinates of every sector; home (n,): sector of
+    each; gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments,
+    forms and home are changed in place; owner (n,): the segment that each becomes part of.
     """
-    n = segments.shape[0]
+    sectors, n = segments.shape[0], segments.shape[1]
     naming = np.log(n)  # nats to say which other segment it is
     gain, discord = np.full((n, n), -np.inf), np.zeros((n, n))
     for i in range(n):
         owner[i] = i
         for j in range(i + 1, n):
             gain[i, j], discord[i, j] = _saved(
-                segments, forms, slope_prior, gap_offset, naming, i, j
+                segments, forms, home, slope_prior, gap_offset, naming, i, j
             )
     while n > 1:
         best = np.argmax(gain)
         i, j = best // n, best % n
         if gain[i, j] <= 0.0:
             break
-        segments[i, MISFIT] += discord[i, j]
-        for e in range(SEGMENT):
-            segments[i, e] += segments[j, e]
-        write_form(segments[i], drift[i], forms[i])
+        if segments[0, i, COUNT] < segments[0, j, COUNT]:
+            home[i] = home[j]
+        for sector in range(sectors):
+            segments[sector, i, MISFIT] += discord[i, j]
+            for e in range(SEGMENT):
+                segments[sector, i, e] += segments[sector, j, e]
+            write_form(segments[sector, i], drift[i], forms[sector, i])
         gain[j] = gain[:, j] = -np.inf
         for k in range(n):
             if owner[k] == j:
@@ -353,22 +408,22 @@ def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  
             if owner[k] == k and k != i:
                 a, b = min(i, k), max(i, k)
                 gain[a, b], discord[a, b] = _saved(
-                    segments, forms, slope_prior, gap_offset, naming, a, b
+                    segments, forms, home, slope_prior, gap_offset, naming, a, b
                 )
 
 
 @compiled
-def find_planes(segments, forms, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
+def find_planes(segments, forms, home, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
     """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
 
     As `join_through_gaps`, but what is joined changes neither the planes nor what else joins them.
     Writes plane (n - planes,): the one that saves most, -1 where none saves anything.
     """
     naming = np.log(planes)
-    for j in range(planes, segments.shape[0]):
+    for j in range(planes, segments.shape[1]):
         plane[j - planes] = -1
         most = 0.0
         for i in range(planes):
-            gain, _ = _saved(segments, forms, slope_prior, gap_offset, naming, i, j)
+            gain, _ = _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j)
             if gain > most:
                 most, plane[j - planes] = gain, i

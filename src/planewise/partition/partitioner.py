@@ -9,7 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.observation import RayObservation
 from planewise.partition.blocks import Blocks
 from planewise.partition.graph import Graph
@@ -25,14 +25,14 @@ class View:
     ----------
     depth : ndarray of float, shape (H, W)
         Metres; NaN where there is no reading.
-    camera : PinholeCamera
+    camera : Camera
         What took it.
     rgb : ndarray of uint8, shape (H, W, 3), optional
         Picture of the same view.
     """
 
     depth: NDArray[np.float64]
-    camera: PinholeCamera
+    camera: Camera
     rgb: NDArray[np.uint8] | None = None
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import noise
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.detect import Detector
 from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
 from planewise.scene import Scene
@@ -50,7 +50,7 @@ class Frame:
     """
 
     depth: NDArray[Any]
-    camera: PinholeCamera
+    camera: Camera
     sensor: Sensor
     sigma: float
     inlier_ratio: float

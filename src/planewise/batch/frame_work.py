@@ -1,0 +1,265 @@
+"""What is done with one frame: read it, find its planes, write both down. Touches no store."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from collections import OrderedDict
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
+from planewise.batch.frame_names import safe_name
+from planewise.batch.label_png import png_of_labels
+from planewise.batch.source import Source, SourceFrame
+from planewise.camera import Camera, PinholeCamera
+from planewise.coco_rle import encode_labels
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.detect import Detector
+    from planewise.model import Plane, PlaneModel
+    from planewise.options import Options
+
+Labels = Literal["png", "rle"]
+
+_DETECTORS = 4  # cameras whose detectors are kept, of some 16 MB each
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recipe:
+    """What all frames of a store have in common.
+
+    Parameters
+    ----------
+    sensor : Sensor
+        Range, resolution and noise.
+    options : Options
+        How to search; every frame is searched by one thread.
+    camera : Camera, optional
+        Intrinsics of all frames; ``None`` means that each frame states its own.
+    depth_scale : float, optional
+        Metres per unit of integer depth of all frames; ``None`` as above.
+    labels : {"png", "rle"}
+        Label images as files, or the mask of every plane as COCO's run lengths in its table.
+    """
+
+    sensor: Sensor
+    options: Options
+    camera: Camera | None = None
+    depth_scale: float | None = None
+    labels: Labels = "png"
+
+    def __post_init__(self) -> None:
+        if self.labels not in ("png", "rle"):
+            raise ValueError(f"labels must be 'png' or 'rle', got {self.labels!r}")
+        if not isinstance(self.options.rng, int):
+            raise ValueError("rng must be an int: a generator does not give the same answer twice")
+        if not isinstance(self.options.objective, str | None):
+            raise ValueError("objective must be a name, by which the store can tell it from others")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Outcome:
+    """What became of a frame, ready to be stored.
+
+    Attributes
+    ----------
+    number : int
+        Of the frame in its source.
+    frame : str
+        Its id.
+    record : bytes
+        Its rows as JSON, as `journal` keeps them.
+    label_file : tuple of (str, bytes), optional
+        Path in the store and content.
+    planes : int
+        How many were found.
+    reason : str
+        Why it failed; empty if it did not.
+    fatal : str
+        Why no other frame can be done either; empty if they can.
+    milliseconds : tuple of float
+        To read, to detect, to encode.
+    """
+
+    number: int
+    frame: str
+    record: bytes = b""
+    label_file: tuple[str, bytes] | None = None
+    planes: int = 0
+    reason: str = ""
+    fatal: str = ""
+    milliseconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass
+class FrameWork:
+    """Does frames of a source; every worker has one of its own.
+
+    Parameters
+    ----------
+    source : Source
+        Where frames come from.
+    recipe : Recipe
+        What is done with them.
+    """
+
+    source: Source
+    recipe: Recipe
+    _detectors: OrderedDict[Any, Detector] = field(default_factory=OrderedDict)
+
+    def __call__(self, number: int, frame: str) -> Outcome:
+        """Do one frame; what is wrong with it becomes its `reason`."""
+        try:
+            return self._done(number, frame)
+        except MissingExtraError as error:
+            return Outcome(number=number, frame=frame, fatal=str(error))
+        except (ValueError, OSError) as error:
+            named = f"{self.source.name}, frame {frame}: "  # by datasets, and again by who shows it
+            return failure(number, frame, _one_line(error).removeprefix(named))
+        except Exception as error:  # one frame must not end a run of days
+            return failure(number, frame, f"{type(error).__name__}: {_one_line(error)}")
+
+    def _done(self, number: int, frame: str) -> Outcome:
+        start = time.perf_counter()
+        seen = self.source[frame]
+        read = time.perf_counter()
+        detector = self._detector(seen)
+        regions = self.recipe.options.partition is not None
+        model = detector(seen.depth, rgb=seen.rgb if regions else None)
+        detected = time.perf_counter()
+        name, label_file, rle = None, None, None
+        if self.recipe.labels == "png":
+            name = f"labels/{safe_name(frame, '.png')}"
+            label_file = (name, png_of_labels(model.labels))
+        else:
+            rle = encode_labels(model.labels, len(model))
+        row = _frame_row(number, frame, seen, detector, model) | {"labels": name}
+        planes = [
+            _plane_row(frame, label, plane, None if rle is None else rle[label - 1])
+            for label, plane in enumerate(model.planes, start=1)
+        ]
+        end = time.perf_counter()
+        times = (1e3 * (read - start), 1e3 * (detected - read), 1e3 * (end - detected))
+        row |= dict(zip(TIMES, times, strict=True))
+        return Outcome(
+            number=number,
+            frame=frame,
+            record=_as_json({"frame": row, "planes": planes}),
+            label_file=label_file,
+            planes=len(model),
+            milliseconds=times,
+        )
+
+    def _detector(self, seen: SourceFrame) -> Detector:
+        from planewise.detect import Detector
+
+        camera = self.recipe.camera or seen.camera
+        if camera is None:
+            raise PlanewiseError(
+                "camera: the frame does not state its intrinsics; give --camera as a preset, "
+                "fx,fy,cx,cy or a file"
+            )
+        scale = seen.depth_scale if self.recipe.depth_scale is None else self.recipe.depth_scale
+        key = (camera, scale)
+        if key not in self._detectors:
+            if len(self._detectors) == _DETECTORS:
+                self._detectors.popitem(last=False)
+            options = replace(self.recipe.options, threads=1)
+            self._detectors[key] = Detector(
+                camera,
+                self.recipe.sensor,
+                depth_scale=scale,
+                **{each.name: getattr(options, each.name) for each in fields(options)},
+            )
+        self._detectors.move_to_end(key)
+        return self._detectors[key]
+
+
+def failure(number: int, frame: str, reason: str) -> Outcome:
+    """Outcome of a frame that could not be done."""
+    row = {"frame": frame, "number": number, "status": FAILED, "reason": reason}
+    record = _as_json({"frame": row, "planes": []})
+    return Outcome(number=number, frame=frame, record=record, reason=reason)
+
+
+def fingerprint(depth: NDArray[Any]) -> str:
+    """Hash of readings, by which it shows that a frame is no longer what it was."""
+    hashed = hashlib.sha256(f"{depth.dtype.str}{depth.shape}".encode())
+    hashed.update(np.ascontiguousarray(depth).data)
+    return hashed.hexdigest()[:32]
+
+
+def _as_json(rows: dict[str, Any]) -> bytes:
+    return json.dumps(rows, allow_nan=False, separators=(",", ":")).encode()
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+def _number_or_none(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _frame_row(
+    number: int, frame: str, seen: SourceFrame, detector: Detector, model: PlaneModel
+) -> dict[str, Any]:
+    scale = None
+    if seen.depth.dtype.kind != "f":
+        scale = detector.depth_scale or detector.sensor.resolution
+    noise = model.settings.get("noise")
+    return {
+        "frame": frame,
+        "number": number,
+        "status": DONE,
+        "width": model.labels.shape[1],
+        "height": model.labels.shape[0],
+        "readings": model.readings,
+        "planes": len(model),
+        "information": float(model.information),
+        "curve": [_number_or_none(each) for each in model.curve],
+        "note": model.note,
+        **_camera_columns(detector.camera),
+        "depth_scale": scale,
+        "timestamp": getattr(seen, "timestamp", None),
+        "noise": None if noise is None else json.dumps(noise),
+        "fingerprint": fingerprint(seen.depth),
+    }
+
+
+def _camera_columns(camera: Camera) -> dict[str, Any]:
+    if not isinstance(camera, PinholeCamera):
+        return {"camera": json.dumps(camera.describe())}
+    numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
+    return numbers | {"distortion": [float(each) for each in camera.distortion]}
+
+
+def _plane_row(frame: str, label: int, plane: Plane, rle: str | None) -> list[Any]:
+    """Values in the order of `PLANES`."""
+    covariance = np.asarray(plane.covariance).ravel()
+    row = [
+        frame,
+        label,
+        *plane.normal.tolist(),
+        float(plane.distance),
+        float(plane.information),
+        int(plane.count),
+        _number_or_none(plane.rms),
+        _number_or_none(plane.significance),
+        _number_or_none(plane.residual_correlation),
+        _number_or_none(plane.area),
+        *plane.centroid.tolist(),
+        *(int(edge) for edge in plane.bounding_box),
+        covariance.tolist() if np.isfinite(covariance).all() else None,
+        rle,
+    ]
+    assert len(row) == len(PLANES)
+    return row

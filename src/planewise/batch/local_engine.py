@@ -1,0 +1,228 @@
+"""Frames done by processes of this machine, of which any may die."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import sys
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from planewise.batch.frame_work import FrameWork, Outcome, failure
+from planewise.errors import PlanewiseError
+
+Frame = tuple[int, str]
+
+_AHEAD = 2  # frames a worker has been given: the one that it does, and the next one
+_TRIES = 2  # of a frame with which a worker dies
+_DEAD_STARTS = 3  # workers in a row that die before they begin
+_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_PATIENCE = 5.0  # seconds for a worker to end by itself
+_READY = "ready"
+
+
+def _serve(pipe: Connection) -> None:
+    """Do frames until the pipe closes: what a worker runs."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asks
+    with contextlib.suppress(EOFError, OSError):  # that process has ended
+        work: FrameWork = pipe.recv()
+        pipe.send(_READY)
+        while True:
+            pipe.send(work(*pipe.recv()))
+
+
+@dataclass(eq=False)
+class _Worker:
+    process: BaseProcess
+    pipe: Connection
+    ready: bool = False
+    given: deque[Frame] = field(default_factory=deque)
+
+    def end(self) -> None:
+        self.pipe.close()
+        self.process.terminate()
+        self.process.join(_PATIENCE)
+        if self.process.exitcode is None:
+            self.process.kill()
+            self.process.join()
+        self.process.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalEngine:
+    """Processes of this machine, one frame each at a time.
+
+    The frame with which a worker dies is tried once more, then it has failed; the frames that
+    waited behind it go to others.
+
+    Parameters
+    ----------
+    workers : int
+        How many processes.
+    """
+
+    workers: int
+
+    def __post_init__(self) -> None:
+        if self.workers < 1:
+            raise PlanewiseError(f"workers must be at least 1, got {self.workers}")
+
+    def run(self, work: FrameWork, frames: Iterable[Frame]) -> Iterator[Outcome]:
+        """See `planewise.batch.engine.Engine`."""
+        pool = _Pool(work, iter(frames))
+        try:
+            # The first loads or compiles what the others then find.
+            pool.start()
+            while pool.workers:
+                yield from pool.step()
+                while pool.begun and pool.frames_left and len(pool.workers) < self.workers:
+                    pool.start()
+        finally:
+            pool.close()
+
+
+class _Pool:
+    """Workers, and the frames that no one has been given yet."""
+
+    def __init__(self, work: FrameWork, frames: Iterator[Frame]) -> None:
+        self._work, self._frames = work, frames
+        self._again: deque[Frame] = deque()
+        self._deaths: dict[Frame, int] = {}
+        self._dead_starts = 0
+        self.frames_left = True
+        self.begun = False
+        self.workers: list[_Worker] = []
+
+    def start(self) -> None:
+        """Start a worker."""
+        context = _context()
+        ours, theirs = context.Pipe()
+        with _one_thread(), _no_interrupts():
+            process = context.Process(target=_serve, args=(theirs,), daemon=True)
+            process.start()
+        theirs.close()
+        worker = _Worker(process, ours)
+        self.workers.append(worker)
+        with contextlib.suppress(OSError):  # it is dead already, as `step` will see
+            ours.send(self._work)
+
+    def step(self) -> Iterator[Outcome]:
+        """Wait until a worker has something to say, or dies."""
+        talking = wait([worker.pipe for worker in self.workers])
+        for worker in [each for each in self.workers if each.pipe in talking]:
+            if worker not in self.workers:  # ended with the last frame of another
+                continue
+            try:
+                said = worker.pipe.recv()
+            except (EOFError, OSError):
+                yield from self._buried(worker)
+                continue
+            if said == _READY:
+                worker.ready = self.begun = True
+                self._dead_starts = 0
+            else:
+                self._deaths.pop(worker.given.popleft(), None)
+                yield said
+            self._give(worker)
+
+    def close(self) -> None:
+        """End all workers."""
+        for worker in self.workers:
+            worker.process.terminate()
+        for worker in self.workers:
+            worker.end()
+        self.workers.clear()
+
+    def _give(self, worker: _Worker) -> None:
+        """Give a worker frames, or an end where there are none."""
+        while len(worker.given) < _AHEAD:
+            frame = self._next()
+            if frame is None:
+                break
+            worker.given.append(frame)
+            try:
+                worker.pipe.send(frame)
+            except OSError:  # dead: `step` will see
+                return
+        if not worker.given and not self._anyone_busy():
+            for each in self.workers:
+                each.end()
+            self.workers.clear()
+
+    def _next(self) -> Frame | None:
+        if self._again:
+            return self._again.popleft()
+        frame = next(self._frames, None)
+        self.frames_left = frame is not None
+        return frame
+
+    def _anyone_busy(self) -> bool:
+        # An idle worker stays as long as a frame of another may come back.
+        return any(worker.given for worker in self.workers)
+
+    def _buried(self, worker: _Worker) -> Iterator[Outcome]:
+        """Hand on what a dead worker had been given."""
+        self.workers.remove(worker)
+        worker.process.join(_PATIENCE)
+        cause = _cause(worker.process.exitcode)
+        worker.end()
+        if not worker.ready:
+            self._dead_starts += 1
+            if self._dead_starts >= _DEAD_STARTS:
+                raise PlanewiseError(f"workers: {self._dead_starts} in a row {cause} at the start")
+        if worker.given:
+            frame = worker.given.popleft()
+            self._deaths[frame] = self._deaths.get(frame, 0) + 1
+            if self._deaths[frame] < _TRIES:
+                self._again.append(frame)
+            else:
+                yield failure(*frame, f"{_TRIES} workers {cause} with this frame")
+            self._again.extendleft(reversed(worker.given))
+        self.start()
+
+
+def _context() -> Any:
+    """How processes are made: forked from one that has loaded all they need, if that is safe."""
+    if sys.platform != "linux":
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["planewise.batch.preload"])
+    return context
+
+
+def _cause(code: int | None) -> str:
+    if code is not None and code < 0:
+        return f"were killed by {signal.Signals(-code).name}"
+    return f"ended with code {code}"
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Keep libraries of the worker from starting threads of their own."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Let a process start deaf to Ctrl-C, which its imports could not answer well."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -1,0 +1,100 @@
+"""One process at a time writes a store, or one for each shard.
+
+The locks are the system's (`flock`), which lets go of them however a process ends; the files only
+say who has them. A run of all frames holds the store alone. A run of shard i of n shares it with
+the other shards of the same n.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from planewise.errors import PlanewiseError
+
+_WHOLE = ".lock"
+
+
+def writer_name(shard: tuple[int, int]) -> str:
+    """Name of a writer, by which its files differ from those of others."""
+    part, parts = shard
+    return "all" if parts == 1 else f"{part}-of-{parts}"
+
+
+@contextmanager
+def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
+    """Hold a store, or a shard of it.
+
+    Parameters
+    ----------
+    store : Path
+        Its folder, which exists.
+    shard : tuple of int
+        (i, n); n = 1 is all of it.
+
+    Raises
+    ------
+    PlanewiseError
+        On entry, if another process holds it; the message says which.
+    """
+    with ExitStack() as held:
+        if shard[1] == 1:
+            held.enter_context(_lock(store / _WHOLE, store))
+        else:
+            held.enter_context(_lock(store / _WHOLE, store, shared=True))
+            held.enter_context(_lock(store / _shard_file(shard), store))
+            for other in sorted(store.glob(".lock-*-of-*")):
+                if not other.name.endswith(f"-of-{shard[1]}"):
+                    with _lock(other, store, shared=True):
+                        pass
+        yield
+
+
+def _shard_file(shard: tuple[int, int]) -> str:
+    return f"{_WHOLE}-{writer_name(shard)}"
+
+
+@contextmanager
+def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
+    try:
+        import fcntl
+    except ImportError:
+        raise PlanewiseError(
+            "store: locks as Linux and macOS have them are needed; on Windows, use its "
+            "Linux subsystem"
+        ) from None
+    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        try:
+            fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise PlanewiseError(f"store: {store} is in use by {_holder(path)}") from None
+        except OSError as error:
+            raise PlanewiseError(
+                f"store: {store} lies on a file system without locks ({error.strerror})"
+            ) from None
+        # Only for messages, so a full disk does not matter here.
+        with contextlib.suppress(OSError):
+            os.ftruncate(handle, 0)
+            if not shared:
+                os.write(handle, _who().encode())
+        yield
+    finally:
+        os.close(handle)
+
+
+def _who() -> str:
+    since = time.strftime("%Y-%m-%d %H:%M:%S %Z")
+    return f"process {os.getpid()} on {platform.node()} since {since}"
+
+
+def _holder(path: Path) -> str:
+    text = path.read_text(errors="replace").strip()
+    if text:
+        return f"another run ({text})"
+    return "runs of its shards" if path.name == _WHOLE else "another run"

@@ -1,0 +1,67 @@
+"""From what a user names to a source: a folder of depth images, or any dataset."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+from planewise import datasets
+from planewise.batch.source import DepthFolder, Source
+from planewise.camera import PinholeCamera
+from planewise.datasets.frames import PointDataset
+from planewise.datasets.opening import reader_of
+from planewise.depth_files import is_depth_file
+from planewise.errors import PlanewiseError
+from planewise.sensor import Sensor
+
+
+def open_source(
+    path: str | Path,
+    kind: str | None = None,
+    *,
+    camera: PinholeCamera | None = None,
+    depth_scale: float | None = None,
+    pictures: bool = False,
+) -> Source:
+    """Open frames of any kind.
+
+    Parameters
+    ----------
+    path : path
+        A folder of depth images, or what `planewise.datasets.open` opens.
+    kind : str, optional
+        Of dataset; ``None`` means whichever the contents look like.
+    camera : PinholeCamera, optional
+        For kinds of dataset that do not state one.
+    depth_scale : float, optional
+        Metres per unit, likewise.
+    pictures : bool
+        Read the pictures of a dataset, too.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is of no known kind, cannot be used, or holds points.
+    """
+    path = Path(path)
+    reader = reader_of(path) if kind is None and path.exists() else None
+    if kind is None and reader is None and _holds_depth_files(path):
+        return DepthFolder(path)
+    given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
+    if reader is not None:
+        known = inspect.signature(reader).parameters
+        given = {name: value for name, value in given.items() if name in known}
+    opened = datasets.open(path, kind, **given)
+    if isinstance(opened, PointDataset):
+        raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")
+    return opened if pictures else opened.without_pictures()
+
+
+def _holds_depth_files(path: Path) -> bool:
+    return path.is_dir() and any(map(is_depth_file, path.iterdir()))
+
+
+def sensor_of_source(source: Source) -> Sensor | None:
+    """Sensor that took the frames, where the dataset tells."""
+    sensor = getattr(source, "sensor", None)
+    return sensor if isinstance(sensor, Sensor) else None

@@ -1,0 +1,239 @@
+"""A run: what is still to do of a source goes through an engine into a store."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from planewise.batch.columns import DONE, FAILED
+from planewise.batch.engine import Engine
+from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
+from planewise.batch.lock import locked, writer_name
+from planewise.batch.segments import FOLDERS, segments_of
+from planewise.batch.source import Selection, Source
+from planewise.batch.staging import Staging
+from planewise.batch.store import Store
+from planewise.batch.store_info import check_same, info_of
+from planewise.batch.store_writer import StoreWriter, opened
+from planewise.batch.tables import arrow
+from planewise.errors import PlanewiseError
+from planewise.label_files import STORE_FILE
+
+_UNFINISHED = ".unfinished-"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What a run does.
+
+    Attributes
+    ----------
+    selected : int
+        Frames that are asked for.
+    done, failed : int
+        Of those, what the store holds already, and what failed before and is not tried again.
+    to_do : list of (int, str)
+        Number and id of the others.
+    """
+
+    selected: int
+    done: int
+    failed: int
+    to_do: list[tuple[int, str]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch:
+    """Many frames, one store.
+
+    Parameters
+    ----------
+    source : Source
+        Where frames come from: a `DepthFolder`, or any of `planewise.datasets`.
+    store : path
+        Folder of the store: new, empty, or one that was made with the same recipe.
+    recipe : Recipe
+        What is done with every frame.
+    selection : Selection
+        Which frames.
+    retry_failed : bool
+        Try frames again that failed before.
+
+    Examples
+    --------
+    >>> import planewise as pw
+    >>> from planewise.batch import Batch, DepthFolder, LocalEngine, Recipe
+    >>> recipe = Recipe(
+    ...     sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=pw.cameras.NYU
+    ... )
+    >>> def all_of(folder, store):
+    ...     batch = Batch(source=DepthFolder(folder), store=store, recipe=recipe)
+    ...     with batch.started(LocalEngine(workers=2)) as run:
+    ...         for outcome in run:
+    ...             print(outcome.frame, outcome.planes, outcome.reason)
+    """
+
+    source: Source
+    store: Path
+    recipe: Recipe
+    selection: Selection = field(default_factory=Selection)
+    retry_failed: bool = False
+
+    def plan(self) -> Plan:
+        """Say what there is to do; nothing is written.
+
+        Raises
+        ------
+        PlanewiseError
+            If the store cannot be used: made with other options, or from another source.
+        """
+        arrow()
+        selected = self.selection.of(self.source.ids)
+        statuses = self._statuses()
+        left_out = {DONE} if self.retry_failed else {DONE, FAILED}
+        done = sum(statuses.get(frame) == DONE for _, frame in selected)
+        failed = sum(statuses.get(frame) in left_out - {DONE} for _, frame in selected)
+        to_do = [each for each in selected if statuses.get(each[1]) not in left_out]
+        return Plan(selected=len(selected), done=done, failed=failed, to_do=to_do)
+
+    @contextmanager
+    def started(self, engine: Engine) -> Iterator[Run]:
+        """Lock the store, make it if need be, and give the run; at the end all is committed.
+
+        Raises
+        ------
+        PlanewiseError
+            If the store cannot be used, or another process uses it.
+        OSError
+            If there is no room.
+        """
+        self.plan()
+        folder = Path(self.store)
+        self._make_folder(folder)
+        writer = writer_name(self.selection.shard)
+        with locked(folder, self.selection.shard):
+            staging = Staging(folder / f"{_UNFINISHED}{writer}")
+            try:
+                self._begin(folder, staging)
+                plan = self.plan()  # once more, now that nobody else can change it
+                with opened(folder, writer, staging) as store:
+                    yield Run(FrameWork(self.source, self.recipe), plan, store, engine)
+            finally:
+                staging.close()
+
+    def _statuses(self) -> dict[str, str]:
+        """Status of every frame of the store, which is checked to be of this batch."""
+        folder = Path(self.store)
+        if not (folder / STORE_FILE).exists():
+            _check_empty(folder)
+            return {}
+        store = Store(folder)
+        check_same(folder, store.info, info_of(self.source, self.recipe))
+        known = dict.fromkeys(store.ids, DONE) | dict.fromkeys(store.failed, FAILED)
+        strange = known.keys() - set(self.source.ids)
+        if strange:
+            raise PlanewiseError(
+                f"store: {folder} holds {len(strange)} frames that {self.source.name} does not "
+                f"have, such as {min(strange)}: it is of another source"
+            )
+        self._check_readings(store)
+        return known
+
+    def _check_readings(self, store: Store) -> None:
+        """See by one frame whether the source still is what it was."""
+        if not store.ids:
+            return
+        first = store.ids[0]
+        try:
+            now = fingerprint(self.source[first].depth)
+        except (ValueError, OSError):
+            return
+        if now != store[first].row["fingerprint"]:
+            raise PlanewiseError(
+                f"store: the frame {first} of {self.source.name} has other readings than the one "
+                f"that {self.store} was made from"
+            )
+
+    @staticmethod
+    def _make_folder(folder: Path) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise PlanewiseError(
+                f"output: the folder {folder} cannot be made ({error.strerror or error})"
+            ) from None
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise PlanewiseError(f"output: the folder {folder} cannot be written to")
+
+    def _begin(self, folder: Path, staging: Staging) -> None:
+        for name in FOLDERS:
+            (folder / name).mkdir(exist_ok=True)
+        if not (folder / STORE_FILE).exists():
+            text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
+            staging.publish(text.encode() + b"\n", folder / STORE_FILE)
+        own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
+        if alone:
+            for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
+                shutil.rmtree(left)  # by a shard that was killed
+        for segment in segments_of(folder):
+            writer = segment.name.rpartition("-")[0]
+            if self.retry_failed and (alone or writer in (own, writer_name((1, 1)))):
+                segment.forget_failed(staging)
+            if alone and writer != own:
+                segment.seal(staging)
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run under way; iterating does it.
+
+    Attributes
+    ----------
+    plan : Plan
+        What it does.
+    """
+
+    _work: FrameWork
+    plan: Plan
+    _store: StoreWriter
+    _engine: Engine
+
+    def __iter__(self) -> Iterator[Outcome]:
+        """Do the frames; give each when it is handed to the store.
+
+        Raises
+        ------
+        PlanewiseError
+            If no frame can be done at all, such as without a package that all need.
+        """
+        if not self.plan.to_do:
+            return
+        outcomes: Any = self._engine.run(self._work, self.plan.to_do)
+        try:
+            for outcome in outcomes:
+                if outcome.fatal:
+                    raise PlanewiseError(outcome.fatal)
+                self._store.add(outcome)
+                yield outcome
+        finally:
+            outcomes.close()
+
+
+def _check_empty(folder: Path) -> None:
+    """Refuse to make a store among files of others."""
+    if folder.exists() and not folder.is_dir():
+        raise PlanewiseError(f"output: {folder} exists and is not a folder")
+    if not folder.exists():
+        return
+    ours = set(FOLDERS)
+    others = [p.name for p in folder.iterdir() if p.name not in ours and not p.name.startswith(".")]
+    if others:
+        raise PlanewiseError(
+            f"output: {folder} holds {min(others)}, but no store; give a new folder"
+        )

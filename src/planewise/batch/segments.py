@@ -1,0 +1,105 @@
+"""How the rows of a store lie on the disk.
+
+They come in segments, whose names have the writer and a number. A segment is a journal at first
+(``journal/NAME.jsonl``), and Parquet later (``planes/NAME.parquet``, ``frames/NAME.parquet``). It
+counts as Parquet from the moment its frames are there, which are written last; until then, its
+journal counts and nothing else of it. So it is never both, whenever a process is killed.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planewise.batch.columns import FAILED, FRAMES, PLANES
+from planewise.batch.journal import line_of, read_records
+from planewise.batch.staging import Staging, sync_folder
+from planewise.batch.tables import arrow, parquet_of, read_table, tables_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+FOLDERS = ("labels", "frames", "planes", "journal")
+_JOURNAL, _PARQUET = ".jsonl", ".parquet"
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A segment of the store in a folder."""
+
+    store: Path
+    name: str
+
+    @property
+    def journal(self) -> Path:
+        """File of records."""
+        return self.store / "journal" / (self.name + _JOURNAL)
+
+    @property
+    def frames_file(self) -> Path:
+        """Parquet file of frames; the segment is sealed where it exists."""
+        return self.store / "frames" / (self.name + _PARQUET)
+
+    @property
+    def planes_file(self) -> Path:
+        """Parquet file of planes."""
+        return self.store / "planes" / (self.name + _PARQUET)
+
+    def tables(
+        self, frames: Sequence[str] = tuple(FRAMES), planes: Sequence[str] = tuple(PLANES)
+    ) -> tuple[pa.Table, pa.Table]:
+        """Frames and planes, or some columns of them."""
+        records = read_records(self.journal)  # first: once its Parquet is there, it goes
+        if self.frames_file.exists():
+            return (
+                read_table(self.frames_file, frames),
+                read_table(self.planes_file, planes) if planes else arrow().table({}),
+            )
+        found, on_them = tables_of(records)
+        return found.select(list(frames)), on_them.select(list(planes))
+
+    def seal(self, staging: Staging) -> None:
+        """Turn the journal into Parquet."""
+        records = read_records(self.journal)
+        if records and not self.frames_file.exists():
+            frames, planes = tables_of(records)
+            staging.publish(parquet_of(planes), self.planes_file)
+            staging.publish(parquet_of(frames), self.frames_file)
+        self.journal.unlink(missing_ok=True)
+        sync_folder(self.journal.parent)
+
+    def forget_failed(self, staging: Staging) -> None:
+        """Drop frames that failed, which have no planes; then they are frames still to do."""
+        if self.frames_file.exists():
+            frames = read_table(self.frames_file)
+            kept = frames.filter(arrow().compute.not_equal(frames["status"], FAILED))
+            if len(kept) < len(frames):
+                staging.publish(parquet_of(kept), self.frames_file)
+            return
+        records = read_records(self.journal)
+        kept_records = [
+            record for record in records if json.loads(record)["frame"]["status"] != FAILED
+        ]
+        if len(kept_records) < len(records):
+            staging.publish(b"".join(map(line_of, kept_records)), self.journal)
+
+
+def segments_of(store: Path) -> list[Segment]:
+    """Segments of a store by name.
+
+    While another process writes: journals are looked for first, for a segment that is sealed in
+    between is then found as Parquet.
+    """
+    names = {path.stem for path in sorted((store / "journal").glob(f"*{_JOURNAL}"))}
+    names |= {path.stem for path in sorted((store / "frames").glob(f"*{_PARQUET}"))}
+    return [Segment(store, name) for name in sorted(names)]
+
+
+def own_segments(store: Path, writer: str) -> Iterator[Segment]:
+    """Those of one writer, in their order."""
+    for segment in segments_of(store):
+        if segment.name.rpartition("-")[0] == writer:
+            yield segment

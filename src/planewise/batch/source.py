@@ -1,0 +1,167 @@
+"""What a batch reads frames from, and which of them it takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import Camera
+from planewise.depth_files import list_depth_files, read_depth
+from planewise.errors import PlanewiseError
+
+
+class SourceFrame(Protocol):
+    """A depth image and what is known about it; `planewise.datasets.DatasetFrame` is one."""
+
+    @property
+    def depth(self) -> NDArray[Any]:
+        """Readings, shape (H, W): integer units of `depth_scale`, or floating-point metres."""
+        ...
+
+    @property
+    def camera(self) -> Camera | None:
+        """Intrinsics, where they are known."""
+        ...
+
+    @property
+    def depth_scale(self) -> float | None:
+        """Metres per unit of integer depth, where it is known."""
+        ...
+
+    @property
+    def timestamp(self) -> float | None:
+        """Seconds, where there are any."""
+        ...
+
+    @property
+    def rgb(self) -> NDArray[np.uint8] | None:
+        """Picture of the same view, where there is one."""
+        ...
+
+
+class Source(Protocol):
+    """Frames by id; every `planewise.datasets.Dataset` is one.
+
+    A source is copied to other processes and machines, which have to reach what it reads.
+    """
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        ...
+
+    @property
+    def ids(self) -> Sequence[str]:
+        """Of all frames, unique, in their order; the same whenever and wherever they are asked."""
+        ...
+
+    def __getitem__(self, frame: str) -> SourceFrame:
+        """Read one frame; raise `ValueError` or `OSError` where it cannot be read."""
+        ...
+
+
+@dataclass(frozen=True, kw_only=True)
+class FileFrame:
+    """Frame of a depth file."""
+
+    depth: NDArray[Any]
+    camera: Camera | None = None
+    depth_scale: float | None = None
+    timestamp: float | None = None
+    rgb: NDArray[np.uint8] | None = None
+
+
+class DepthFolder:
+    """Depth images of a folder in natural order; a frame's id is its file name without ending.
+
+    Where two files differ in nothing else, the ending is part of the id.
+
+    Parameters
+    ----------
+    folder : path
+        Holds files that `planewise.depth_files.read_depth` reads.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is no folder, or holds no depth file.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder).absolute()
+        self.name = self.folder.name
+        paths = list_depth_files(folder)
+        stems = [path.stem for path in paths]
+        unique = len(set(stems)) == len(stems)
+        self._files = {path.stem if unique else path.name: path.name for path in paths}
+        self.ids = tuple(self._files)
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def __getitem__(self, frame: str) -> FileFrame:
+        """Read one frame.
+
+        Raises
+        ------
+        PlanewiseError
+            If it is damaged, or no depth image.
+        """
+        read = read_depth(self.folder / self._files[frame])
+        return FileFrame(
+            depth=read.depth, camera=read.camera, depth_scale=read.depth_scale, rgb=read.rgb
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Selection:
+    """Which frames of a source are taken.
+
+    Parameters
+    ----------
+    every : int
+        One of so many, from the first.
+    shard : tuple of int
+        (i, n): of those, the i-th of n parts, counted from 1. The parts are disjoint and together
+        all; neighbours go to different ones.
+    limit : int, optional
+        Of those, the first so many.
+    """
+
+    every: int = 1
+    shard: tuple[int, int] = (1, 1)
+    limit: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.every < 1:
+            raise PlanewiseError(f"every must be at least 1, got {self.every}")
+        if self.limit is not None and self.limit < 1:
+            raise PlanewiseError(f"limit must be at least 1, got {self.limit}")
+        part, parts = self.shard
+        if not 1 <= part <= parts:
+            raise PlanewiseError(f"shard must be i/n with 1 <= i <= n, got {part}/{parts}")
+
+    def of(self, ids: Sequence[str]) -> list[tuple[int, str]]:
+        """Number and id of the frames that are taken, in their order."""
+        part, parts = self.shard
+        numbers = range(0, len(ids), self.every)[part - 1 :: parts]
+        return [(number, ids[number]) for number in numbers[: self.limit]]
+
+
+def parse_shard(text: str) -> tuple[int, int]:
+    """Read ``i/n``.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is of another form.
+    """
+    part, slash, parts = text.partition("/")
+    if not (slash and part.isdecimal() and parts.isdecimal()):
+        raise PlanewiseError(f"shard must be i/n such as 3/8, got {text!r}")
+    return int(part), int(parts)

@@ -1,0 +1,132 @@
+"""What a store was made with (``store.json``), and whether that is what is asked for now."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from planewise._version import __version__
+from planewise.batch.columns import SCHEMA_VERSION
+from planewise.batch.frame_work import Recipe
+from planewise.batch.source import Source
+from planewise.errors import PlanewiseError
+from planewise.label_files import STORE_FILE
+from planewise.machine import versions
+from planewise.noise import AUTO
+from planewise.sensor import Sensor
+from planewise.sensor_files import describe_exactly
+
+SCHEMA = "planewise/store"
+
+_NAMED = 4  # differences that a message lists
+_PACKAGES = ("pillow", "pyarrow", "ray")
+
+
+def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
+    """Content of ``store.json``: all that the results depend on, and the versions used."""
+    ids = hashlib.sha256()
+    for each in source.ids:
+        ids.update(each.encode("utf-8", "surrogateescape") + b"\0")
+    return {
+        "schema": SCHEMA,
+        "schema_version": SCHEMA_VERSION,
+        "made_with": _made_with(recipe),
+        "source": {
+            "name": source.name,
+            "kind": type(source).__name__,
+            "path": _path_of(source),
+            "frames": len(source.ids),
+            "ids_sha256": ids.hexdigest(),
+        },
+        "sensor": recipe.sensor.describe(),
+        "versions": versions(_PACKAGES),
+    }
+
+
+def _path_of(source: Source) -> str | None:
+    """Where it lies, for those who want to see pictures beside the labels."""
+    path = getattr(source, "folder", None) or getattr(source, "path", None)
+    return None if path is None else str(Path(path).absolute())
+
+
+def _made_with(recipe: Recipe) -> dict[str, Any]:
+    """What has to be the same for all frames of a store."""
+    return {
+        "planewise": __version__,
+        "options": recipe.options.describe(),
+        "sensor": _exactly(recipe.sensor),
+        "camera": None if recipe.camera is None else recipe.camera.describe(),
+        "depth_scale": recipe.depth_scale,
+        "labels": recipe.labels,
+    }
+
+
+def _exactly(sensor: Sensor) -> dict[str, Any]:
+    if sensor.noise == AUTO:
+        return dict(sensor.describe())
+    return describe_exactly(sensor)
+
+
+def read_info(store: Path) -> dict[str, Any]:
+    """Read ``store.json``.
+
+    Raises
+    ------
+    PlanewiseError
+        If there is none, or it is of another layout.
+    """
+    path = store / STORE_FILE
+    if not path.is_file():
+        raise PlanewiseError(f"store: {store} is no store: it has no {STORE_FILE}")
+    try:
+        info = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise PlanewiseError(f"store: {path} is damaged ({error})") from None
+    if not isinstance(info, dict) or info.get("schema") != SCHEMA:
+        raise PlanewiseError(f"store: {path} does not describe a store")
+    if info.get("schema_version") != SCHEMA_VERSION:
+        raise PlanewiseError(
+            f"store: {store} has layout {info.get('schema_version')}, this program reads "
+            f"{SCHEMA_VERSION}"
+        )
+    return info
+
+
+def check_same(store: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
+    """Refuse a store that was made with other options.
+
+    Raises
+    ------
+    PlanewiseError
+        Which says what differs.
+    """
+    here = json.loads(json.dumps(here))  # where tuples are lists, as there
+    if there["made_with"] == here["made_with"]:
+        return
+    found: list[str] = []
+    for key in here["made_with"]:
+        old, new = there["made_with"].get(key), here["made_with"][key]
+        if key == "sensor" and there[key] != here[key]:
+            old, new = there[key], here[key]  # the same in words
+        found += _differences(key, old, new)
+    more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+    raise PlanewiseError(
+        f"store: {store} was made with other options: {'; '.join(found[:_NAMED])}{more}; give "
+        "these, or another folder"
+    )
+
+
+def _differences(name: str, there: Any, here: Any) -> Iterator[str]:
+    if isinstance(there, dict) and isinstance(here, dict):
+        for key in [*there, *(key for key in here if key not in there)]:
+            yield from _differences(f"{name}.{key}", there.get(key), here.get(key))
+    elif there != here:
+        yield f"{name} is {_short(there)} there, {_short(here)} here"
+
+
+def _short(value: Any) -> str:
+    text = "not given" if value is None else json.dumps(value)
+    return text if len(text) <= 80 else text[:77] + "..."

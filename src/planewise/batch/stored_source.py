@@ -1,0 +1,117 @@
+"""The frames that a store was made from, for pictures of them, where they can still be read."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.batch.frame_work import fingerprint
+from planewise.batch.open_source import open_source
+from planewise.batch.source import DepthFolder, Source, SourceFrame
+from planewise.batch.store import Store, StoredFrame
+from planewise.camera import Camera, PinholeCamera
+from planewise.datasets.opening import READERS
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.lidar_files import is_spherical, spherical_camera
+
+
+class StoredSource:
+    """Readings and pictures of the frames of a store.
+
+    Parameters
+    ----------
+    store : Store
+        Says where its source was.
+    path : path, optional
+        Where it is now; ``None`` means where it was.
+
+    Attributes
+    ----------
+    missing : str
+        Why it cannot be read; empty if it can.
+
+    Raises
+    ------
+    PlanewiseError
+        If `path` is given and cannot be read.
+    """
+
+    def __init__(self, store: Store, path: Path | None = None) -> None:
+        self._source: Source | None = None
+        self.missing = ""
+        try:
+            self._source = _open(store.info, path)
+        except MissingExtraError:
+            raise
+        except (PlanewiseError, OSError) as error:
+            if path is not None:
+                raise
+            self.missing = str(error)
+
+    def __getitem__(self, frame: StoredFrame) -> SourceFrame:
+        """Read a frame.
+
+        Raises
+        ------
+        PlanewiseError
+            If it cannot be read, or its readings are not those that the store was made from.
+        """
+        if self._source is None:
+            raise PlanewiseError(self.missing)
+        try:
+            seen = self._source[frame.id]
+        except KeyError:
+            raise PlanewiseError(f"the source has no frame {frame.id} any more") from None
+        if fingerprint(seen.depth) != frame.row["fingerprint"]:
+            raise PlanewiseError(f"the readings of {frame.id} are no longer those of the store")
+        return seen
+
+
+def metres(frame: StoredFrame, seen: SourceFrame) -> NDArray[np.float64]:
+    """Readings of a frame in metres, shape (H, W); NaN where there is none."""
+    scale = frame.row["depth_scale"]
+    depth = np.asarray(seen.depth * (1.0 if scale is None else scale), np.float64)
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
+
+
+def camera_of(frame: StoredFrame) -> Camera | None:
+    """Camera that the planes of a frame were found with; ``None`` for one of a user's own kind."""
+    row = frame.row
+    if row["fx"] is None:
+        return _described(json.loads(row["camera"]))
+    names = ("fx", "fy", "cx", "cy", "distortion")
+    return _described({name: row[name] for name in names if row[name] is not None})
+
+
+def _described(camera: dict[str, Any]) -> Camera | None:
+    if is_spherical(camera):
+        return spherical_camera(camera)
+    return PinholeCamera(**camera) if "fx" in camera else None
+
+
+def _open(info: Mapping[str, Any], path: Path | None) -> Source:
+    """Open the source as the batch did, with pictures."""
+    recorded, made = info["source"], info["made_with"]
+    if path is None:
+        if not recorded.get("path"):
+            raise PlanewiseError(f"the store does not say where {recorded['name']} is")
+        path = Path(recorded["path"])
+    if not path.exists():
+        raise PlanewiseError(f"source: there is no {path}")
+    if recorded["kind"] == DepthFolder.__name__:
+        return DepthFolder(path)
+    reader = next((each for each in READERS if each.__name__ == recorded["kind"]), None)
+    camera = None if made["camera"] is None else _described(made["camera"])
+    given: dict[str, Any] = {"camera": camera, "depth_scale": made["depth_scale"]}
+    if reader is None:
+        return open_source(path, pictures=True, **given)
+    known = inspect.signature(reader).parameters
+    given = {name: value for name, value in given.items() if name in known}
+    return open_source(path, reader.kind, pictures=True, **given)

@@ -1,0 +1,79 @@
+"""The two tables of a store as Arrow and Parquet."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from planewise.batch.columns import FRAMES, PLANES, SCHEMA_VERSION
+from planewise.errors import MissingExtraError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+_ROW_GROUP = 16_384
+
+
+def arrow() -> Any:
+    """Import pyarrow.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    try:
+        import pyarrow.parquet
+    except ImportError:
+        raise MissingExtraError("pyarrow", "a store of many frames", "batch") from None
+    import pyarrow
+
+    return pyarrow
+
+
+def schema_of(columns: dict[str, str]) -> pa.Schema:
+    """Arrow schema of `columns.FRAMES` or `columns.PLANES`."""
+    pa = arrow()
+    kinds = {"list<double>": pa.list_(pa.float64())}
+    return pa.schema(
+        [(name, kinds.get(kind) or pa.type_for_alias(kind)) for name, kind in columns.items()],
+        metadata={"planewise_schema_version": str(SCHEMA_VERSION)},
+    )
+
+
+def tables_of(records: Iterable[bytes]) -> tuple[pa.Table, pa.Table]:
+    """Frames and planes of records of a journal, in the order of the source.
+
+    A record that comes later replaces one of the same frame.
+    """
+    rows = {}
+    for record in map(json.loads, records):
+        rows[record["frame"]["frame"]] = record
+    ordered = sorted(rows.values(), key=lambda row: int(row["frame"]["number"]))
+    pa = arrow()
+    frames = {name: [row["frame"].get(name) for row in ordered] for name in FRAMES}
+    planes = [plane for row in ordered for plane in row["planes"]]
+    by_column = zip(*planes, strict=True) if planes else ([] for _ in PLANES)
+    return (
+        pa.Table.from_pydict(frames, schema=schema_of(FRAMES)),
+        pa.Table.from_pydict(
+            dict(zip(PLANES, map(list, by_column), strict=True)), schema=schema_of(PLANES)
+        ),
+    )
+
+
+def parquet_of(table: pa.Table) -> bytes:
+    """Parquet file of a table."""
+    pa = arrow()
+    sink = pa.BufferOutputStream()
+    pa.parquet.write_table(table, sink, compression="zstd", row_group_size=_ROW_GROUP)
+    return bytes(sink.getvalue())
+
+
+def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
+    """Read a Parquet file, or some columns of it."""
+    return arrow().parquet.read_table(
+        path, columns=None if columns is None else list(columns), partitioning=None
+    )

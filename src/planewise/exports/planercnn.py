@@ -1,0 +1,198 @@
+"""Scenes as PlaneRCNN's training reads them (its ``datasets/scannet_scene.py``, ScanNet v2).
+
+    scenes.txt                                  names of the scenes, one a line
+    frames.csv                                  scene and index of every frame of the store
+    scans/SCENE/SCENE.txt                       sizes, intrinsics, number of frames
+    scans/SCENE/frames/color/INDEX.jpg          picture
+    scans/SCENE/frames/depth/INDEX.png          16 bit, millimetres
+    scans/SCENE/frames/pose/INDEX.txt           4 x 4, camera to world
+    scans/SCENE/annotation/planes.npy           (N, 3) float64, world
+    scans/SCENE/annotation/plane_info.npy       N lists
+    scans/SCENE/annotation/segmentation/INDEX.png   8-bit colour
+
+A row of ``planes.npy`` is the point of a plane that is nearest to the origin of the world,
+-distance x normal. A pixel of plane i of its scene has the colour 100 (i + 1), red the highest
+byte; black is no plane. Planes are of one frame each: a wall that two frames see is two planes.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.batch.frame_names import safe_name
+from planewise.batch.source import SourceFrame
+from planewise.batch.store import Store, StoredFrame
+from planewise.batch.stored_source import metres
+from planewise.datasets.collection import BETWEEN
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.exports.form import Form
+from planewise.result_files import write_image
+
+Array = NDArray[np.float64]
+
+_FRAMES_A_SCENE = 2000  # the training counts frames of a scene up to 9,999, planes up to 167,770
+_MOST_PLANES = 167_770
+_FARTHEST = 65_535  # millimetres that 16 bits hold; what is beyond is no reading
+_STEP = 100  # of colours, from plane to plane
+_UNANNOTATED = 41  # class of planes of no known object
+_JPEG_QUALITY = 95
+_CAMERA = ("fx", "fy", "cx", "cy", "width", "height")
+
+
+@dataclass
+class _Scene:
+    """A scene that is being written."""
+
+    name: str
+    expected: int
+    camera: tuple[float, ...] | None = None
+    handled: int = 0
+    planes: list[Array] = field(default_factory=list)
+    count: int = 0
+
+
+class PlaneRcnnExport(Form):
+    """See the module, and `Form`."""
+
+    needs_source = True
+
+    def __init__(
+        self, folder: Path, store: Store, ids: Sequence[str], *, pictures: bool = False
+    ) -> None:
+        super().__init__(folder, store, ids, pictures=pictures)
+        self._places: dict[str, tuple[str, int]] = {}
+        sizes: dict[str, int] = {}
+        for each in ids:
+            whole = _scene_of(each, store.info["source"]["name"])
+            seen = sizes.get(whole, 0)
+            sizes[whole] = seen + 1
+            part, index = divmod(seen, _FRAMES_A_SCENE)
+            name = f"{whole}%part{part}" if part else whole  # no other scene is named so
+            self._places[each] = (name, index)
+        expected: dict[str, int] = {}
+        for name, _ in self._places.values():
+            expected[name] = expected.get(name, 0) + 1
+        self._scenes = {name: _Scene(name, count) for name, count in expected.items()}
+        self._rows = csv.writer(self.text("frames.csv"))
+        self._rows.writerow(("scene", "index", "frame"))
+        self._names: list[str] = []
+
+    def add(self, frame: StoredFrame, seen: SourceFrame | None) -> None:
+        """See `Form`."""
+        assert seen is not None
+        name, index = self._places[frame.id]
+        scene, labels, planes = self._scenes[name], frame.labels, frame.planes
+        self._check(scene, frame, seen)
+        if labels.max(initial=0) > len(planes):
+            raise PlanewiseError(f"frame {frame.id}: its labels are not those of its planes")
+        depth = np.nan_to_num(np.round(1000 * metres(frame, seen)))
+        depth[depth > _FARTHEST] = 0
+        scene.camera = scene.camera or _camera(frame)
+        pose = _pose(seen)
+        at = f"scans/{name}"
+        _write_jpeg(self.path(f"{at}/frames/color/{index}.jpg"), seen.rgb)
+        write_image(self.path(f"{at}/frames/depth/{index}.png"), depth.astype(np.uint16))
+        np.savetxt(self.path(f"{at}/frames/pose/{index}.txt"), pose, fmt="%.9g")
+        write_image(
+            self.path(f"{at}/annotation/segmentation/{index}.png"), _colours(labels, scene.count)
+        )
+        scene.planes.append(nearest_points(planes, pose))
+        scene.count += len(planes)
+        self._rows.writerow((name, index, frame.id))
+        self._handled(scene)
+
+    def left_out(self, frame: StoredFrame) -> None:
+        """See `Form`."""
+        self._handled(self._scenes[self._places[frame.id][0]])
+
+    def finish(self) -> None:
+        """See `Form`."""
+        text = "".join(f"{name}\n" for name in sorted(self._names))
+        self.path("scenes.txt").write_text(text, encoding="ascii")
+
+    @staticmethod
+    def _check(scene: _Scene, frame: StoredFrame, seen: SourceFrame) -> None:
+        if seen.rgb is None:
+            raise PlanewiseError(f"frame {frame.id}: the source has no picture of it")
+        if frame.row["fx"] is None:
+            raise PlanewiseError(f"frame {frame.id}: its camera is no pinhole")
+        if scene.camera not in (None, _camera(frame)):
+            raise PlanewiseError(f"frame {frame.id}: it has another camera than its scene")
+        if scene.count + len(frame.planes) > _MOST_PLANES:
+            raise PlanewiseError(f"frame {frame.id}: its scene has too many planes")
+
+    def _handled(self, scene: _Scene) -> None:
+        """Write what is of the whole scene once its last frame is there, and forget it."""
+        scene.handled += 1
+        if scene.handled < scene.expected or scene.camera is None:
+            return
+        at = f"scans/{scene.name}"
+        planes = np.concatenate(scene.planes)
+        np.save(self.path(f"{at}/annotation/planes.npy"), planes)
+        info = np.empty(len(planes), object)  # of lists, whose lengths may differ
+        info[:] = [[(number, _UNANNOTATED, _UNANNOTATED)] for number in range(len(planes))]
+        np.save(self.path(f"{at}/annotation/plane_info.npy"), info, allow_pickle=True)
+        fx, fy, cx, cy, width, height = scene.camera
+        sizes = {"colorWidth": width, "colorHeight": height, "depthWidth": width}
+        lines: dict[str, Any] = {
+            **sizes, "depthHeight": height, "fx_depth": fx, "fy_depth": fy, "mx_depth": cx,
+            "my_depth": cy, "numColorFrames": scene.expected, "numDepthFrames": scene.expected,
+        }  # fmt: skip
+        text = "".join(f"{key} = {value}\n" for key, value in lines.items())
+        self.path(f"{at}/{scene.name}.txt").write_text(text, encoding="ascii")
+        self._names.append(scene.name)
+        scene.planes = []
+
+
+def nearest_points(planes: Array, pose: Array) -> Array:
+    """Points of planes that are nearest to the origin of the world, shape (N, 3).
+
+    Parameters
+    ----------
+    planes : ndarray, shape (N, 4)
+        Rows (normal, distance) in the camera's frame.
+    pose : ndarray, shape (4, 4)
+        Camera to world.
+    """
+    normal = planes[:, :3] @ pose[:3, :3].T
+    distance = planes[:, 3] - normal @ pose[:3, 3]
+    return np.asarray(-distance[:, None] * normal)
+
+
+def _scene_of(frame: str, dataset: str) -> str:
+    """Name of the scene: the part of a collection that a frame is of, or the whole."""
+    part, between, _ = frame.rpartition(BETWEEN)
+    if not between:
+        part, between, _ = frame.rpartition("/")
+    return safe_name(part if between else dataset, "").replace("/", "%2F")
+
+
+def _camera(frame: StoredFrame) -> tuple[float, ...]:
+    return tuple(frame.row[each] for each in _CAMERA)
+
+
+def _pose(seen: SourceFrame) -> Array:
+    """Pose of a frame; where it is not known, the world is the camera's own."""
+    pose = getattr(seen, "pose", None)
+    return np.eye(4) if pose is None or not np.isfinite(pose).all() else np.asarray(pose)
+
+
+def _colours(labels: NDArray[np.uint16], before: int) -> NDArray[np.uint8]:
+    numbers = np.where(labels > 0, (labels.astype(np.int64) + before) * _STEP, 0)
+    return np.stack([numbers >> 16, numbers >> 8 & 255, numbers & 255], axis=-1).astype(np.uint8)
+
+
+def _write_jpeg(path: Path, rgb: NDArray[np.uint8] | None) -> None:
+    try:
+        from PIL import Image
+    except ImportError:
+        raise MissingExtraError("pillow", "writing pictures") from None
+    assert rgb is not None
+    Image.fromarray(rgb).save(path, quality=_JPEG_QUALITY, subsampling=0)

@@ -1,0 +1,149 @@
+"""How to search: the options of every door, checked once."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from planewise.evaluate import MAX_PLANES
+from planewise.objective import SPATIAL, Objective, as_objective
+from planewise.partition import (
+    Partition,
+    Partitioner,
+    PartitionOptions,
+    as_partitioner,
+    describe,
+)
+from planewise.reassign import NormalReassignment, as_reassignment
+from planewise.sequential import trial_count
+
+Search = Literal["joint", "sequential"]
+Seed = int | np.random.Generator
+
+_MAX_PLANES = {"joint": 64, "sequential": 8}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """How to search.
+
+    Parameters
+    ----------
+    search : {"joint", "sequential"}
+        All planes together, or the paper's one after the other.
+    objective : {"spatial", "paper"} or Objective, optional
+        What is minimised: a spatial mask code with correlated error and a smooth null (depth
+        images and points in space, joint search), or the paper's objective. ``None`` means the
+        first where it can be had, else the second.
+    instances : bool
+        Keep coplanar surfaces that do not touch apart (spatial objective).
+    significance : float
+        Nats that a plane has to save beyond its parameters and its border (spatial objective): the
+        larger, the fewer planes.
+    confidence : float
+        c of the paper: probability that a plane's sample is drawn from it alone (sequential).
+    inlier_ratio : float
+        r of the paper: share of the readings on the smallest plane sought (sequential).
+    max_planes : int, optional
+        Largest number of planes; ``None`` means 8 for the sequential search, as in the paper, and
+        64 for the joint one, which stops by itself; there is no limit for the sequential search
+        with a partition.
+    reassign : {"normals"} or NormalReassignment, optional
+        The paper's step after the search: readings that fit several planes go to the one whose
+        normal and distance are most like those of the surface around them. For depth images under
+        the paper's objective; the planes stay and Phi, exact for the new labels, may rise.
+    partition : str, callable or array_like, optional
+        Regions of a depth image, in which the sequential search looks for planes and the joint one
+        for further candidates, which cannot raise Phi: "graph" or "auto", "blocks", "sam", a label
+        image (H, W), masks (N, H, W), or a function (`planewise.partition`).
+    partition_options : PartitionOptions
+        How the paper's search goes through the regions.
+    rng : int or numpy.random.Generator
+        Seed. With an int every call gives the same answer for the same input.
+    threads : int, optional
+        Threads for the compiled loops; ``None`` means one per processor. No result depends on it.
+    """
+
+    search: Search = "joint"
+    objective: Objective | str | None = None
+    instances: bool = False
+    significance: float = 0.0
+    confidence: float = 0.99
+    inlier_ratio: float = 0.1
+    max_planes: int | None = None
+    reassign: NormalReassignment | Literal["normals"] | None = None
+    partition: Partition | None = None
+    partition_options: PartitionOptions = field(default_factory=PartitionOptions)
+    rng: Seed = 0
+    threads: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.partition is not None:
+            object.__setattr__(self, "partition", as_partitioner(self.partition))
+        if self.search not in _MAX_PLANES:
+            raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
+        if self.objective not in (None, SPATIAL):
+            as_objective(self.objective)
+            if self.instances:
+                raise ValueError("instances needs objective='spatial', got another objective")
+        elif self.search != "joint" and self.objective == SPATIAL:
+            raise ValueError("objective='spatial' needs search='joint', got another search")
+        elif self.search != "joint" and self.instances:
+            raise ValueError("instances needs search='joint', got another search")
+        if not 0 <= self.significance < math.inf:
+            raise ValueError(
+                f"significance must be a number of nats, not negative, got {self.significance}"
+            )
+        trial_count(self.confidence, self.inlier_ratio)
+        as_reassignment(self.reassign)
+        spatial = self.objective == SPATIAL or (self.objective is None and self.search == "joint")
+        if self.reassign is not None and spatial:
+            raise ValueError(
+                "reassign needs objective='paper' or search='sequential', got objective='spatial', "
+                "whose mask code sees to neighbours itself"
+            )
+        if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
+            raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
+        if self.threads is not None and self.threads < 1:
+            raise ValueError(f"threads must be at least 1, got {self.threads}")
+
+    def resolved(self, spatial: bool) -> Options:
+        """These options with an objective; spatial: whether the observation may have that one."""
+        if self.objective is not None:
+            return self
+        return replace(self, objective=SPATIAL if spatial and self.search == "joint" else "paper")
+
+    def describe(self) -> dict[str, object]:
+        """Say in plain types what was asked for, for result files."""
+        out: dict[str, object] = {
+            "search": self.search,
+            "objective": "custom" if isinstance(self.objective, Objective) else self.objective,
+            "max_planes": self.most_planes,
+            "instances": self.instances,
+            "significance": self.significance,
+            "rng": self.rng if isinstance(self.rng, int) else "generator",
+        }
+        if self.search == "sequential":
+            out |= {"confidence": self.confidence, "inlier_ratio": self.inlier_ratio}
+        if reassign := as_reassignment(self.reassign):
+            out["reassign"] = {"normals": asdict(reassign)}
+        if self.partitioner is not None:
+            out |= {
+                "partition": describe(self.partitioner),
+                "partition_options": asdict(self.partition_options),
+            }
+        return out
+
+    @property
+    def partitioner(self) -> Partitioner | None:
+        """What makes the regions, if any."""
+        return None if self.partition is None else as_partitioner(self.partition)
+
+    @property
+    def most_planes(self) -> int:
+        """Largest number of planes."""
+        regions = self.search == "sequential" and self.partition is not None
+        return self.max_planes or (MAX_PLANES if regions else _MAX_PLANES[self.search])

@@ -1,0 +1,286 @@
+"""Sectors of an image: parts in which inverse depth is affine on every plane.
+
+A pinhole image is one sector. Unit directions around a full turn have no coordinates in which all
+planes are affine, so a panorama is cut into upright sectors. Within one, about its middle azimuth,
+
+    z = range c,   w = 1 / z = t0 + t1 x + t2 y,   c = cos(elevation) cos(azimuth - middle),
+
+with (x, y) the gnomonic projection, which is what a pinhole camera looking there would see. Sectors
+lie side by side with gaps without readings between them, wide enough for no loop over neighbours to
+see from one into the next. What is known of a plane, P and P t of a row (`kernels.cells`), is
+carried from one sector to another exactly: theta = turn t, and P is a sum over d d', d the unit
+direction of a reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels.cells import SIDE, UNIT
+
+Array = NDArray[np.float64]
+Image = NDArray[np.float32]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+SQUARE = 2 * SIDE  # pixels of a square of cells
+BLOCK = 3 * SQUARE  # columns in which squares and groups begin together
+GAP = 4 * SQUARE  # columns between sectors: the farthest that cells in a row lie apart
+_WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
+_UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
+_ROW = [0, 1, 2, 4, 5, 8]  # and back
+
+
+@dataclass(frozen=True)
+class Sectors:
+    """Coordinates of the pixels of an image, sector by sector.
+
+    Attributes
+    ----------
+    x, y : ndarray of float32, shape (H, W')
+        Undistorted pixel coordinates about the middle of each sector, divided by 100.
+    straight : bool
+        Whether `x` is the same in every row and `y` in every column.
+    focal : (float, float)
+        Pixels of usual width and height to a metre at z = 1.
+    turn : ndarray, shape (K, 3, 3)
+        theta = turn t for the plane w = t0 + t1 x + t2 y of each sector.
+    column : ndarray of int, shape (W',), optional
+        Column of the image, -1 in a gap; ``None`` where both are one and the same.
+    start, stop : ndarray of int, shape (K,)
+        First column of each sector, and the one behind its last.
+    ratio : ndarray of float32, shape (H, W'), optional
+        c = z / range, 1 in gaps; ``None`` where depth is z.
+    wraps : bool
+        Whether the last sector is beside the first one.
+    """
+
+    x: Image
+    y: Image
+    straight: bool
+    focal: tuple[float, float]
+    turn: Array
+    column: NDArray[np.intp] | None
+    start: NDArray[np.intp]
+    stop: NDArray[np.intp]
+    ratio: Image | None = None
+    wraps: bool = False
+
+    @property
+    def count(self) -> int:
+        """Number of sectors, K."""
+        return len(self.turn)
+
+    @cached_property
+    def mean_ratio(self) -> float:
+        """Root mean square of c: depth z against range of a usual reading."""
+        if self.ratio is None or self.column is None:
+            return 1.0
+        return float(np.sqrt(np.mean(np.square(self.ratio[:, self.column >= 0], dtype=np.float64))))
+
+    def spread(self, w: Image, p: Image) -> tuple[Image, Image]:
+        """Inverse depth and its precision in sectors, from inverse range and precision (H, W)."""
+        if self.column is None or self.ratio is None:
+            return w, p
+        there = self.column >= 0
+        out_w, out_p = (np.take(image, self.column, axis=1) for image in (w, p))
+        out_w /= self.ratio
+        out_p *= self.ratio * self.ratio
+        out_w[:, ~there] = out_p[:, ~there] = 0.0
+        return out_w, out_p
+
+    def image(self, sectors: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Put what is known by pixel of the sectors, (H, W'), back in its place in the image."""
+        if self.column is None:
+            return sectors
+        return np.ascontiguousarray(sectors[:, self.column >= 0])
+
+    def of_cells(self, columns: int) -> NDArray[np.int32]:
+        """Sector of every column of cells."""
+        last = np.arange(columns) * SIDE
+        return np.asarray(np.searchsorted(self.start, last, side="right") - 1, np.int32)
+
+    def turned(self, rows: Array, source: NDArray[np.integer] | int, turn: Array) -> Array:
+        """Rows (..., at least 9) of segments in other coordinates.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (..., E)
+            P and P t first (`kernels.cells`); what follows does not depend on coordinates.
+        source : int or ndarray of int, shape (...)
+            Sector in whose coordinates they are.
+        turn : ndarray, shape (3, 3) or (..., 3, 3)
+            theta = turn t for the coordinates wanted.
+
+        Returns
+        -------
+        ndarray, shape (..., E)
+        """
+        back = _back(self.turn[source], turn)
+        shape = np.broadcast_shapes(rows.shape[:-1], back.shape[:-2])
+        out = np.array(np.broadcast_to(rows, (*shape, rows.shape[-1])))
+        matrix = back @ rows[..., _UPPER].reshape(*rows.shape[:-1], 3, 3)
+        matrix = matrix @ np.swapaxes(back, -1, -2)
+        out[..., :6] = matrix.reshape(*shape, 9)[..., _ROW]
+        out[..., 6:9] = (back @ rows[..., 6:9, None])[..., 0]
+        return out
+
+    @cached_property
+    def turns(self) -> Array:
+        """What carries rows from one sector to another, B of `turned`: shape (K, K, 3, 3)."""
+        return _back(self.turn[:, None], self.turn[None])
+
+    def seam(self, k: int) -> Array:
+        """Turn about the seam behind sector k: half-way from its coordinates to the next one's."""
+        scale = turn_to_theta((1.0 / self.focal[0], 1.0 / self.focal[1]))
+        axes = self.turn[[k, (k + 1) % self.count]].sum(axis=0) @ np.linalg.inv(scale)
+        return np.asarray(axes / np.linalg.norm(axes, axis=0) @ scale)
+
+    def everywhere(self, rows: Array, home: NDArray[np.integer]) -> Array:
+        """Rows (n, E) in the coordinates of every sector: (K, n, E). home (n,): sector of each."""
+        if self.count == 1:
+            return rows[None]
+        return np.stack([self.turned(rows, home, turn) for turn in self.turn])
+
+    def together(self, rows: Array) -> Array:
+        """Sums over all sectors in the coordinates of each: rows (N K, E), of plane n and sector k.
+
+        `rows[n K + k]` is what sector k says of plane n, in its own coordinates.
+        """
+        if self.count == 1:
+            return rows
+        by_sector = rows.reshape(-1, self.count, rows.shape[1])
+        home = np.arange(self.count)
+        total = self.turned(by_sector, home[None], self.turn[0]).sum(axis=1, keepdims=True)
+        return self.turned(total, 0, self.turn[None]).reshape(rows.shape)
+
+    def summed(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Sums (N, ...) over the sectors of what is known by plane and sector, (N K, ...)."""
+        if self.count == 1:
+            return values
+        return np.asarray(values.reshape(-1, self.count, *values.shape[1:]).sum(axis=1))
+
+    def repeated(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
+        """What is known by plane (N, ...) for every plane and sector, (N K, ...)."""
+        return values if self.count == 1 else np.repeat(values, self.count, axis=0)
+
+    def places(self, order: NDArray[np.intp], planes: int) -> NDArray[np.uint16]:
+        """Rank 1 ... of every label (N K + 1,) by the order of planes; 0 for those left out."""
+        place = np.zeros(planes, np.uint16)
+        place[order] = np.arange(1, len(order) + 1)
+        return np.concatenate((np.zeros(1, np.uint16), self.repeated(place)))
+
+    def theta(self, affine: Array, order: NDArray[np.intp]) -> Array:
+        """theta of some planes, in order, of all given in every sector, (N K, 3)."""
+        return np.asarray(affine[:: self.count][order] @ self.turn[0].T)
+
+    def affine(self, theta: Array) -> Array:
+        """(t0, t1, t2) in every sector, (N K, 3), of planes theta (N, 3)."""
+        inverse = np.linalg.inv(self.turn)
+        return np.asarray(np.einsum("kij,nj->nki", inverse, theta).reshape(-1, 3))
+
+    def metres(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Coordinates on the plane z = 1, in metres."""
+        return x * (UNIT / self.focal[0]), y * (UNIT / self.focal[1])
+
+    def squared_range(self, x: Array, y: Array) -> Array:
+        """(range / z)^2 in directions given by coordinates."""
+        u, v = self.metres(x, y)
+        return np.asarray(1.0 + u * u + v * v)
+
+
+def _back(source: Array, turn: Array) -> Array:
+    """B with P' = B P B' and P' t' = B P t: B = M^-T for t' = M t."""
+    return np.ascontiguousarray(np.swapaxes(np.linalg.solve(source, turn), -1, -2))
+
+
+def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
+    """Matrix that makes theta, theta . x = 1 for the points of a plane, of (t0, t1, t2)."""
+    du, dv = pixel_size
+    return np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
+
+
+def one_sector(u: Array, v: Array, focal: tuple[float, float], straight: bool) -> Sectors:
+    """Sectors of a pinhole image with rays (u, v, 1) and these focal lengths in pixels."""
+    return Sectors(
+        x=(u * (focal[0] / UNIT)).astype(np.float32),
+        y=(v * (focal[1] / UNIT)).astype(np.float32),
+        straight=straight,
+        focal=focal,
+        turn=turn_to_theta((1.0 / focal[0], 1.0 / focal[1]))[None],
+        column=None,
+        start=np.zeros(1, np.intp),
+        stop=np.array([u.shape[1]]),
+    )
+
+
+def of_panorama(
+    azimuth: Array, elevation: Array, pixel_size: tuple[float, float], wraps: bool
+) -> Sectors:
+    """Sectors of directions around an upright axis.
+
+    Parameters
+    ----------
+    azimuth, elevation : ndarray, shape (H, W)
+        Radians; azimuth is continuous along a row.
+    pixel_size : (float, float)
+        Radians between columns and between rows.
+    wraps : bool
+        Whether the last column is beside the first one.
+
+    Returns
+    -------
+    Sectors
+    """
+    along, width = azimuth.mean(axis=0), azimuth.shape[1]
+    span = abs(along[-1] - along[0]) * width / (width - 1)
+    count = max(1, int(np.ceil(span / _WIDEST)))
+    # Whole squares, but for columns so far apart that few make a sector.
+    whole = SQUARE if 2 * SQUARE * span < _WIDEST * width else 1
+    edges = whole * np.rint(np.linspace(0, width / whole, count + 1)).astype(np.intp)
+    edges[-1] = width
+    edges = np.unique(np.minimum(edges, width))
+    count = len(edges) - 1
+    pitch = -(-(int(np.diff(edges).max()) + GAP) // BLOCK) * BLOCK
+    start = pitch * np.arange(count)
+    stop = start + np.diff(edges)
+    column = np.full(int(stop[-1]), -1)
+    x, y = np.zeros((2, len(azimuth), column.size), np.float32)
+    ratio = np.ones(x.shape, np.float32)
+    turn = np.empty((count, 3, 3))
+    sense = np.sign(along[-1] - along[0])  # x grows along a row ...
+    fall = np.sign(elevation[-1, 0] - elevation[0, 0])  # ... and y down a column
+    for k in range(count):
+        at, source = slice(start[k], stop[k]), slice(edges[k], edges[k + 1])
+        middle = 0.5 * (along[edges[k]] + along[edges[k + 1] - 1])
+        column[at] = np.arange(edges[k], edges[k + 1])
+        apart = azimuth[:, source] - middle
+        x[:, at] = sense * np.tan(apart) / (UNIT * pixel_size[0])
+        y[:, at] = fall * np.tan(elevation[:, source]) / np.cos(apart) / (UNIT * pixel_size[1])
+        ratio[:, at] = np.cos(elevation[:, source]) * np.cos(apart)
+        turn[k] = looking(middle, sense, fall) @ turn_to_theta(pixel_size)
+    return Sectors(
+        x=x,
+        y=y,
+        straight=False,
+        focal=(1.0 / pixel_size[0], 1.0 / pixel_size[1]),
+        turn=turn,
+        column=column,
+        start=start,
+        stop=stop,
+        ratio=ratio,
+        wraps=wraps and count > 1,
+    )
+
+
+def looking(azimuth: float, sense: float, fall: float) -> Array:
+    """Matrix whose columns are the axes of a sector, in a frame with x forward, y left, z up.
+
+    Along a row (`sense` of the azimuth), down a column (`fall` of the elevation), and outwards.
+    """
+    c, s = np.cos(azimuth), np.sin(azimuth)
+    return np.array([[-s * sense, 0.0, c], [c * sense, 0.0, s], [0.0, fall, 0.0]])

@@ -1,0 +1,60 @@
+"""Segments of a frame: neighbouring cells that are one plane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import segments as merging
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Segments:
+    """Segments of a frame.
+
+    Attributes
+    ----------
+    rows, forms : ndarray, shapes (n, 13) and (n, 12)
+        What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
+    drift, offset_prior, slope_prior : ndarray, shape (n,)
+        As of `cells.Cells`.
+    home : ndarray of int32, shape (n,)
+        Sector in whose coordinates each is.
+    of_unit : ndarray of int32, shape (units,)
+        Segment of every unit.
+    """
+
+    rows: Array
+    forms: Array
+    drift: Array
+    offset_prior: Array
+    slope_prior: Array
+    home: NDArray[np.int32]
+    of_unit: NDArray[np.int32]
+
+    def kept(self, root: NDArray[np.int32]) -> Segments:
+        """Only the roots of segments that were merged."""
+        home = self.home[root == np.arange(root.size)]
+        found = merging.keep_roots(
+            root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
+        )
+        return Segments(
+            rows=self.rows[:found],
+            forms=self.forms[:found],
+            drift=self.drift[:found],
+            offset_prior=self.offset_prior[:found],
+            slope_prior=self.slope_prior[:found],
+            home=home,
+            of_unit=root[self.of_unit],
+        )
+
+    def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
+        """Segment of every cell of a grid of units, -1 where there is none."""
+        out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
+        np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
+        return out

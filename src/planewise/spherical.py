@@ -1,0 +1,415 @@
+"""The spherical camera: organised range images of spinning and solid-state LiDAR.
+
+Frame: x forward, y left, z up, origin at the sensor, as LiDAR drivers have it. Row i looks at
+`elevation[i]`, column j at `azimuth[j]`, counter-clockwise from x; the ray is the unit vector
+
+    d = (cos e cos a, cos e sin a, sin e),   a = azimuth[j] + azimuth_offset[i],
+
+so that a reading is the range, the distance from the sensor, and the point is range * d.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+if TYPE_CHECKING:
+    from planewise.sectors import Sectors
+
+Array = NDArray[np.float64]
+
+_STEEPEST = 75.0  # degrees of elevation: beyond it, sectors are stretched too far
+_STAGGER = 2.0  # columns by which rows beside each other may be out of step
+_FARTHEST = 20.0  # degrees that a row may be off its columns
+_FULL_TURN = 1.5  # columns that may be missing from one
+_UNEVEN = 4.0  # times the usual step that columns may be apart
+
+
+@dataclass(frozen=True, kw_only=True)
+class SphericalCamera:
+    """Directions of an organised LiDAR image, in degrees.
+
+    Parameters
+    ----------
+    elevation : sequence of float, length H
+        Of every row (beam) above the horizon, degrees; rising or falling. Images are the right way
+        up with the highest beam first.
+    azimuth : sequence of float, length W
+        Of every column, degrees, counter-clockwise seen from above, 0 straight ahead; rising or
+        falling, over 360 degrees at most. As far as there is a choice, falling: then the left of
+        the image is on the left. Values may jump by 360.
+    azimuth_offset : sequence of float, length H, optional
+        What every row's azimuth has more than that of the column, 20 degrees at most. Rows have to
+        be in step within two columns: destagger raw images.
+
+    Raises
+    ------
+    ValueError
+        If angles are not finite or not in order, an elevation lies beyond 75 degrees, columns go
+        round more than once, or rows are off their columns or staggered.
+
+    Examples
+    --------
+    >>> camera = SphericalCamera.spinning([15, 5, -5, -15], columns=360)
+    >>> camera.shape, camera.wraps
+    ((4, 360), True)
+    >>> camera.rays(camera.shape)[1, 180].round(3)  # the middle of the image looks ahead
+    array([0.996, 0.   , 0.087])
+    """
+
+    elevation: Sequence[float]
+    azimuth: Sequence[float]
+    azimuth_offset: Sequence[float] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("elevation", "azimuth", "azimuth_offset"):
+            object.__setattr__(self, name, _degrees(name, getattr(self, name)))
+        if len(self.elevation) < 2 or len(self.azimuth) < 2:
+            raise ValueError(
+                "camera: elevation and azimuth must have at least 2 angles each, "
+                f"got {len(self.elevation)} and {len(self.azimuth)}"
+            )
+        if len(self.azimuth_offset) not in (0, len(self.elevation)):
+            raise ValueError(
+                f"camera: azimuth_offset must have one angle for each of {len(self.elevation)} "
+                f"rows, got {len(self.azimuth_offset)}"
+            )
+        _check_elevation(np.array(self.elevation))
+        step = np.diff(self._continuous())
+        usual = float(np.median(np.abs(step)))
+        if not (np.all(step > 0) or np.all(step < 0)) or np.abs(step).max() > _UNEVEN * usual:
+            raise ValueError(
+                "camera: azimuth must rise or fall from column to column by about the same angle, "
+                f"got steps from {step.min():g} to {step.max():g} degrees"
+            )
+        if np.abs(step).sum() > 360.0:
+            raise ValueError(
+                f"camera: azimuth must go round once at most, got {np.abs(step).sum():g} degrees"
+            )
+        farthest = np.abs(self.azimuth_offset).max(initial=0.0)
+        if farthest > _FARTHEST:
+            raise ValueError(
+                f"camera: azimuth_offset must lie within {_FARTHEST:g} degrees, got {farthest:g}; "
+                "what all rows share belongs to azimuth"
+            )
+        out_of_step = np.abs(np.diff(self.azimuth_offset)).max(initial=0.0) / usual
+        if out_of_step > _STAGGER:
+            raise ValueError(
+                f"camera: azimuth_offset puts rows {out_of_step:.1f} columns out of step, at most "
+                f"{_STAGGER:g} will do; destagger the image, then give what is left of the offsets"
+            )
+
+    @classmethod
+    def spinning(
+        cls,
+        elevation: Sequence[float],
+        columns: int,
+        *,
+        start: float = 180.0,
+        clockwise: bool = True,
+        azimuth_offset: Sequence[float] = (),
+    ) -> SphericalCamera:
+        """Camera of a full turn in even steps.
+
+        Parameters
+        ----------
+        elevation, azimuth_offset
+            As of the class.
+        columns : int
+            To a turn.
+        start : float
+            Azimuth of the first column, degrees; 180 puts what is ahead into the middle.
+        clockwise : bool
+            Whether azimuth falls from column to column, seen from above.
+        """
+        if columns < 2:
+            raise ValueError(f"camera: columns must be at least 2, got {columns}")
+        step = (-360.0 if clockwise else 360.0) / columns
+        return cls(
+            elevation=elevation,
+            azimuth=tuple((start + step * np.arange(columns)).tolist()),
+            azimuth_offset=azimuth_offset,
+        )
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(H, W) of its images."""
+        return len(self.elevation), len(self.azimuth)
+
+    @property
+    def frame(self) -> str:
+        """The camera's axes in words."""
+        return "x forward, y left, z up"
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the columns go all the way round: the last one is beside the first."""
+        along = self._continuous()
+        step = abs(along[-1] - along[0]) / (len(along) - 1)
+        return bool(abs(along[-1] - along[0]) + _FULL_TURN * step >= 360.0)
+
+    @property
+    def pixel_size(self) -> tuple[float, float]:
+        """Usual angles between columns and between rows, in radians: metres at one metre."""
+        along, down = np.diff(self._continuous()), np.diff(self.elevation)
+        return (
+            float(np.radians(np.median(np.abs(along)))),
+            float(np.radians(np.mean(np.abs(down)))),
+        )
+
+    def check(self, shape: tuple[int, int]) -> None:
+        """Refuse an image of another size.
+
+        Raises
+        ------
+        ValueError
+            If `shape` (height, width) is not that of the camera.
+        """
+        if tuple(shape) != self.shape:
+            height, width = self.shape
+            turned = " (transposed?)" if tuple(shape)[::-1] == self.shape else ""
+            raise ValueError(
+                f"camera has {height} rows and {width} columns, the range image has {shape[0]} "
+                f"and {shape[1]}{turned}"
+            )
+
+    def rays(self, shape: tuple[int, int]) -> Array:
+        """Unit directions of all pixels, shape (height, width, 3); read-only."""
+        return np.moveaxis(self.ray_rows(shape).reshape(3, *shape), 0, -1)
+
+    def ray_rows(self, shape: tuple[int, int]) -> Array:
+        """Return the same directions as rows over the flattened image, shape (3, H * W)."""
+        self.check(shape)
+        return _ray_rows(self)
+
+    def pixel_area(self, shape: tuple[int, int]) -> Array:
+        """Solid angle of every pixel in steradians, half-way to its neighbours: shape (H, W)."""
+        self.check(shape)
+        return _pixel_area(self)
+
+    def sectors(self, shape: tuple[int, int]) -> Sectors:
+        """Coordinates in which inverse depth is affine on planes, in slices of the panorama."""
+        self.check(shape)
+        return _sectors(self)
+
+    @property
+    def bends(self) -> bool:
+        """Whether straight lines of space are bent in the image: they are."""
+        return True
+
+    def unproject(self, pixels: Array) -> Array:
+        """Unit directions of places in the image, up to half a pixel beyond the outermost.
+
+        Parameters
+        ----------
+        pixels : ndarray, shape (..., 2)
+            Column and row; centres of pixels are integers.
+
+        Returns
+        -------
+        ndarray, shape (..., 3)
+        """
+        column, row = np.moveaxis(np.asarray(pixels, np.float64), -1, 0)
+        azimuth = _between(self._continuous(), column)
+        elevation = np.radians(_between(np.array(self.elevation), row))
+        if self.azimuth_offset:
+            azimuth = azimuth + np.interp(row, np.arange(self.shape[0]), self.azimuth_offset)
+        azimuth, flat = np.radians(azimuth), np.cos(elevation)
+        return np.stack(
+            (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)), axis=-1
+        )
+
+    def points(self, depth: ArrayLike) -> Array:
+        """Points of a range image.
+
+        Parameters
+        ----------
+        depth : array_like, shape (H, W)
+            Ranges in metres; 0, NaN and infinity are no reading.
+
+        Returns
+        -------
+        ndarray, shape (H, W, 3)
+            Metres; NaN where there is no reading.
+        """
+        ranges = np.asarray(depth, dtype=np.float64)
+        if ranges.ndim != 2:
+            raise ValueError(f"depth must be a 2-D image of ranges, got shape {ranges.shape}")
+        self.check((ranges.shape[0], ranges.shape[1]))
+        with np.errstate(invalid="ignore"):
+            there = (ranges > 0) & np.isfinite(ranges)
+        return np.asarray(self.rays(self.shape) * np.where(there, ranges, np.nan)[..., None])
+
+    def pixels(self, points: ArrayLike) -> NDArray[np.intp]:
+        """Pixels whose rays are nearest to points, by elevation and then azimuth.
+
+        Parameters
+        ----------
+        points : array_like, shape (k, 3)
+            In the camera's frame, metres.
+
+        Returns
+        -------
+        ndarray of int, shape (k, 2)
+            Row and column; -1 for points at the origin, not finite, or outside the image: farther
+            from its outermost rows or columns than half-way to where the next one would be.
+        """
+        array = np.asarray(points)
+        if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
+            raise ValueError(
+                f"points must be real numbers of shape (k, 3), got shape {array.shape} "
+                f"of {array.dtype}"
+            )
+        x, y, z = array.astype(np.float64).T
+        with np.errstate(invalid="ignore"):
+            level = np.degrees(np.arctan2(z, np.hypot(x, y)))
+            around = np.degrees(np.arctan2(y, x))
+        there = np.isfinite(array).all(axis=1) & (np.abs(array).max(axis=1, initial=0.0) > 0)
+        row = _nearest(np.array(self.elevation), np.where(there, level, 0.0))
+        if self.azimuth_offset:
+            around = around - np.take(self.azimuth_offset, row)
+        along = self._continuous()
+        # One turn that begins half a column before the first one.
+        step = (along[-1] - along[0]) / (len(along) - 1)
+        first, sign = along[0] - 0.5 * step, np.sign(step)
+        turn = first + sign * np.mod(sign * (np.where(there, around, along[0]) - first), 360.0)
+        column = _nearest(along, turn)
+        inside = there & (row >= 0) & (column >= 0)
+        return np.where(inside[:, None], np.stack((row, column), axis=1), -1)
+
+    def from_points(self, points: ArrayLike) -> Array:
+        """Range image of an unordered sweep: every point in the nearest pixel, the closest counts.
+
+        Parameters
+        ----------
+        points : array_like, shape (k, 3)
+            Relative to the sensor, in the camera's frame, metres. Rows that are not finite, at the
+            origin or outside the image are left out.
+
+        Returns
+        -------
+        ndarray, shape (H, W)
+            Ranges in metres, 0 where there is no point.
+
+        Examples
+        --------
+        >>> camera = SphericalCamera.spinning([10, 0, -10], columns=4)
+        >>> camera.from_points([[2, 0, 0], [3, 0, 0.1], [0, 5, 0]])
+        array([[0., 0., 0., 0.],
+               [0., 5., 2., 0.],
+               [0., 0., 0., 0.]])
+        """
+        pixels = self.pixels(points)
+        inside = pixels[:, 0] >= 0
+        ranges = np.linalg.norm(np.asarray(points, np.float64)[inside], axis=1)
+        out = np.full(self.shape, np.inf)
+        np.minimum.at(out, tuple(pixels[inside].T), ranges)
+        return np.where(np.isfinite(out), out, 0.0)
+
+    def describe(self) -> dict[str, Any]:
+        """Say in plain types what the camera is, for result files and camera files."""
+        out: dict[str, Any] = {"model": "spherical", "elevation": list(self.elevation)}
+        start, clockwise = self.azimuth[0], self._continuous()[1] < self.azimuth[0]
+        even = SphericalCamera.spinning(
+            self.elevation, len(self.azimuth), start=start, clockwise=bool(clockwise)
+        )
+        if even.azimuth == self.azimuth:
+            out |= {"columns": len(self.azimuth), "start": start, "clockwise": bool(clockwise)}
+        else:
+            out["azimuth"] = list(self.azimuth)
+        if any(self.azimuth_offset):
+            out["azimuth_offset"] = list(self.azimuth_offset)
+        return out
+
+    def _continuous(self) -> Array:
+        """Azimuth of the columns without jumps of 360."""
+        return np.unwrap(self.azimuth, period=360.0)
+
+    def _angles(self) -> tuple[Array, Array]:
+        """Azimuth and elevation of all pixels in radians, shape (H, W)."""
+        offset = np.array(self.azimuth_offset or np.zeros(len(self.elevation)))
+        azimuth = self._continuous() + offset[:, None]
+        return np.radians(azimuth), np.broadcast_to(
+            np.radians(self.elevation)[:, None], azimuth.shape
+        )
+
+
+def _degrees(name: str, values: Sequence[float]) -> tuple[float, ...]:
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"camera: {name} must be angles in degrees, got {values!r}") from None
+    if array.ndim != 1 or not np.isfinite(array).all():
+        raise ValueError(
+            f"camera: {name} must be a row of finite angles in degrees, got shape {array.shape}"
+            + ("" if np.isfinite(array).all() else " with angles that are not finite")
+        )
+    return tuple(array.tolist())
+
+
+def _check_elevation(elevation: Array) -> None:
+    step = np.diff(elevation)
+    if not (np.all(step > 0) or np.all(step < 0)):
+        at = int(np.argmax(np.sign(step) != np.sign(elevation[-1] - elevation[0])))
+        raise ValueError(
+            "camera: elevation must rise or fall from row to row, got "
+            f"{elevation[at]:g} and {elevation[at + 1]:g} degrees in rows {at} and {at + 1}; "
+            "sort the beams, and the rows of the image with them"
+        )
+    if np.abs(elevation).max() > _STEEPEST:
+        raise ValueError(
+            f"camera: elevation must lie within {_STEEPEST:g} degrees of the horizon, got "
+            f"{elevation[np.argmax(np.abs(elevation))]:g}; are the angles in degrees?"
+        )
+
+
+def _edges(angles: Array) -> Array:
+    """Half-way between angles in order, and as far beyond the outermost: one more of them."""
+    half = 0.5 * np.diff(angles)
+    return np.concatenate(([angles[0] - half[0]], angles[:-1] + half, [angles[-1] + half[-1]]))
+
+
+def _between(angles: Array, place: Array) -> Array:
+    """Angles at places between their indices, and up to half-way beyond the ends."""
+    edges, last = _edges(angles), angles.size - 1
+    places = np.concatenate(([-0.5], np.arange(angles.size), [last + 0.5]))
+    return np.interp(place, places, np.concatenate((edges[:1], angles, edges[-1:])))
+
+
+def _nearest(angles: Array, wanted: Array) -> NDArray[np.intp]:
+    """Index of the nearest of angles that rise or fall, -1 beyond both ends."""
+    edges = _edges(angles)
+    sign = 1.0 if edges[-1] > edges[0] else -1.0
+    place = np.searchsorted(sign * edges, sign * wanted, side="right") - 1
+    return np.where(place < angles.size, place, -1)
+
+
+@lru_cache(maxsize=4)
+def _ray_rows(camera: SphericalCamera) -> Array:
+    azimuth, elevation = camera._angles()
+    flat = np.cos(elevation)
+    rows = np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)))
+    rows = rows.reshape(3, -1)
+    rows.flags.writeable = False
+    return rows
+
+
+@lru_cache(maxsize=4)
+def _pixel_area(camera: SphericalCamera) -> Array:
+    around = np.abs(np.diff(_edges(np.radians(camera._continuous()))))
+    up = np.abs(np.diff(np.sin(_edges(np.radians(camera.elevation)))))
+    area = up[:, None] * around
+    area.flags.writeable = False
+    return np.asarray(area)
+
+
+@lru_cache(maxsize=4)
+def _sectors(camera: SphericalCamera) -> Sectors:
+    from planewise.sectors import of_panorama  # loads Numba
+
+    return of_panorama(*camera._angles(), camera.pixel_size, camera.wraps)

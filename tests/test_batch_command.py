@@ -1,0 +1,313 @@
+from __future__ import annotations
+
+import json
+import os
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.faults import InOrder, Tally, children, compare, write_frames
+from PIL import Image
+from typer.testing import CliRunner
+
+from planewise.batch import Store
+from planewise.commands import app
+
+COUNT = 10
+CAMERA = ("--camera", "65.625,65.625,39.5,39.5", "--sensor", "kinect-v1")
+
+
+def run(*arguments):
+    """Run the command; streams come back as plain text with single spaces."""
+    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
+    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
+    return result.exit_code, *plain
+
+
+@pytest.fixture(scope="module")
+def originals(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("batch") / "frames"
+    write_frames(folder, COUNT)
+    return folder
+
+
+@pytest.fixture
+def frames(originals, tmp_path):
+    return shutil.copytree(originals, tmp_path / "frames")
+
+
+@pytest.fixture
+def store(tmp_path):
+    return tmp_path / "results" / "store"
+
+
+@pytest.fixture
+def here(monkeypatch):
+    """Have frames done in this process."""
+    monkeypatch.setattr("planewise.batch_command._engine", lambda *_: InOrder())
+
+
+def damage(path):
+    path.write_bytes(path.read_bytes()[:-500])
+
+
+def test_workers_fill_a_store_and_go_on_where_they_were(frames, store):
+    arguments = ("batch", frames, "-o", store, *CAMERA, "--workers", 2)
+    code, text, errors = run(*arguments, "--limit", 4)
+    assert (code, errors) == (0, "")
+    assert "4 of 4 frames done" in text
+    code, text, errors = run(*arguments)
+    assert (code, errors) == (0, "")
+    assert "6 of 6 frames done" in text
+    assert "ms to read" in text
+    assert f"holds {COUNT} of the {COUNT} frames selected" in text
+    before = {p: p.stat().st_mtime_ns for p in store.rglob("*.p*")}
+    code, text, _ = run(*arguments)
+    assert (code, text.strip()) == (
+        0,
+        f"nothing to do: all {COUNT} frames are in {store}",
+    )
+    assert before == {p: p.stat().st_mtime_ns for p in store.rglob("*.p*")}
+    info = json.loads((store / "store.json").read_text())
+    assert info["made_with"]["camera"] == {"fx": 65.625, "fy": 65.625, "cx": 39.5, "cy": 39.5}
+    assert info["source"]["frames"] == COUNT
+    assert {"planewise", "numpy", "numba", "pyarrow"} <= info["versions"].keys()
+    assert Store(store).ids == tuple(f"{k:05}" for k in range(COUNT))
+
+
+@pytest.mark.usefixtures("here")
+def test_shards_together_are_the_whole(frames, store, tmp_path):
+    run("batch", frames, "-o", tmp_path / "whole", *CAMERA)
+    for part in (2, 1, 3):
+        assert run("batch", frames, "-o", store, *CAMERA, "--shard", f"{part}/3")[0] == 0
+    tally = Tally()
+    compare(Store(store), Store(tmp_path / "whole"), tally)
+    assert (tally.lost, tally.double, tally.corrupt) == (0, 0, 0)
+    assert len(list((store / "frames").iterdir())) == 3
+    assert "nothing to do" in run("batch", frames, "-o", store, *CAMERA)[1]
+
+
+@pytest.mark.usefixtures("here")
+def test_other_options_are_refused_and_named(frames, store):
+    assert run("batch", frames, "-o", store, *CAMERA, "--every", 5)[0] == 0
+    for other, word in (
+        (("--max-planes", 7), "options.max_planes is 64 there, 7 here"),
+        (("--noise", "1%"), 'sensor.noise is "0.0012 + 0.0019 (z - 0.4)^2 m" there, "0.01 z m"'),
+        (("--labels", "rle"), 'labels is "png" there, "rle" here'),
+        (("--depth-scale", 0.002), "depth_scale is not given there, 0.002 here"),
+        (("--camera", "60,60,39.5,39.5"), "camera.fx is 65.625 there, 60.0 here"),
+        (("--seed", 1), "options.rng is 0 there, 1 here"),
+    ):
+        code, text, errors = run("batch", frames, "-o", store, *CAMERA, *other)
+        assert (code, text) == (2, "")
+        assert word in errors
+        assert errors.count("error: ") == 1
+    assert len(Store(store)) == 2
+
+
+@pytest.mark.usefixtures("here")
+def test_other_frames_are_refused(frames, store, tmp_path):
+    run("batch", frames, "-o", store, *CAMERA, "--limit", 3)
+    (frames / "00001.png").rename(frames / "other.png")
+    assert "does not have, such as 00001" in run("batch", frames, "-o", store, *CAMERA)[2]
+    (frames / "other.png").rename(frames / "00001.png")
+    shutil.copy(frames / "00005.png", frames / "00000.png")
+    assert "has other readings" in run("batch", frames, "-o", store, *CAMERA)[2]
+    assert run("batch", frames, "-o", frames, *CAMERA)[0] == 2
+    assert not (frames / "store.json").exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
+    good = (frames / "00003.png").read_bytes()
+    damage(frames / "00003.png")
+    Image.fromarray(np.zeros((60, 80), np.uint8)).save(frames / "00007.png")
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert code == 0
+    assert "8 of 10 frames done" in text
+    assert "error: frame 00003: depth: 00003.png cannot be read" in errors
+    assert "error: frame 00007: depth: 00007.png holds 8 bits" in errors
+    assert "warning: 2 frames failed; --retry-failed tries again" in errors
+    rows = {row["frame"]: row for row in Store(store).frames.to_pylist()}
+    assert rows["00003"]["status"] == "failed"
+    assert "damaged" in rows["00003"]["reason"]
+    assert rows["00004"]["status"] == "done"
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert code == 0
+    assert "nothing to do" in text
+    assert "2 frames failed" in errors
+    (frames / "00003.png").write_bytes(good)
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA, "--retry-failed")
+    assert "1 of 2 frames done" in text
+    assert "1 frame failed" in errors
+    read = Store(store)
+    assert (len(read), read.failed, read.frames.num_rows) == (9, ("00007",), COUNT)
+    assert read["00003"].row["reason"] is None
+
+
+@pytest.mark.usefixtures("here")
+def test_where_no_frame_can_be_done_something_is_wrong(frames, store):
+    code, text, errors = run("batch", frames, "-o", store, "--camera", "nyu", "--sensor", "nyu")
+    assert code == 2
+    assert f"0 of {COUNT} frames done" in text
+    assert errors.count("error: frame") == COUNT
+
+
+def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
+    damage(frames / "00001.png")
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA, "--dry-run", "--every", 2)
+    assert code == 0
+    assert errors == ""
+    assert f"{COUNT} frames, 5 selected, 0 in the store" in text
+    for word in ("search joint", "noise 0.0012", "fx 65.625", "core-hours", "of labels"):
+        assert word in text
+    assert not store.parent.exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_dry_run_of_a_begun_store(frames, store):
+    run("batch", frames, "-o", store, *CAMERA, "--limit", 4)
+    text = run("batch", frames, "-o", store, *CAMERA, "--dry-run")[1]
+    assert "4 in the store, 0 failed before, 6 to do" in text
+
+
+@pytest.mark.usefixtures("here")
+def test_a_dataset_needs_neither_camera_nor_sensor(frames, store, tmp_path):
+    (tmp_path / "set").mkdir()
+    frames.rename(tmp_path / "set" / "depth")
+    damage(tmp_path / "set" / "depth" / "00003.png")
+    camera = {"fx": 65.625, "fy": 65.625, "cx": 39.5, "cy": 39.5}
+    text = json.dumps(camera | {"depth_scale": 0.001, "sensor": "kinect-v1"})
+    (tmp_path / "set" / "camera.json").write_text(text)
+    code, text, errors = run("batch", tmp_path / "set", "-o", store)
+    assert code == 0
+    assert "9 of 10 frames done" in text
+    assert "error: frame 00003: depth: 00003.png cannot be read" in errors
+    read = Store(store)
+    assert read.info["source"]["kind"] == "GenericFolder"
+    assert read.info["sensor"]["noise"] == "0.0012 + 0.0019 (z - 0.4)^2 m"
+    assert read["00001"].row["depth_scale"] == 0.001
+    other = run("batch", tmp_path / "set", "-o", store, "--noise", "1%")
+    assert "sensor.noise is" in other[2]
+    (tmp_path / "points").mkdir()
+    np.zeros((5, 4), np.float32).tofile(tmp_path / "points" / "1.bin")
+    assert "holds points" in run("batch", tmp_path / "points", "-o", tmp_path / "new")[2]
+
+
+@pytest.mark.usefixtures("here")
+def test_a_partition_is_an_option_of_the_store(frames, store):
+    arguments = ("batch", frames, "-o", store, *CAMERA, "--limit", 2)
+    assert run(*arguments, "--partition", "blocks", "--search", "sequential")[0] == 0
+    assert "options.search" in run(*arguments)[2]
+    assert "not a file" in run(*arguments, "--partition", frames / "00001.png")[2]
+
+
+BAD_ARGUMENTS = {
+    "no part": (("--shard", "4/3"), "shard"),
+    "no limit": (("--limit", "0"), "limit"),
+    "every none": (("--every", "0"), "every"),
+    "no workers": (("--workers", "0"), "workers"),
+    "address without Ray": (("--address", "auto"), "--engine ray"),
+    "negative GPUs": (("--engine", "ray", "--gpus", "-1"), "gpus"),
+    "seed negative": (("--seed", "-1"), "seed"),
+    "camera that is none": (("--camera", "nikon"), "camera"),
+    "engine that is none": (("--engine", "steam"), "--engine"),
+}
+
+
+@pytest.mark.parametrize("name", BAD_ARGUMENTS)
+def test_bad_arguments(originals, store, name):
+    arguments, named = BAD_ARGUMENTS[name]
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA, *arguments)
+    assert (code, text) == (2, "")
+    assert named in errors
+    assert "Traceback" not in errors
+    assert not store.parent.exists()
+
+
+def test_without_pyarrow_one_line_says_so(originals, store, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    code, _, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert code == 2
+    assert "planewise[batch]" in errors
+    assert not store.parent.exists()
+
+
+@pytest.mark.usefixtures("here")
+def test_a_store_is_scored(frames, store, tmp_path):
+    run("batch", frames, "-o", store, *CAMERA, "--limit", 4)
+    (tmp_path / "truth").mkdir()
+    for frame in ("00001", "00002", "00009"):
+        shutil.copy(store / "labels" / "00001.png", tmp_path / "truth" / f"{frame}.png")
+    code, text, errors = run("eval", store, tmp_path / "truth", "-o", tmp_path / "s.csv")
+    assert code == 0
+    assert "2 of 2 frames scored" in text
+    assert "lacks 1: 00009" in errors
+    assert "lacks 2: 00000, 00003" in errors
+    assert (tmp_path / "s.csv").read_text().splitlines()[1].startswith("00001,")
+    assert run("eval", store, store / "labels" / "00001.png")[0] == 2
+
+
+def process(*arguments, **options):
+    command = [sys.executable, "-m", "planewise.cli", "batch", *map(str, arguments)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options
+    )
+
+
+def test_a_full_disk_is_said_and_leaves_a_store(originals, store, monkeypatch):
+    # Files of at most so many bytes: the journal outgrows that, as it would a full disk.
+    def small_files():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (16_000, resource.RLIM_INFINITY))
+
+    job = process(originals, "-o", store, *CAMERA, "--workers", 1, preexec_fn=small_files)
+    text, errors = job.communicate(timeout=120)
+    assert (job.returncode, text) == (2, "")
+    assert errors.startswith(f"error: store: there is no room left for {store}")
+    assert errors.count("\n") == 1
+    assert len(Store(store)) < COUNT
+    monkeypatch.setattr("planewise.batch_command._engine", lambda *_: InOrder())
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert (code, errors) == (0, "")
+    read = Store(store)
+    assert len(list(read)) == len(read) == read.frames.num_rows == COUNT
+    assert not list(store.glob(".unfinished*"))
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_and_a_scheduler_end_it_cleanly(originals, tmp_path, store, how):
+    many = tmp_path / "many"
+    many.mkdir()
+    for k in range(600):
+        os.link(originals / f"{k % COUNT:05}.png", many / f"{k:05}.png")
+    job = process(many, "-o", store, *CAMERA, "--workers", 2, start_new_session=True)
+    until = time.monotonic() + 60
+    while not list(store.glob("labels/*.png")) and time.monotonic() < until:
+        time.sleep(0.02)
+    assert job.poll() is None, job.communicate()
+    started = [*children(job.pid), *(k for each in children(job.pid) for k in children(each))]
+    sent = time.monotonic()
+    if how == signal.SIGINT:
+        os.killpg(job.pid, how)  # as a terminal does
+    else:
+        job.send_signal(how)
+    text, errors = job.communicate(timeout=60)
+    assert job.returncode == 130
+    assert time.monotonic() - sent < 10
+    assert text == ""
+    assert errors.startswith(f"error: interrupted; what is done is in {store}")
+    assert errors.count("\n") == 1
+    assert len(started) >= 3
+    while any(Path(f"/proc/{each}").exists() for each in started):
+        assert time.monotonic() - sent < 20
+        time.sleep(0.05)
+    count = len(Store(store))
+    assert 0 < count < 600
+    assert f"{count} in the store" in run("batch", many, "-o", store, *CAMERA, "--dry-run")[1]

@@ -1,0 +1,356 @@
+"""The parts of a store: names, files, journal, locks, and what is read back."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from benchmarks.faults import InOrder, batch_of, fill, write_frames
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+import planewise as pw
+from planewise import scenes
+from planewise.batch import Batch, Recipe, Selection, Store, store_writer
+from planewise.batch.columns import FRAMES, PLANES
+from planewise.batch.frame_names import safe_name
+from planewise.batch.frame_work import FrameWork
+from planewise.batch.journal import Journal, line_of, read_records
+from planewise.batch.label_png import png_of_labels
+from planewise.batch.lock import locked
+from planewise.batch.segments import Segment, segments_of
+from planewise.batch.source import FileFrame, parse_shard
+from planewise.batch.staging import Staging
+from planewise.batch.store_pairs import pair_store
+from planewise.errors import PlanewiseError
+from tests.batch_sources import Renamed
+
+COUNT = 12
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """Folder of small depth images, and their camera."""
+    folder = tmp_path_factory.mktemp("batch") / "frames"
+    return folder, write_frames(folder, COUNT)
+
+
+@pytest.fixture(scope="module")
+def full(frames, tmp_path_factory):
+    """A store of all of them."""
+    path = tmp_path_factory.mktemp("full") / "store"
+    fill(batch_of(frames[0], path, frames[1]))
+    return Store(path)
+
+
+# Names
+
+
+@given(st.lists(st.text(max_size=200), min_size=2, max_size=2, unique=True))
+def test_names_differ_and_stay_inside(ids):
+    names = [safe_name(each, ".png") for each in ids]
+    assert names[0] != names[1]
+    for name in names:
+        assert name.isascii()
+        parts = name.split("/")
+        assert all(part and not part.startswith(".") and len(part) < 200 for part in parts)
+        assert not any(part.endswith(".png") for part in parts[:-1])
+
+
+@pytest.mark.parametrize(
+    ("frame", "name"),
+    [
+        ("00012", "00012.png"),
+        ("scene0000_00/7", "scene0000_00/7.png"),
+        ("/etc/passwd", "%/etc/passwd.png"),
+        ("..", "%2E..png"),
+        ("a.png/b", "a%2Epng/b.png"),
+        ("C:\\x", "C%3A%5Cx.png"),
+        ("", "%.png"),
+    ],
+)
+def test_names_that_might_do_harm(frame, name):
+    assert safe_name(frame, ".png") == name
+
+
+def test_frames_of_any_id_stay_in_the_store(frames, tmp_path):
+    ids = ("../../out", "/abs", "a/b", "a", "..", ".hidden", "a.png/b", "x" * 300)
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=frames[1])
+    path = tmp_path / "deep" / "store"
+    fill(Batch(source=Renamed(frames[0], ids), store=path, recipe=recipe))
+    store = Store(path)
+    assert store.ids == ids
+    assert [each.name for each in tmp_path.iterdir()] == ["deep"]
+    assert [each.name for each in (tmp_path / "deep").iterdir()] == ["store"]
+    assert len([p for p in (path / "labels").rglob("*") if p.is_file()]) == len(ids)
+    assert all(store.labels(each).shape == (60, 80) for each in ids)
+
+
+# Label files
+
+
+@given(st.integers(0, 10_000), st.integers(1, 40), st.integers(1, 40))
+def test_label_images_come_back(seed, height, width):
+    labels = np.random.default_rng(seed).integers(0, 65_536, (height, width)).astype(np.uint16)
+    labels[: height // 2] //= 20_000
+    with Image.open(BytesIO(png_of_labels(labels))) as image:
+        assert image.mode == "I;16"
+        assert np.array_equal(np.asarray(image), labels)
+
+
+# Journal
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.lists(st.binary(max_size=30).filter(lambda b: not {10, 13} & set(b)), max_size=6))
+def test_a_journal_cut_anywhere_has_whole_records_only(records):
+    whole = b"".join(map(line_of, records))
+    with tempfile.TemporaryDirectory() as place:
+        path = Path(place) / "j"
+        for cut in range(len(whole) + 1):
+            path.write_bytes(whole[:cut])
+            found = read_records(path)
+            assert found == records[: len(found)]
+            assert sum(map(len, map(line_of, found))) <= cut
+
+
+def test_a_journal_goes_on_where_a_kill_left_it(tmp_path):
+    path = tmp_path / "j"
+    path.write_bytes(line_of(b"one") + line_of(b"two")[:-1])
+    journal = Journal(path)
+    journal.add([b"next", b"last"])
+    journal.close()
+    assert journal.count == 3
+    assert read_records(path) == [b"one", b"next", b"last"]
+
+
+def test_a_damaged_line_ends_a_journal(tmp_path):
+    path = tmp_path / "j"
+    lines = [line_of(each) for each in (b"one", b"two", b"three")]
+    lines[1] = lines[1].replace(b"w", b"v")
+    path.write_bytes(b"".join(lines))
+    assert read_records(path) == [b"one"]
+
+
+def test_a_segment_is_sealed_in_every_state_a_kill_can_leave(frames, full, tmp_path, monkeypatch):
+    monkeypatch.setattr(Segment, "seal", lambda *_: None)
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+    fill(batch)
+    monkeypatch.undo()
+    (segment,) = segments_of(tmp_path / "store")
+    expected = full.planes
+    assert Store(tmp_path / "store").planes.equals(expected)  # a journal alone
+    staging = Staging(tmp_path / "store" / ".unfinished")
+    journal = segment.journal.read_bytes()
+    segment.seal(staging)
+    assert not segment.journal.exists()
+    sealed = segment.frames_file.read_bytes()
+    for state in ("planes without frames", "both and a journal"):
+        segment.journal.write_bytes(journal)
+        if state == "planes without frames":
+            segment.frames_file.unlink()
+            segment.planes_file.write_bytes(b"half of it")
+        store = Store(tmp_path / "store")
+        assert (len(store), store.planes.equals(expected)) == (COUNT, True), state
+        segment.seal(staging)
+        assert segment.frames_file.read_bytes() == sealed
+        assert not segment.journal.exists()
+
+
+# Locks
+
+
+def test_a_store_in_use_is_refused(tmp_path):
+    with (
+        locked(tmp_path),
+        pytest.raises(PlanewiseError, match=f"in use by another run .process {os.getpid()} on"),
+        locked(tmp_path),
+    ):
+        pass
+
+
+def test_shards_of_one_number_share_a_store(tmp_path):
+    with locked(tmp_path):
+        pass
+    with locked(tmp_path, (1, 3)), locked(tmp_path, (2, 3)):
+        with pytest.raises(PlanewiseError, match="runs of its shards"), locked(tmp_path):
+            pass
+        for other in ((1, 3), (1, 1), (1, 2)):
+            with pytest.raises(PlanewiseError, match="in use by"), locked(tmp_path, other):
+                pass
+    with locked(tmp_path), pytest.raises(PlanewiseError), locked(tmp_path, (1, 3)):
+        pass
+    with locked(tmp_path, (1, 2)):
+        pass
+
+
+def test_the_lock_of_a_killed_process_is_taken_over(tmp_path):
+    code = (
+        "import sys, time; from pathlib import Path; from planewise.batch.lock import locked\n"
+        "with locked(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
+    )
+    other = subprocess.Popen(
+        [sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    assert other.stdout.readline() == "held\n"
+    with pytest.raises(PlanewiseError, match=f"process {other.pid}"), locked(tmp_path):
+        pass
+    other.kill()
+    other.communicate()
+    with locked(tmp_path):
+        assert str(os.getpid()) in (tmp_path / ".lock").read_text()
+
+
+# Selections
+
+
+def test_selections_are_disjoint_and_whole():
+    ids = [str(k) for k in range(23)]
+    parts = [Selection(every=2, shard=(i, 3)).of(ids) for i in (1, 2, 3)]
+    assert sorted(each for part in parts for each in part) == [(k, str(k)) for k in range(0, 23, 2)]
+    assert Selection(limit=4, every=5).of(ids) == [(k, str(k)) for k in (0, 5, 10, 15)]
+
+
+@pytest.mark.parametrize("text", ["3", "0/2", "3/2", "a/b", "-1/2", "1/2/3"])
+def test_shards_that_are_none(text):
+    with pytest.raises(PlanewiseError, match="shard"):
+        Selection(shard=parse_shard(text))
+
+
+# What is read back
+
+
+def test_a_store_gives_what_the_detector_gives(frames, full):
+    detector = pw.Detector(frames[1], pw.sensors.KINECT_V1)
+    assert full.ids == tuple(f"{k:05}" for k in range(COUNT))
+    assert list(full.frames.column_names) == list(FRAMES)
+    assert list(full.planes.column_names) == list(PLANES)
+    for frame in full:
+        with Image.open(frames[0] / f"{frame.id}.png") as image:
+            model = detector(np.asarray(image))
+        assert np.array_equal(frame.labels, model.labels)
+        assert np.array_equal(full.labels(frame.id), model.labels)
+        assert np.array_equal(frame.planes, model.coefficients)
+        assert frame.row["information"] == model.information
+        assert frame.row["curve"] == list(model.curve)
+        assert frame.plane_table["readings"].to_pylist() == [p.count for p in model.planes]
+        covariance = frame.plane_table["covariance"].to_pylist()
+        for row, plane in zip(covariance, model.planes, strict=True):
+            assert np.array_equal(np.reshape(row, (4, 4)), plane.covariance)
+
+
+def test_cameras_that_are_no_pinholes_are_kept_in_words():
+    street = scenes.street(0)
+    source = {"sweep": FileFrame(depth=street.depth, camera=street.camera)}
+    work = FrameWork(source, Recipe(sensor=street.sensor, options=pw.Options()))
+    outcome = work(0, "sweep")
+    row = json.loads(outcome.record)["frame"]
+    assert outcome.reason == ""
+    assert outcome.planes >= 1
+    assert json.loads(row["camera"]) == json.loads(json.dumps(street.camera.describe()))
+    assert "fx" not in row
+
+
+def test_every_column_is_documented():
+    text = (Path(__file__).parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
+    frames, planes = text.split("### `frames`")[1].split("### `planes`")
+    for columns, part in ((FRAMES, frames), (PLANES, planes)):
+        for name, kind in columns.items():
+            (line,) = [
+                line
+                for line in part.splitlines()
+                if line.startswith("|") and f"`{name}`" in line.split("|")[1]
+            ]
+            assert kind.replace("<", " of ").rstrip(">") in line
+
+
+def test_masks_as_run_lengths_are_the_same_labels(frames, full, tmp_path):
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+    recipe = Recipe(**(vars(batch.recipe) | {"labels": "rle"}))
+    fill(Batch(source=batch.source, store=batch.store, recipe=recipe))
+    store = Store(batch.store)
+    assert not list((batch.store / "labels").iterdir())
+    for frame in store:
+        assert np.array_equal(frame.labels, full.labels(frame.id))
+    assert store.planes.drop_columns("rle").equals(full.planes.drop_columns("rle"))
+
+
+def test_a_store_is_read_while_it_is_written(frames, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_writer, "_SECONDS_A_GROUP", 0.0)
+    monkeypatch.setattr(store_writer, "_FRAMES_A_SEGMENT", 3)
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+    seen = []
+    with batch.started(InOrder()) as run:
+        for outcome in run:
+            store = Store(batch.store)
+            seen.append(len(store))
+            assert len(store) <= len(list(store)) <= outcome.number + 1
+    assert seen == sorted(seen)
+    assert len(Store(batch.store)) == COUNT
+    assert len(list((batch.store / "frames").iterdir())) > 1
+    assert not list((batch.store / "journal").iterdir())
+    assert not list(batch.store.glob(".unfinished*"))
+
+
+def interrupted(batch, number):
+    """Run a batch up to a frame."""
+    with batch.started(InOrder()) as run:
+        for outcome in run:
+            if outcome.number == number:
+                raise KeyboardInterrupt
+
+
+def test_what_a_killed_shard_left_is_taken_over(frames, full, tmp_path):
+    whole = batch_of(frames[0], tmp_path / "store", frames[1])
+    part = Batch(
+        source=whole.source,
+        store=whole.store,
+        recipe=whole.recipe,
+        selection=Selection(shard=(2, 3)),
+    )
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(part, 7)
+    (whole.store / ".unfinished-2-of-3").mkdir()
+    assert [each.name for each in segments_of(whole.store)] == ["2-of-3-000001"]
+    assert len(list((whole.store / "journal").iterdir())) == 1
+    fill(whole)
+    store = Store(whole.store)
+    assert store.ids == full.ids
+    assert len(list(store)) == COUNT
+    assert not list((whole.store / "journal").iterdir())
+    assert not list(whole.store.glob(".unfinished*"))
+
+
+def test_what_is_no_store_is_refused(full, tmp_path):
+    for text, word in (
+        (None, "no store"),
+        ("{", "damaged"),
+        ("{}", "does not describe"),
+        (json.dumps(full.info | {"schema_version": 99}), "layout 99"),
+    ):
+        if text is not None:
+            (tmp_path / "store.json").write_text(text)
+        with pytest.raises(PlanewiseError, match=word):
+            Store(tmp_path)
+    with pytest.raises(PlanewiseError, match="does not hold the frame 'x'"):
+        full["x"]
+
+
+def test_a_store_is_paired_with_the_truth(full, tmp_path):
+    for name in ("00003", "00007", "other"):
+        np.save(tmp_path / f"{name}.npy", np.zeros((60, 80), int))
+    pairs = pair_store(full.path, tmp_path)
+    assert [name for name, *_ in pairs.paired] == ["00003", "00007"]
+    assert pairs.only_true == ("other",)
+    assert len(pairs.only_predicted) == COUNT - 2
+    read = pairs.paired[0][1].read()
+    assert np.array_equal(read.labels, full.labels("00003"))
+    assert np.array_equal(read.planes, full["00003"].planes)

@@ -1,0 +1,214 @@
+"""The spherical camera: directions, points to range images and back, files, what it refuses."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise import cameras
+from planewise.camera_files import read_camera
+from planewise.errors import PlanewiseError
+
+CAMERA = pw.SphericalCamera(
+    elevation=[20, 11, 3, 0, -8, -20],
+    azimuth=np.linspace(100, -100, 41),
+    azimuth_offset=[1, -1, 0.5, 0, -0.5, 1],
+)
+
+
+def test_rays_are_those_of_the_angles():
+    rays = CAMERA.rays(CAMERA.shape)
+    assert rays.shape == (6, 41, 3)
+    assert not rays.flags.writeable
+    a, e = np.radians(100 - 5 * 7 - 1), np.radians(11)
+    expected = np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)
+    assert_allclose(rays[1, 7], expected, rtol=1e-12)
+    assert_allclose(CAMERA.ray_rows(CAMERA.shape)[:, 41 + 7], expected, rtol=1e-12)
+    assert not CAMERA.wraps
+
+
+def test_places_between_pixels():
+    rows, columns = np.indices(CAMERA.shape)
+    pixels = np.stack((columns, rows), axis=-1)
+    assert_allclose(CAMERA.unproject(pixels), CAMERA.rays(CAMERA.shape), atol=1e-12)
+    plain = pw.SphericalCamera(elevation=[10, 0], azimuth=[30, 20, 10])
+    a, e = np.radians((25, 35, 5)), np.radians((5, 15, -5))
+    expected = np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
+    found = plain.unproject(np.array([[0.5, 0.5], [-0.5, -0.5], [2.5, 1.5]]))
+    assert_allclose(found, expected, atol=1e-12)
+
+
+def test_pixels_cover_the_band_between_the_outermost_beams():
+    camera = pw.SphericalCamera.spinning(np.linspace(30, -30, 61), 360)
+    area = camera.pixel_area(camera.shape)
+    assert area.sum() == pytest.approx(2 * np.pi * 2 * np.sin(np.radians(30.5)), rel=1e-9)
+    assert_allclose(camera.pixel_size, np.radians([1, 1]))
+
+
+def test_azimuth_may_jump_by_a_turn():
+    jumping = np.mod(np.arange(0, 360, 10) + 200, 360)
+    camera = pw.SphericalCamera(elevation=[5, 0, -5], azimuth=jumping)
+    assert camera.wraps
+    assert_allclose(camera.rays((3, 36))[1, 16], [1, 0, 0], atol=1e-12)
+
+
+@given(seed=st.integers(0, 2**32 - 1), wraps=st.booleans(), upward=st.booleans())
+def test_points_come_back_to_their_pixels(seed, wraps, upward):
+    rng = np.random.default_rng(seed)
+    rows, columns = rng.integers(2, 12), rng.integers(4, 40)
+    elevation = np.cumsum(rng.uniform(0.5, 3, rows)) * (1 if upward else -1)
+    span = 360 * (1 - 1 / columns) if wraps else rng.uniform(20, 300)
+    azimuth = rng.uniform(-180, 180) + rng.choice((-1, 1)) * np.linspace(0, span, columns)
+    step = span / (columns - 1)
+    offset = rng.uniform(-0.9, 0.9, rows) * min(step, 20) if wraps else ()
+    camera = pw.SphericalCamera(elevation=elevation, azimuth=azimuth, azimuth_offset=offset)
+    assert camera.wraps or not wraps
+    ranges = rng.uniform(1, 50, camera.shape) * (rng.random(camera.shape) < 0.8)
+    points = camera.points(ranges)
+    assert_array_equal(np.isnan(points[..., 0]), ranges == 0)
+    flat = points.reshape(-1, 3)
+    flat = flat[rng.permutation(len(flat))]
+    again = camera.from_points(np.vstack((flat, 1.5 * flat[::2])))
+    assert_allclose(again, ranges, rtol=1e-12)
+    row, column = camera.pixels(points.reshape(-1, 3)).T
+    there = ranges.ravel() > 0
+    expected = np.unravel_index(np.flatnonzero(there), camera.shape)
+    assert_array_equal((row[there], column[there]), expected)
+    assert (row[~there] == -1).all()
+
+
+def test_points_outside_are_left_out():
+    points = [[0, 0, 0], [np.nan, 1, 1], [np.inf, 1, 1], [1, 0, 1], [-1, 0, 0], [1, 0, 0]]
+    assert_array_equal(CAMERA.pixels(points)[:, 0], [-1, -1, -1, -1, -1, 3])
+    assert (CAMERA.from_points(points) > 0).sum() == 1
+    assert not CAMERA.from_points(np.empty((0, 3))).any()
+
+
+def test_presets_have_their_beams():
+    assert cameras.VELODYNE_VLP16.elevation == tuple(range(15, -16, -2))
+    beams = {
+        name: each.shape[0]
+        for name, each in cameras.PRESETS.items()
+        if "-" in name and hasattr(each, "elevation")
+    }
+    for name, count in beams.items():
+        assert str(count) in name
+    table = np.array(cameras.VELODYNE_VLS128.elevation)
+    assert_allclose(np.diff(table)[20:100], -0.11, atol=1e-9)
+    assert all(camera.wraps for camera in cameras.PRESETS.values() if not hasattr(camera, "fx"))
+
+
+BAD = {
+    "one beam": ({"elevation": [1], "azimuth": [0, 1]}, "at least 2 angles"),
+    "beams out of order": ({"elevation": [3, 1, 2], "azimuth": [0, 1]}, "rows 1 and 2"),
+    "the same beam twice": ({"elevation": [3, 1, 1], "azimuth": [0, 1]}, "rise or fall"),
+    "a beam that is no number": ({"elevation": [3, np.nan], "azimuth": [0, 1]}, "not finite"),
+    "words": ({"elevation": ["up", "down"], "azimuth": [0, 1]}, "angles in degrees"),
+    "a table of beams": ({"elevation": [[1, 2]], "azimuth": [0, 1]}, "row of finite angles"),
+    "overhead": ({"elevation": [90, 0], "azimuth": [0, 1]}, "within 75 degrees"),
+    "columns out of order": ({"elevation": [1, 0], "azimuth": [0, 2, 1]}, "azimuth must rise"),
+    "a gap": ({"elevation": [1, 0], "azimuth": [0, 1, 2, 50]}, "by about the same angle"),
+    "more than a turn": ({"elevation": [1, 0], "azimuth": np.arange(0, 400, 5)}, "once at most"),
+    "offsets of other beams": (
+        {"elevation": [1, 0], "azimuth": [0, 1], "azimuth_offset": [1]},
+        "one angle for each of 2",
+    ),
+    "offsets of all": (
+        {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [90, 90]},
+        "within 20 degrees",
+    ),
+    "staggered": (
+        {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [3, -3]},
+        "destagger",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_angles_are_refused(case):
+    angles, message = BAD[case]
+    with pytest.raises(ValueError, match=message):
+        pw.SphericalCamera(**angles)
+
+
+def test_bad_images_and_points_are_refused():
+    with pytest.raises(ValueError, match=r"6 rows and 41 columns.*transposed"):
+        pw.observe(np.ones((41, 6)), CAMERA, pw.Sensor())
+    with pytest.raises(ValueError, match="6 rows"):
+        CAMERA.rays((6, 40))
+    with pytest.raises(ValueError, match="2-D image of ranges"):
+        CAMERA.points(np.ones(6))
+    with pytest.raises(ValueError, match=r"shape \(k, 3\), got shape \(3,\)"):
+        CAMERA.from_points([1, 2, 3])
+    with pytest.raises(ValueError, match="columns must be at least 2"):
+        pw.SphericalCamera.spinning([1, 0], 1)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [CAMERA, pw.SphericalCamera.spinning([2, 0, -3], 90, start=10, clockwise=False)],
+)
+def test_what_a_camera_describes_can_be_read_back(tmp_path, camera):
+    path = tmp_path / "lidar.json"
+    path.write_text(json.dumps(camera.describe()))
+    assert read_camera(str(path)) == camera
+
+
+def test_a_short_file_will_do(tmp_path):
+    path = tmp_path / "lidar.json"
+    path.write_text('{"elevation": [15, 0, -15], "columns": 900}')
+    camera = read_camera(str(path))
+    assert camera == pw.SphericalCamera.spinning([15, 0, -15], 900)
+    assert read_camera("ouster-os1-64").shape == (64, 1024)
+
+
+@pytest.mark.parametrize("nested", [False, True])
+def test_ouster_metadata(tmp_path, nested):
+    """Destaggered images: what is left of the beams' azimuth is a fraction of a column."""
+    beams = {
+        "beam_altitude_angles": [10, 0, -10, -20],
+        "beam_azimuth_angles": [4.21, 1.42, -1.41, -4.21],
+    }
+    if nested:
+        form = {"columns_per_frame": 1024, "pixel_shift_by_row": [12, 4, -4, -12]}
+        content = {"beam_intrinsics": beams, "lidar_data_format": form}
+    else:
+        content = {**beams, "lidar_mode": "1024x10"}
+    path = tmp_path / "os1.json"
+    path.write_text(json.dumps(content))
+    camera = read_camera(str(path))
+    assert camera.shape == (4, 1024)
+    shifts, angles = [12, 4, -4, -12], beams["beam_azimuth_angles"]
+    left = [360 * shift / 1024 - angle for shift, angle in zip(shifts, angles, strict=True)]
+    assert_allclose(camera.azimuth_offset, left)
+
+
+BAD_FILES = {
+    "no columns": ({"elevation": [1, 0]}, "columns"),
+    "columns that are a word": ({"elevation": [1, 0], "columns": "many"}, "columns 'many'"),
+    "start that is a word": ({"elevation": [1, 0], "columns": 9, "start": "x"}, "start 'x'"),
+    "turn that is a word": ({"elevation": [1, 0], "columns": 9, "clockwise": 1}, "clockwise 1"),
+    "beams out of order": ({"elevation": [1, 2, 0], "columns": 90}, "rise or fall"),
+    "beams without azimuth": ({"beam_altitude_angles": [1, 0]}, "beam_azimuth_angles is missing"),
+    "no number of columns": (
+        {"beam_altitude_angles": [1, 0], "beam_azimuth_angles": [0, 0]},
+        "lidar_mode is missing",
+    ),
+    "beams that do not match": (
+        {"beam_altitude_angles": [1, 0], "beam_azimuth_angles": [0, "a"], "lidar_mode": "9x10"},
+        "cannot be read",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES)
+def test_bad_files_are_refused(tmp_path, case):
+    content, message = BAD_FILES[case]
+    path = tmp_path / "lidar.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(PlanewiseError, match=message):
+        read_camera(str(path))
