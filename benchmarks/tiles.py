@@ -1,8 +1,10 @@
 """Clouds in tiles on a disk against the same in one piece: time, peak memory, and what differs.
 
     python -m benchmarks.tiles --sizes 10000000 100000000 --folder FOLDER
+    python -m benchmarks.tiles --sizes 30000000 --town --folder FOLDER
 
-Buildings of ten million points stand beside each other, as float32 in a file. Every search is a
+Buildings of ten million points stand beside each other, as float32 in a file; or roofs, streets and
+trees of a town as an airplane sees them, ten points a square metre. Every search is a
 process of its own; memory is the peak of what lies in memory (VmHWM) as Linux says it.
 """
 
@@ -25,6 +27,11 @@ from planewise.stages import recorded
 _BUILDING = 10_000_000  # points of one, at most
 _STEP = 60.0  # metres between them
 _IN_MEMORY = 30_000_000  # points up to which they are searched in one piece, too
+_BLOCK, _HOUSE = 20.0, 12.0  # metres of a town: one house in each block
+_DENSITY = 10.0  # points a square metre
+_TOWN_SIGMA = 0.02  # metres
+_MOST_PLANES = 60_000
+_TREES = 0.1  # share of the points
 _SENSOR = pw.Sensor(max_depth=100.0, resolution=0.001, noise=0.01)
 
 
@@ -39,18 +46,40 @@ def write_buildings(path: Path, count: int) -> None:
         out.flush()
 
 
-def search(path: Path, labels: Path, tile_points: int) -> None:
+def write_town(path: Path, count: int) -> None:
+    """Write houses with gable roofs on flat ground, and trees, (count, 3) of float32."""
+    rng = np.random.default_rng(0)
+    blocks = max(1, int(np.sqrt(count / _DENSITY) / _BLOCK))
+    height, slope = rng.uniform(5, 12, (blocks, blocks)), rng.uniform(0.3, 1.2, (blocks, blocks))
+    turned = rng.random((blocks, blocks)) < 0.5
+    out = np.lib.format.open_memmap(path, "w+", np.float32, (count, 3))
+    for first in range(0, count, 1_000_000):
+        size = min(1_000_000, count - first)
+        xy = rng.uniform(0, blocks * _BLOCK, (size, 2))
+        i, j = np.minimum(xy // _BLOCK, blocks - 1).astype(int).T
+        inside = xy % _BLOCK - _BLOCK / 2
+        roof = np.abs(inside).max(axis=1) < _HOUSE / 2
+        across = np.abs(np.where(turned[i, j], inside[:, 0], inside[:, 1]))
+        z = np.where(roof, height[i, j] - slope[i, j] * across, 0)
+        z += rng.normal(0, _TOWN_SIGMA, size)
+        tree = rng.random(size) < _TREES
+        z[tree] = rng.uniform(0, 8, tree.sum())
+        out[first : first + size] = np.column_stack((xy, z))
+
+
+def search(path: Path, labels: Path, tile_points: int, *, town: bool) -> None:
     """Search a file, in one piece where tile_points is 0, and print a row of the table."""
     pw.detect_planes_in_points(building(50_000).points, _SENSOR)  # loads the loops
+    sensor = pw.Sensor(max_depth=5000.0, resolution=0.001, noise=_TOWN_SIGMA) if town else _SENSOR
     started, used = time.perf_counter(), time.process_time()
     with recorded() as stages:
         if tile_points:
             model = pw.detect_planes_in_cloud(
-                path, _SENSOR, tile_points=tile_points, max_planes=5000
+                path, sensor, tile_points=tile_points, max_planes=_MOST_PLANES
             )
         else:
             points = pw.read_cloud(path).points
-            model = pw.detect_planes_in_points(points, _SENSOR, max_planes=5000)
+            model = pw.detect_planes_in_points(points, sensor, max_planes=_MOST_PLANES)
     seconds, busy = time.perf_counter() - started, time.process_time() - used
     peak = _peak()
     np.save(labels, model.labels)
@@ -72,22 +101,24 @@ def main() -> None:
     parser.add_argument("--sizes", type=int, nargs="+", default=[1_000_000, 10_000_000])
     parser.add_argument("--tile-points", type=int, default=4_000_000)
     parser.add_argument("--folder", type=Path, help="where there is room")
+    parser.add_argument("--town", action="store_true", help="seen from an airplane")
     parser.add_argument("--one", nargs=2, type=Path, help=argparse.SUPPRESS)
     asked = parser.parse_args()
     if asked.one:
-        search(asked.one[0], asked.one[1], asked.tile_points)
+        search(asked.one[0], asked.one[1], asked.tile_points, town=asked.town)
         return
     print(f"load {os.getloadavg()[0]:.1f}\n")
     print("| points | | s | processor s | MB | planes | Phi |\n|---|---|---|---|---|---|---|")
     for size in asked.sizes:
         with TemporaryDirectory(dir=asked.folder) as folder:
             path = Path(folder, "cloud.npy")
-            write_buildings(path, size)
+            (write_town if asked.town else write_buildings)(path, size)
             found = []
             for tile_points in (asked.tile_points, *([0] if size <= _IN_MEMORY else [])):
                 labels = Path(folder, f"labels{tile_points}.npy")
                 command = [sys.executable, "-m", "benchmarks.tiles", "--one", str(path)]
                 command += [str(labels), "--tile-points", str(tile_points)]
+                command += ["--town"] if asked.town else []
                 subprocess.run(command, check=True)
                 found.append(np.load(labels, mmap_mode="r"))
             if len(found) > 1:

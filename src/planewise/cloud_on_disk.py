@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import compilation, threads
 from planewise.cloud_files import open_cloud
 from planewise.cloud_memory import Disk
-from planewise.detect import Options, Seed, detect_planes_in_points
+from planewise.detect import detect_planes_in_points
 from planewise.evaluate import MAX_PLANES
 from planewise.model import PlaneModel
+from planewise.options import Options, Seed
 from planewise.point_cloud import CloudFile, PointCloud
 from planewise.sensor import Sensor
 from planewise.stages import stage
