@@ -1,6 +1,8 @@
 """Clouds in tiles on a disk: the result of one piece, whatever the tiles; nothing is left."""
 
+import errno
 import json
+import os
 import re
 import tracemalloc
 from itertools import pairwise
@@ -166,6 +168,16 @@ def test_a_folder_that_is_not_there(tmp_path):
     cloud = pw.PointCloud(points=POINTS[:1000])
     with pytest.raises(PlanewiseError, match="takes no temporary files"):
         detect_planes_in_cloud(cloud, SENSOR, tile_points=100, folder=tmp_path / "none")
+
+
+def test_a_full_disk_is_an_error_in_one_line(monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", full, raising=False)
+    cloud = pw.PointCloud(points=POINTS[:1000])
+    with pytest.raises(PlanewiseError, match=r"cannot be written \(No space left"):
+        detect_planes_in_cloud(cloud, SENSOR, tile_points=100)
 
 
 def test_arrays_on_a_disk_are_arrays(tmp_path):

@@ -7,6 +7,7 @@ and release between parts hold one part at a time.
 
 from __future__ import annotations
 
+import errno
 import math
 import mmap
 import os
@@ -126,17 +127,21 @@ class Growing:
 
 def _reserve(stream: Any, size: int) -> None:
     """Make a file so long, and sure that its content has room: a full disk is said here."""
-    reserve = getattr(os, "posix_fallocate", None)
-    if size and reserve is not None:
-        _checked(reserve, stream.fileno(), 0, size)
-    else:
-        _checked(stream.truncate, size)
+    _checked(stream.truncate, size)
+    if size and hasattr(os, "posix_fallocate"):
+        try:
+            os.posix_fallocate(stream.fileno(), 0, size)
+        except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+                raise _unwritable(error) from None
 
 
 def _checked(write: Callable[..., object], *arguments: object) -> None:
     try:
         write(*arguments)
     except OSError as error:
-        raise PlanewiseError(
-            f"folder: a temporary file cannot be written ({error.strerror or error})"
-        ) from None
+        raise _unwritable(error) from None
+
+
+def _unwritable(error: OSError) -> PlanewiseError:
+    return PlanewiseError(f"folder: a temporary file cannot be written ({error.strerror or error})")

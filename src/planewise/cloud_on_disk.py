@@ -19,7 +19,7 @@ from planewise.sensor import Sensor
 from planewise.stages import stage
 
 TILE_POINTS = 4_000_000
-"""Points of a tile unless another number is asked for; working memory is some 1 kB for each."""
+"""Points of a tile unless another number is asked for."""
 
 _LARGEST = 2**32 - 1  # points
 
@@ -53,8 +53,8 @@ def detect_planes_in_cloud(
     tile_points : int
         Points of a tile. A cloud of no more is searched in memory.
     folder : path, optional
-        Where temporary files without a name are put, some 250 bytes a point; by default beside the
-        cloud's file, else the system's folder for them.
+        Where temporary files without a name are put, some 70 to 250 bytes a point; by default
+        beside the cloud's file, else the system's folder for them.
     instances, significance, max_planes, rng, threads
         See `Options`.
 
