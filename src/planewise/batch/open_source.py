@@ -65,7 +65,7 @@ def _storable(source: Source) -> Source:
         except UnicodeEncodeError:
             shown = each.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
             raise PlanewiseError(
-                f"data: {source.name} has a frame named {shown}, which is not valid UTF-8; rename it"
+                f"data: {source.name} has a frame {shown}, which is not valid UTF-8; rename it"
             ) from None
     return source
 
