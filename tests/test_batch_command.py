@@ -232,6 +232,15 @@ def test_bad_arguments(originals, store, name):
     assert not store.parent.exists()
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every name is text")
+def test_names_that_are_no_text_are_refused(frames, store):
+    (frames / "00001.png").rename(os.fsdecode(bytes(frames) + b"/\xff1.png"))
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert (code, text) == (2, "")
+    assert "\\xff1, which is not valid UTF-8" in errors.replace("\n", " ")
+    assert not store.parent.exists()
+
+
 def test_without_pyarrow_one_line_says_so(originals, store, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     code, _, errors = run("batch", originals, "-o", store, *CAMERA)

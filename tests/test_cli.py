@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -301,7 +302,9 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
     started = []
-    monkeypatch.setattr(compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]))
+    monkeypatch.setattr(
+        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
+    )
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
     assert started == [[sys.executable, "-m", "planewise.warm_up"]]

@@ -24,6 +24,9 @@ from planewise.command_line import (
     FAILED,
     MAX_DEPTH_HELP,
     RESOLUTION_HELP,
+    ObjectiveName,
+    ReassignName,
+    SearchName,
     check_numbers,
     optional,
     partition_of,
@@ -51,20 +54,6 @@ class _Engine(StrEnum):
 class _Labels(StrEnum):
     png = "png"
     rle = "rle"
-
-
-class _Search(StrEnum):
-    joint = "joint"
-    sequential = "sequential"
-
-
-class _Objective(StrEnum):
-    paper = "paper"
-    spatial = "spatial"
-
-
-class _Reassign(StrEnum):
-    normals = "normals"
 
 
 def batch(
@@ -98,8 +87,8 @@ def batch(
     max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
     resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
     depth_scale: Annotated[float | None, optional(DEPTH_SCALE_HELP)] = None,
-    search: Annotated[_Search, typer.Option(help="As for detect.")] = _Search.joint,
-    objective: Annotated[_Objective | None, optional("As for detect.")] = None,
+    search: Annotated[SearchName, typer.Option(help="As for detect.")] = SearchName.joint,
+    objective: Annotated[ObjectiveName | None, optional("As for detect.")] = None,
     instances: Annotated[
         bool, typer.Option("--instances", help="Keep surfaces that do not touch apart.")
     ] = False,
@@ -111,7 +100,7 @@ def batch(
     ] = None,
     confidence: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.99,
     inlier_ratio: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.1,
-    reassign: Annotated[_Reassign | None, optional("As for detect (paper's objective).")] = None,
+    reassign: Annotated[ReassignName | None, optional("As for detect (paper's objective).")] = None,
     partition: Annotated[
         str | None, optional("Regions to search, as for detect: auto, graph, blocks or sam.")
     ] = None,

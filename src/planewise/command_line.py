@@ -6,6 +6,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,27 @@ from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.partition import Partitioner
+
+
+class SearchName(StrEnum):
+    """`--search`."""
+
+    joint = "joint"
+    sequential = "sequential"
+
+
+class ObjectiveName(StrEnum):
+    """`--objective`."""
+
+    paper = "paper"
+    spatial = "spatial"
+
+
+class ReassignName(StrEnum):
+    """`--reassign`."""
+
+    normals = "normals"
+
 
 FAILED = 2
 """Exit code where something given cannot be used."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import platform
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +22,9 @@ from planewise.command_line import (
     MAX_DEPTH_HELP,
     OUTLINES_HELP,
     RESOLUTION_HELP,
+    ObjectiveName,
+    ReassignName,
+    SearchName,
     check_numbers,
     optional,
     partition_of,
@@ -52,20 +54,6 @@ app = typer.Typer(
 
 
 _NAMED = 20  # frames that a warning lists
-
-
-class _Search(StrEnum):
-    joint = "joint"
-    sequential = "sequential"
-
-
-class _Objective(StrEnum):
-    paper = "paper"
-    spatial = "spatial"
-
-
-class _Reassign(StrEnum):
-    normals = "normals"
 
 
 def _print_version(wanted: bool) -> None:
@@ -126,10 +114,10 @@ def detect(
         optional(DEPTH_SCALE_HELP),
     ] = None,
     search: Annotated[
-        _Search, typer.Option(help="All planes together, or one after the other (the paper's).")
-    ] = _Search.joint,
+        SearchName, typer.Option(help="All planes together, or one after the other (the paper's).")
+    ] = SearchName.joint,
     objective: Annotated[
-        _Objective | None,
+        ObjectiveName | None,
         optional(
             "What is minimised: an information with a spatial mask code, correlated error and a "
             "smooth null (the default, joint search only), or the paper's."
@@ -156,7 +144,7 @@ def detect(
         float, typer.Option(help="Sequential: share of the readings on the smallest plane.")
     ] = 0.1,
     reassign: Annotated[
-        _Reassign | None,
+        ReassignName | None,
         optional(
             "The paper's step after the search: readings that fit several planes go to the one "
             "whose normal is most like theirs (paper's objective)."

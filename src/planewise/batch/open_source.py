@@ -41,12 +41,12 @@ def open_source(
     Raises
     ------
     PlanewiseError
-        If it is of no known kind, cannot be used, or holds points.
+        If it is of no known kind, cannot be used, holds points, or frames whose names are no text.
     """
     path = Path(path)
     reader = reader_of(path) if kind is None and path.exists() else None
     if kind is None and reader is None and _holds_depth_files(path):
-        return DepthFolder(path)
+        return _storable(DepthFolder(path))
     given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
     if reader is not None:
         known = inspect.signature(reader).parameters
@@ -54,7 +54,20 @@ def open_source(
     opened = datasets.open(path, kind, **given)
     if isinstance(opened, PointDataset):
         raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")
-    return opened if pictures else opened.without_pictures()
+    return _storable(opened if pictures else opened.without_pictures())
+
+
+def _storable(source: Source) -> Source:
+    """Refuse ids that no table can hold: names of files with bytes that are no text."""
+    for each in source.ids:
+        try:
+            each.encode()
+        except UnicodeEncodeError:
+            shown = each.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+            raise PlanewiseError(
+                f"data: {source.name} has a frame {shown}, which is not valid UTF-8; rename it"
+            ) from None
+    return source
 
 
 def _holds_depth_files(path: Path) -> bool:
