@@ -1,7 +1,7 @@
 """Clouds in tiles on a disk against the same in one piece: time, peak memory, and what differs.
 
     python -m benchmarks.tiles --sizes 10000000 100000000 --folder FOLDER
-    python -m benchmarks.tiles --sizes 30000000 --town --folder FOLDER
+    python -m benchmarks.tiles --sizes 30000000 100000000 --town --folder FOLDER
 
 Buildings of ten million points stand beside each other, as float32 in a file; or roofs, streets and
 trees of a town as an airplane sees them, ten points a square metre. Every search is a
