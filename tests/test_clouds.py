@@ -112,7 +112,7 @@ def test_no_result_depends_on_threads_and_no_input_changes():
         assert_array_equal(found[0].coefficients, other.coefficients)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=6)
 @given(seed=st.integers(0, 1000))
 def test_shuffled_points_have_the_same_planes_and_their_own_labels(model, seed):
     order = np.random.default_rng(seed).permutation(len(POINTS))
@@ -122,7 +122,7 @@ def test_shuffled_points_have_the_same_planes_and_their_own_labels(model, seed):
     assert_allclose(shuffled.coefficients, model.coefficients, atol=1e-6)
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(seed=st.integers(0, 1000), shift=st.floats(-1e6, 1e6), scale=st.floats(0.01, 100))
 def test_turned_moved_and_scaled_clouds_have_turned_moved_and_scaled_planes(
     model, seed, shift, scale
@@ -136,7 +136,8 @@ def test_turned_moved_and_scaled_clouds_have_turned_moved_and_scaled_planes(
         agreement = [abs(other.normal @ turn @ plane.normal) for other in moved.planes]
         other = moved.planes[int(np.argmax(agreement))]
         assert max(agreement) > 1 - 1e-5
-        assert other.area == pytest.approx(plane.area * scale**2, rel=0.2)
+        # Of the cells, which lie otherwise on a turned plane.
+        assert other.area == pytest.approx(plane.area * scale**2, rel=0.3)
 
 
 @pytest.mark.parametrize("turned", [(1, 0, 0), (0, 1, 0), (2, 2, -1)])
