@@ -1,5 +1,6 @@
 """Shared scenes and data."""
 
+import os
 from pathlib import Path
 
 import numpy as np
