@@ -9,8 +9,9 @@ from hypothesis import settings
 
 import planewise as pw
 
-# How long an example takes is not what it tests, and machines are busy.
-settings.register_profile("untimed")
+# How long an example takes is not what it tests, and machines are busy. Where others wait for the
+# verdict, examples are the same in every run.
+settings.register_profile("untimed", deadline=None, derandomize="CI" in os.environ)
 settings.load_profile("untimed")
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
