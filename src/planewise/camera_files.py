@@ -13,7 +13,7 @@ import numpy as np
 
 from planewise import cameras, noise, sensors
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 from planewise.lidar_files import is_spherical, spherical_camera
 from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
@@ -245,7 +245,7 @@ def _parse_yaml(text: str) -> Any:
         # An echoed ROS message ends with a document separator.
         return next((part for part in yaml.safe_load_all(text) if part is not None), None)
     except (yaml.YAMLError, RecursionError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        first = in_one_line(error)
         raise PlanewiseError(f"is not valid YAML ({first})") from None
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -95,7 +95,7 @@ def read_depth(path: str | Path) -> DepthFile:
     except PlanewiseError as error:
         raise PlanewiseError(f"depth: {path.name} {error}") from None
     except Exception as error:  # decoders of foreign bytes may raise anything
-        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        detail = in_one_line(error)
         raise PlanewiseError(
             f"depth: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
         ) from error

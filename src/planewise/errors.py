@@ -25,3 +25,9 @@ class MissingExtraError(PlanewiseError):
             f"{purpose} needs the package {package}, which is part of the extra '{extra}': "
             f"pip install 'planewise[{extra}]'"
         )
+
+
+def in_one_line(error: BaseException) -> str:
+    """First line of what an error says, or else its kind."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.depth_files import check_size, natural_order, read_array
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".npy", ".npz")
@@ -108,7 +108,7 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
     except PlanewiseError as error:
         raise PlanewiseError(f"{name}: {path.name} {error}") from None
     except Exception as error:  # decoders of foreign bytes may raise anything
-        detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+        detail = in_one_line(error)
         raise PlanewiseError(
             f"{name}: {path.name} cannot be read; it is damaged or not what its name says "
             f"({detail})"

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32] | Array
@@ -246,7 +246,7 @@ def readable(path: Path) -> Iterator[None]:
     except OSError as error:
         raise PlanewiseError(f"cloud: {path} cannot be read ({error.strerror or error})") from error
     except BaseException as error:  # decoders may raise anything, those in Rust no Exception
-        detail = _printable(str(error).splitlines()[0] if str(error) else type(error).__name__)
+        detail = _printable(in_one_line(error))
         raise PlanewiseError(
             f"cloud: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
         ) from error

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.datasets.paths import LARGEST_TEXT, inside
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""
@@ -81,7 +81,7 @@ class Bag:
         except Exception as error:  # the library raises whatever its decoders do
             raise PlanewiseError(
                 f"data: the bag {path.name} cannot be opened; it is damaged, or lacks its index "
-                f"({_first_line(error)})"
+                f"({in_one_line(error)})"
             ) from error
         self.types = {each.topic: each.msgtype for each in self._reader.connections}
         storage = getattr(self._reader.readers[0], "storage", self._reader.readers[0])
@@ -96,7 +96,7 @@ class Bag:
             self.close()
         if isinstance(error, Exception) and not isinstance(error, PlanewiseError):
             raise PlanewiseError(
-                f"data: the bag {self.path.name} is damaged ({_first_line(error)})"
+                f"data: the bag {self.path.name} is damaged ({in_one_line(error)})"
             ) from error
 
     def close(self) -> None:
@@ -324,7 +324,3 @@ def _check_files(path: Path) -> None:
             f"data: the files of {path.name} are compressed as a whole, so that no frame can be "
             "read alone; convert the bag without compression (ros2 bag convert)"
         )
-
-
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 from planewise.sensor import Sensor
 
 _FORBIDDEN = frozenset("/\\\0\n\r")  # in ids, which become names of files
@@ -238,7 +238,7 @@ class Frames(ABC, Generic[Frame]):
         except PlanewiseError as error:
             raise PlanewiseError(f"{self.name}, frame {frame}: {error}") from None
         except Exception as error:  # decoders of foreign bytes may raise anything
-            detail = str(error).splitlines()[0] if str(error) else type(error).__name__
+            detail = in_one_line(error)
             raise PlanewiseError(
                 f"{self.name}, frame {frame}: cannot be read; it is damaged ({detail})"
             ) from error

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.depth_files import check_size
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 _DEFLATE, _SHUFFLE, _CHECKSUM = 1, 2, 3  # registered numbers of filters
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"
@@ -55,7 +55,7 @@ def opened(path: Path) -> Iterator[Any]:
         file = h5py.File(path, "r")
     except OSError as error:
         raise PlanewiseError(
-            f"data: {path.name} is no HDF5 file, or is cut short ({_first_line(error)}); files of "
+            f"data: {path.name} is no HDF5 file, or is cut short ({in_one_line(error)}); files of "
             "MATLAB before version 7.3 are of another kind"
         ) from None
     with file:
@@ -136,7 +136,3 @@ def _check_pieces(array: Any, row: int) -> None:
         unpacked = zlib.decompressobj().decompress(packed, size + 1)
         if len(unpacked) > size:
             raise PlanewiseError(f"is damaged: a piece holds more than its {size} bytes")
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

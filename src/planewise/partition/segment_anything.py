@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 if TYPE_CHECKING:
     from planewise.partition.partitioner import View
@@ -191,7 +191,7 @@ def _network(model: str, device: str) -> _Network:
             net = AutoModelForMaskGeneration.from_pretrained(model).eval().to(place)
     except (OSError, RuntimeError, AssertionError) as error:
         # A device or weights that are not there; the messages are of many lines.
-        detail = str(error).strip().splitlines()[0] if str(error) else type(error).__name__
+        detail = in_one_line(error)
         raise PlanewiseError(f"sam: {model} cannot be used on {device}: {detail}") from None
     return _Network(torch, net, place, settings)
 
