@@ -262,7 +262,6 @@ def test_streets_are_what_they_say():
 
 
 def test_outlines_lie_on_the_planes():
-    pytest.importorskip("shapely")
     from planewise.image_outlines import outline_image
 
     ranges, _ = room(CAMERA, np.random.default_rng(0))

@@ -141,7 +141,6 @@ def test_any_function_and_object_will_do(view):
 
 
 def test_graph_follows_depth_and_colour(camera, roof):
-    pytest.importorskip("skimage", reason="the extra 'partition' is not installed")
     depth, _, labels = roof
     graph = Graph()
     regions = regions_of(graph, View(depth=depth, camera=camera))

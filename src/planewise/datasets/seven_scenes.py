@@ -25,7 +25,7 @@ _DEPTH = re.compile(r"(frame-\d+)\.depth\.png")
 
 
 class SevenScenes(PictureFolder):
-    """One sequence: ``frame-XXXXXX.depth.png``, ``.color.png`` and ``.pose.txt`` in one folder.
+    """One sequence: ``frame-000000.depth.png``, ``.color.png`` and ``.pose.txt`` in one folder.
 
     Depth is in millimetres, 65535 where there is no reading. Pictures are not registered to it: the
     cameras are some centimetres apart. Ids are ``frame-000000`` and so on.
@@ -39,7 +39,7 @@ class SevenScenes(PictureFolder):
     """
 
     kind: ClassVar[str] = "7-scenes"
-    holds: ClassVar[str] = "a folder of frame-XXXXXX.depth.png (7-Scenes)"
+    holds: ClassVar[str] = "a folder of frame-000000.depth.png and so on (7-Scenes)"
     sensor = sensors.KINECT_V1
 
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
