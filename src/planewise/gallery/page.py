@@ -18,9 +18,10 @@ from planewise._version import __version__
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_source import StoredSource
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError
 from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
+from planewise.page_templates import templates_of
 from planewise.palette import distinct_colours
 from planewise.whole_files import written_whole
 
@@ -155,17 +156,7 @@ def write_gallery(
 
 
 def _template() -> Any:
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "the page", extra="viz") from None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("planewise.gallery", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = templates_of("planewise.gallery", purpose="the page", extra="viz")
     return environment.get_template(_TEMPLATE)
 
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from planewise.errors import MissingExtraError
+from planewise.page_templates import templates_of
 from planewise.reproduce.charts import INK
 from planewise.reproduce.section import Picture, Section
 
@@ -29,17 +29,7 @@ def page(about: Mapping[str, Any], sections: Mapping[str, Section]) -> str:
     str
         HTML with all pictures in it and no script.
     """
-    try:
-        import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", "the report", extra="reproduce") from None
-    environment = jinja2.Environment(
-        loader=jinja2.PackageLoader("planewise.reproduce", "."),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
+    environment = templates_of("planewise.reproduce", purpose="the report", extra="reproduce")
     environment.filters["inline_png"] = _inline_png
     environment.filters["inline_svg"] = _recoloured
     return environment.get_template(TEMPLATE).render(about=about, sections=sections)
