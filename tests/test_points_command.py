@@ -18,7 +18,8 @@ from planewise.cloud_picture import draw_cloud
 from planewise.cloud_results import CLOUD_FILES
 from planewise.commands import app
 from planewise.outline_files import OUTLINES_SCHEMA_FILE
-from planewise.result_files import FILES, OUTLINE_FILES, SCHEMA_FILE
+from planewise.planes_json import SCHEMA_FILE
+from planewise.result_files import FILES, OUTLINE_FILES
 from tests.test_outlines import model_of, plane_at
 
 SIGMA = 0.01

@@ -12,15 +12,9 @@ from PIL import Image
 import planewise as pw
 from planewise import scenes
 from planewise.errors import PlanewiseError
-from planewise.result_files import (
-    FILES,
-    SCHEMA_FILE,
-    SCHEMA_VERSION,
-    depth_in_metres,
-    output_folder,
-    parent_folder,
-    write_results,
-)
+from planewise.planes_json import SCHEMA_FILE, SCHEMA_VERSION
+from planewise.result_files import FILES, depth_in_metres, write_results
+from planewise.whole_files import output_folder, parent_folder
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "planes-json.md"
 

@@ -17,11 +17,9 @@ from planewise import terminal, threads
 from planewise.batch_progress import Progress, show_forecast, show_result
 from planewise.camera import PinholeCamera
 from planewise.camera_files import NOISE_HELP, read_camera, read_sensor
-from planewise.cli import INTERRUPTED
 from planewise.command_line import (
     CAMERA_HELP,
     DEPTH_SCALE_HELP,
-    FAILED,
     MAX_DEPTH_HELP,
     RESOLUTION_HELP,
     ObjectiveName,
@@ -35,6 +33,7 @@ from planewise.command_line import (
     sensor_of,
 )
 from planewise.errors import PlanewiseError
+from planewise.exit_codes import FAILED, INTERRUPTED
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source

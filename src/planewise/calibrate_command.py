@@ -15,7 +15,6 @@ from planewise.camera_files import read_camera, read_sensor
 from planewise.command_line import (
     CAMERA_HELP,
     DEPTH_SCALE_HELP,
-    FAILED,
     MAX_DEPTH_HELP,
     RESOLUTION_HELP,
     check_numbers,
@@ -25,6 +24,7 @@ from planewise.command_line import (
 )
 from planewise.depth_files import list_depth_files, read_depth
 from planewise.errors import PlanewiseError
+from planewise.exit_codes import FAILED
 from planewise.sensor import Sensor
 from planewise.whole_files import written_whole
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import gc
 import sys
 
+from planewise.exit_codes import INTERRUPTED
+
 _COLLECT_AFTER = (
     200_000  # objects; imports make many and free none, and collecting them takes 0.2 s
 )
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as shells have it."""
 
 
 def main() -> None:

@@ -15,9 +15,10 @@ from planewise.cloud_memory import Memory
 from planewise.model import PlaneModel
 from planewise.outlines import Surface
 from planewise.palette import distinct_colours
+from planewise.planes_json import describe_cloud_model
 from planewise.ply_files import write_ply
 from planewise.point_cloud import BLOCK, PointCloud, extent
-from planewise.result_files import describe_cloud_model, write_image
+from planewise.result_files import write_image
 from planewise.sensor import Sensor
 
 CLOUD_FILES = ("labelled.ply", "planes.json", "preview.png", "curve.png")

@@ -14,8 +14,8 @@ import typer
 
 from planewise import sensors, terminal
 from planewise.camera_files import read_sensor
-from planewise.cli import INTERRUPTED
 from planewise.errors import PlanewiseError
+from planewise.exit_codes import FAILED, INTERRUPTED
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -41,9 +41,6 @@ class ReassignName(StrEnum):
 
     normals = "normals"
 
-
-FAILED = 2
-"""Exit code where something given cannot be used."""
 
 CAMERA_HELP = (
     "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "

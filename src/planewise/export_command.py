@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from planewise import terminal
-from planewise.command_line import FAILED, optional, reported
+from planewise.command_line import optional, reported
+from planewise.exit_codes import FAILED
 
 _SHOWN = 20  # frames that could not be exported
 

@@ -10,8 +10,9 @@ import typer
 
 from planewise import sensors, terminal
 from planewise.camera_files import read_camera
-from planewise.command_line import CAMERA_HELP, FAILED, check_numbers, optional, reported
+from planewise.command_line import CAMERA_HELP, check_numbers, optional, reported
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.exit_codes import FAILED
 
 if TYPE_CHECKING:
     from planewise.datasets import Dataset, DatasetFrame, PointDataset, PointFrame

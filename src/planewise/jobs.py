@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from planewise.camera import Camera
 from planewise.depth_files import DepthFile, read_depth
 from planewise.errors import PlanewiseError
-from planewise.result_files import FILES, OUTLINE_FILES, output_folder, write_results
+from planewise.result_files import FILES, OUTLINE_FILES, write_results
 from planewise.sensor import Sensor
+from planewise.whole_files import output_folder
 
 if TYPE_CHECKING:
     from planewise.model import PlaneModel

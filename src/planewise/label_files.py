@@ -1,4 +1,4 @@
-"""Read label images from files, and pair predicted ones with true ones."""
+"""Read label images from files."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".npy", ".npz")
-_RESULT = "labels.png"
+RESULT = "labels.png"
 _PARAMETERS = "planes.json"
 
 STORE_FILE = "store.json"
@@ -50,23 +50,6 @@ class Labelled(Protocol):
     def read(self) -> LabelFile:
         """Read them; raise `PlanewiseError` where that cannot be done."""
         ...
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pairs:
-    """Frames of two folders.
-
-    Attributes
-    ----------
-    paired : tuple of (str, Path or Labelled, Path)
-        Name, predicted and true file of the frames that both hold.
-    only_predicted, only_true : tuple of str
-        Names that the other folder lacks.
-    """
-
-    paired: tuple[tuple[str, Path | Labelled, Path], ...]
-    only_predicted: tuple[str, ...] = ()
-    only_true: tuple[str, ...] = ()
 
 
 def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFile:
@@ -115,52 +98,6 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
         ) from error
 
 
-def pair_files(predicted: Path, truth: Path) -> Pairs:
-    """Pair two files, or the files of two folders by name without ending.
-
-    Parameters
-    ----------
-    predicted, truth : Path
-        Label images, or folders of them. A subfolder with a ``labels.png``, as `planewise detect`
-        writes one for each frame, is the frame of the subfolder's name. `predicted` may be a
-        store that `planewise batch` wrote.
-
-    Raises
-    ------
-    PlanewiseError
-        If one is missing, a file where the other is a folder, if a folder holds two files for one
-        frame, or if no frame is in both.
-    """
-    for name, path in (("predicted", predicted), ("truth", truth)):
-        if not path.exists():
-            raise PlanewiseError(f"{name}: there is no file or folder {path}")
-    if (predicted / STORE_FILE).is_file():
-        from planewise.batch.store_pairs import pair_store
-
-        return pair_store(predicted, truth)
-    if predicted.is_dir() != truth.is_dir():
-        folder = "predicted" if predicted.is_dir() else "truth"
-        raise PlanewiseError(f"{folder} is a folder and the other is not; give two of a kind")
-    if not predicted.is_dir():
-        return Pairs(paired=((_stem(truth), predicted, truth),))
-    found, true = label_images(predicted), label_images(truth)
-    pairs = Pairs(
-        paired=tuple((stem, found[stem], true[stem]) for stem in true if stem in found),
-        only_predicted=tuple(stem for stem in found if stem not in true),
-        only_true=tuple(stem for stem in true if stem not in found),
-    )
-    if not pairs.paired:
-        raise PlanewiseError(
-            f"no frame is in both folders: {predicted} has {len(found)} label images, {truth} has "
-            f"{len(true)}; their names (without ending) must agree"
-        )
-    return pairs
-
-
-def _stem(path: Path) -> str:
-    return path.parent.name if path.name == _RESULT and path.parent.name else path.stem
-
-
 def label_images(folder: Path) -> dict[str, Path]:
     """Label images of a folder by name without ending, in natural order.
 
@@ -171,7 +108,7 @@ def label_images(folder: Path) -> dict[str, Path]:
     """
     files: dict[str, Path] = {}
     for path in sorted(folder.iterdir(), key=natural_order):
-        file = path / _RESULT if path.is_dir() else path
+        file = path / RESULT if path.is_dir() else path
         stem = path.name if path.is_dir() else path.stem
         if path.name.startswith(".") or file.suffix.lower() not in _KINDS or not file.is_file():
             continue
@@ -191,7 +128,7 @@ def _read(path: Path) -> LabelFile:
         with path.open("rb") as stream:
             return LabelFile(labels=_check(read_array(stream)))
     beside = path.with_name(_PARAMETERS)
-    planes = _read_parameters(beside) if path.name == _RESULT and beside.is_file() else None
+    planes = _read_parameters(beside) if path.name == RESULT and beside.is_file() else None
     return LabelFile(labels=_check(_read_picture(path)), planes=planes)
 
 

@@ -11,16 +11,10 @@ import typer
 from planewise import terminal
 from planewise.camera import PinholeCamera
 from planewise.camera_files import read_camera
-from planewise.command_line import (
-    CAMERA_HELP,
-    FAILED,
-    check_numbers,
-    optional,
-    partition_of,
-    reported,
-)
+from planewise.command_line import CAMERA_HELP, check_numbers, optional, partition_of, reported
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.result_files import output_folder
+from planewise.exit_codes import FAILED
+from planewise.whole_files import output_folder
 
 if TYPE_CHECKING:
     from planewise.reproduce.nyu import Row

@@ -16,8 +16,9 @@ from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.outlines import Surface
 from planewise.point_cloud import CloudFile, PointCloud, extent
-from planewise.result_files import OUTLINE_FILES, output_folder
+from planewise.result_files import OUTLINE_FILES
 from planewise.sensor import Sensor
+from planewise.whole_files import output_folder
 
 _LARGEST = 1e8  # metres that points may lie apart
 _FROM_FILE = "file"

@@ -13,7 +13,7 @@ import typer
 from planewise import terminal
 from planewise.command_line import optional, reported
 from planewise.errors import PlanewiseError
-from planewise.result_files import output_folder
+from planewise.whole_files import output_folder
 
 _SEEDS, _SIZE = 10, "640x480"
 _QUICK_SEEDS, _QUICK_SIZE = 1, "160x120"

@@ -11,7 +11,8 @@ from pathlib import Path
 
 from planewise.errors import PlanewiseError
 from planewise.jobs import Failed
-from planewise.label_files import Labelled, Pairs, read_labels
+from planewise.label_files import Labelled, read_labels
+from planewise.label_pairs import Pairs
 from planewise.metrics import MINIMUM_PIXELS, FrameScores, evaluate
 from planewise.whole_files import written_whole
 

@@ -1,11 +1,14 @@
-"""Files that are written whole or not at all."""
+"""Files, and folders of them, that are written whole or not at all."""
 
 from __future__ import annotations
 
 import os
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+from planewise.errors import PlanewiseError
 
 
 @contextmanager
@@ -28,3 +31,88 @@ def written_whole(path: Path) -> Iterator[Path]:
         partial.replace(path)
     finally:
         partial.unlink(missing_ok=True)
+
+
+@contextmanager
+def output_folder(target: str | Path) -> Iterator[Path]:
+    """Give a folder to write to that becomes `target` when the block ends without error.
+
+    Parameters
+    ----------
+    target : path
+        Folder to make, with its parents. Where it exists, files of the same names are replaced and
+        others stay.
+
+    Yields
+    ------
+    Path
+        Empty folder on the same file system.
+
+    Raises
+    ------
+    PlanewiseError
+        On entry, if the folder cannot be made or written to.
+    """
+    target = Path(target)
+    made = [path for path in (target, *target.parents) if not path.exists()]
+    # Inside an existing folder, which may be a file system of its own; else beside the new one.
+    place = target if target.is_dir() else target.parent
+    staging = place / f".{target.name}.{os.getpid()}.partial"
+    try:
+        if target.exists() and not target.is_dir():
+            raise PlanewiseError(f"output: {target} exists and is not a folder")
+        if target.exists() and not os.access(target, os.W_OK | os.X_OK):
+            raise PlanewiseError(f"output: the folder {target} cannot be written to")
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            staging.mkdir()
+        except OSError as error:
+            raise PlanewiseError(
+                f"output: the folder {target} cannot be made ({error.strerror or error})"
+            ) from None
+        yield staging
+        _publish(staging, target)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        _remove_empty(made[1:])
+        raise
+
+
+@contextmanager
+def parent_folder(target: str | Path) -> Iterator[Path]:
+    """Make a folder for the results of many frames; it goes again if it stays empty.
+
+    Raises
+    ------
+    PlanewiseError
+        On entry, if it cannot be made or written to.
+    """
+    target = Path(target)
+    made = [path for path in (target, *target.parents) if not path.exists()]
+    if target.exists() and not (target.is_dir() and os.access(target, os.W_OK | os.X_OK)):
+        raise PlanewiseError(f"output: {target} is not a folder that can be written to")
+    try:
+        target.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlanewiseError(
+            f"output: the folder {target} cannot be made ({error.strerror or error})"
+        ) from None
+    try:
+        yield target
+    finally:
+        _remove_empty(made)
+
+
+def _remove_empty(folders: list[Path]) -> None:
+    for folder in folders:
+        with suppress(OSError):  # not empty, or not there
+            folder.rmdir()
+
+
+def _publish(staging: Path, target: Path) -> None:
+    if not target.exists():
+        staging.rename(target)
+        return
+    for path in sorted(staging.iterdir()):
+        path.replace(target / path.name)
+    staging.rmdir()

@@ -12,7 +12,7 @@ from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_source import StoredSource
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.exports.form import Form
-from planewise.result_files import output_folder
+from planewise.whole_files import output_folder
 
 
 @dataclass(frozen=True, kw_only=True)
