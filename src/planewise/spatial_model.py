@@ -7,12 +7,13 @@ from collections.abc import Mapping
 import numpy as np
 
 from planewise.cells import cells_of
+from planewise.describe import describe_labels
 from planewise.evaluate import covariance_of_plane
 from planewise.frame import frame_of
 from planewise.model import Curve, PlaneModel
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
-from planewise.rank import describe_image, describe_labels
+from planewise.spatial_describe import describe_image
 from planewise.spatial_solution import solve
 from planewise.stages import stage
 from planewise.workspace import Workspace

@@ -17,7 +17,7 @@ from planewise.cells import Cells
 from planewise.frame import ErrorTable, Frame
 from planewise.frame_error import FrameError
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
-from planewise.rank import describe_image
+from planewise.spatial_describe import describe_image
 from planewise.spatial_information import book_of, groups_of
 from planewise.spatial_labels import label_planes, residual_correlation
 from planewise.spatial_refit import refitted
