@@ -23,9 +23,12 @@ import planewise as pw
 from benchmarks.accuracy import COLUMNS, DECIMALS, Configuration, means
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, frames_of
-from planewise import noise, spatial, spatial_information, spatial_model
+from planewise import noise
 from planewise.information import mask_information
 from planewise.kernels.cells import FREE, SIDE
+from planewise.spatial import information as spatial_information
+from planewise.spatial import model as spatial_model
+from planewise.spatial import search as spatial
 
 SHOWN = {
     "nyu_dpd": ("VOI", "SC", "F1@.5", "F1@.8"),

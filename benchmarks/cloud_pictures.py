@@ -15,7 +15,7 @@ import numpy as np
 from PIL import Image
 
 import planewise as pw
-from planewise.cloud_picture import draw_cloud
+from planewise.drawing.cloud import draw_cloud
 
 COLOURS = 64
 EVERY = 3  # readings of the image that are taken

@@ -22,9 +22,9 @@ import numpy as np
 import planewise as pw
 from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
-from planewise import cells, frame_error
-from planewise.frame import frame_of
 from planewise.kernels.cells import SIDE
+from planewise.spatial import cells, frame_error
+from planewise.spatial.frame import frame_of
 
 LAGS = (1, 2, 4, 8)  # cells of 6 pixels
 

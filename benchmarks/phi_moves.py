@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.frames import Frame
-from planewise import spatial_labels
-from planewise.cells import cells_of
-from planewise.evaluate import MAX_PLANES
-from planewise.frame import frame_of
 from planewise.kernels import labels as label_loops
 from planewise.observation import RayObservation
+from planewise.paper.evaluate import MAX_PLANES
 from planewise.sectors import turn_to_theta
-from planewise.spatial_information import Ledger, ledger
-from planewise.spatial_model import spatial_model
+from planewise.spatial import labels as spatial_labels
+from planewise.spatial.cells import cells_of
+from planewise.spatial.frame import frame_of
+from planewise.spatial.information import Ledger, ledger
+from planewise.spatial.model import spatial_model
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]

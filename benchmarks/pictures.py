@@ -17,7 +17,7 @@ from PIL import Image
 
 import planewise as pw
 from benchmarks.simulated import DRIFT, kinect_room
-from planewise.draw import draw_labels
+from planewise.drawing.overlay import draw_labels
 from planewise.metrics import evaluate
 
 COLOURS = 40

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.cloud import Cloud, Labels, Points, metres, sigma_of
 from benchmarks.frames import Frame
+from planewise.paper.sequential import trial_count
 from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
-from planewise.sequential import trial_count
 
 _SMALLEST = 0.01  # share of the readings at which extracting plane after plane ends
 _MOST = 32  # planes, there

@@ -18,7 +18,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planewise.batch import Store
-from planewise.commands import app
+from planewise.commands.app import app
 
 COUNT = 10
 CAMERA = ("--camera", "65.625,65.625,39.5,39.5", "--sensor", "kinect-v1")
@@ -51,7 +51,7 @@ def store(tmp_path):
 @pytest.fixture
 def here(monkeypatch):
     """Have frames done in this process."""
-    monkeypatch.setattr("planewise.batch_command._engine", lambda *_: InOrder())
+    monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: InOrder())
 
 
 def damage(path):
@@ -282,7 +282,7 @@ def test_a_full_disk_is_said_and_leaves_a_store(originals, store, monkeypatch):
     assert errors.startswith(f"error: store: there is no room left for {store}")
     assert errors.count("\n") == 1
     assert len(Store(store)) < COUNT
-    monkeypatch.setattr("planewise.batch_command._engine", lambda *_: InOrder())
+    monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: InOrder())
     code, text, errors = run("batch", originals, "-o", store, *CAMERA)
     assert (code, errors) == (0, "")
     read = Store(store)

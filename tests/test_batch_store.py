@@ -29,8 +29,8 @@ from planewise.batch.lock import locked
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.source import FileFrame, parse_shard
 from planewise.batch.staging import Staging
+from planewise.commands.label_pairs import pair_store
 from planewise.errors import PlanewiseError
-from planewise.label_pairs import pair_store
 from tests.batch_sources import Renamed
 
 COUNT = 12

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from planewise import scenes
-from planewise.bench_command import timed
+from planewise.commands.bench import timed
 
 from .test_cli import run
 

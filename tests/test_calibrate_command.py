@@ -8,7 +8,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import noise, scenes
-from planewise.noise_chart import draw_noise
+from planewise.drawing.noise import draw_noise
 
 from .test_cli import run
 
@@ -119,7 +119,8 @@ def test_what_cannot_be_used_is_named(tmp_path, monkeypatch, name):
 
 
 def test_output_is_checked_first(frames, tmp_path, monkeypatch):
-    monkeypatch.setattr("planewise.calibration.cells_of_frame", lambda *_: pytest.fail("begun"))
+    cells_of_frame = "planewise.calibration.calibrate.cells_of_frame"
+    monkeypatch.setattr(cells_of_frame, lambda *_: pytest.fail("begun"))
     (tmp_path / "file").write_text("")
     for target, message in (
         (tmp_path, "is a folder"),

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from planewise import cameras, noise, sensors
-from planewise.camera_files import read_camera, read_noise, read_sensor
 from planewise.errors import PlanewiseError
+from planewise.files.camera import read_camera, read_noise, read_sensor
 
 ROS_FILE = """
 image_width: 640

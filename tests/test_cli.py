@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
-from planewise.commands import app
-from planewise.result_files import FILES
+from planewise.commands.app import app
+from planewise.results.image import FILES
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
@@ -194,7 +194,8 @@ def test_bad_images(tmp_path, out, kind):
 
 
 def test_folder_that_cannot_be_made(depth, tmp_path, monkeypatch):
-    monkeypatch.setattr("planewise.jobs.find_planes", lambda *_: pytest.fail("work was started"))
+    find_planes = "planewise.commands.jobs.find_planes"
+    monkeypatch.setattr(find_planes, lambda *_: pytest.fail("work was started"))
     (tmp_path / "file").write_text("")
     for target in (tmp_path / "file", tmp_path / "file" / "out"):
         code, _, errors = run("detect", depth, *ARGUMENTS, "-o", target)

@@ -15,12 +15,12 @@ from numpy.testing import assert_allclose, assert_array_equal
 from pypcd4 import Encoding
 from pypcd4 import PointCloud as OtherCloud
 
-from planewise.cloud_files import KINDS, open_cloud, read_cloud
-from planewise.cloud_records import read_words
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.cloud import KINDS, open_cloud, read_cloud
+from planewise.files.cloud_records import read_words
+from planewise.files.las import copy_with_planes, write_las
+from planewise.files.ply import write_ply
 from planewise.kernels.lzf import unpack
-from planewise.las_files import copy_with_planes, write_las
-from planewise.ply_files import write_ply
 from planewise.point_cloud import PointCloud, joined, less, offset_of
 
 UTM = np.array([536_258.0, 6_581_099.0, 47.0])

@@ -7,10 +7,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.cloud import cloud_of
-from planewise.cloud_cells import CloudError, cells_of
-from planewise.cloud_information import data_of, groups_of
-from planewise.cloud_order import order_of, positions, radix_sort
+from planewise.clouds.cells import CloudError, cells_of
+from planewise.clouds.cloud import cloud_of
+from planewise.clouds.information import data_of, groups_of
+from planewise.clouds.order import order_of, positions, radix_sort
 from planewise.kernels import cloud_cells as cell_loops
 from planewise.kernels import cloud_information as nats
 from planewise.kernels import cloud_keys

@@ -16,13 +16,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from typer.testing import CliRunner
 
 import planewise as pw
-from planewise import cloud_segments
-from planewise.cloud import cloud_of
-from planewise.cloud_cells import cells_of
-from planewise.cloud_memory import Disk, Memory
-from planewise.cloud_on_disk import detect_planes_in_cloud, points_on_disk
-from planewise.cloud_tiles import tile_bounds, tiled_cloud
-from planewise.commands import app
+from planewise.clouds import segments as cloud_segments
+from planewise.clouds.cells import cells_of
+from planewise.clouds.cloud import cloud_of
+from planewise.clouds.memory import Disk, Memory
+from planewise.clouds.tiles import tile_bounds, tiled_cloud
+from planewise.commands.app import app
+from planewise.detect_in_cloud import detect_planes_in_cloud, points_on_disk
 from planewise.errors import PlanewiseError
 from planewise.point_cloud import extent
 

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from planewise.coco_rle import decode_mask, encode_labels
 from planewise.errors import PlanewiseError
+from planewise.files.coco_rle import decode_mask, encode_labels
 
 images = hnp.arrays(
     np.uint16,

@@ -409,7 +409,7 @@ def test_sixteen_bit_colour_is_refused_as_depth_and_read_as_picture(tmp_path):
 def run(capfd):
     from typer.testing import CliRunner
 
-    from planewise.commands import app
+    from planewise.commands.app import app
 
     def call(*arguments):
         result = CliRunner().invoke(app, ["frames", *map(str, arguments)])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from planewise.depth_files import MAX_PIXELS, list_depth_files, read_depth
 from planewise.errors import PlanewiseError
+from planewise.files.depth import MAX_PIXELS, list_depth_files, read_depth
 
 DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
 METRES = (DEPTH / 1000).astype(np.float32)

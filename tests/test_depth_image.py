@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.frame import frame_of
+from planewise.spatial.frame import frame_of
 
 SIGMA, RESOLUTION = 0.002, 0.001
 

@@ -6,11 +6,11 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
-from planewise.chart import draw_curve
-from planewise.draw import draw_labels, draw_overlay, match_picture, read_picture
+from planewise.drawing.curve import draw_curve
+from planewise.drawing.overlay import draw_labels, draw_overlay, match_picture, read_picture
+from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
-from planewise.palette import distinct_colours
-from planewise.result_files import depth_in_metres
+from planewise.results.image import depth_in_metres
 
 
 @pytest.fixture(scope="module")

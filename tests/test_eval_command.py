@@ -9,7 +9,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from planewise.commands import app
+from planewise.commands.app import app
 from planewise.metrics import evaluate
 
 

@@ -13,12 +13,12 @@ from typer.testing import CliRunner
 from planewise.batch import Store
 from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
-from planewise.coco_rle import decode_mask
-from planewise.commands import app
+from planewise.commands.app import app
 from planewise.errors import PlanewiseError
 from planewise.exports import FORMATS, CocoExport, NpzExport, PngExport, export
 from planewise.exports.planercnn import nearest_points
-from planewise.label_files import read_labels
+from planewise.files.coco_rle import decode_mask
+from planewise.files.labels import read_labels
 from tests import dataset_files
 from tests.batch_sources import Renamed
 from tests.stores import Sweeps, make_folder_store, make_store, write_frames

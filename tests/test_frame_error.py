@@ -6,9 +6,10 @@ from benchmarks.simulated import random_walk
 from numpy.testing import assert_allclose
 
 import planewise as pw
-from planewise import cells, scenes
-from planewise.frame import frame_of
+from planewise import scenes
 from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL
+from planewise.spatial import cells
+from planewise.spatial.frame import frame_of
 
 POINTS = 12  # to a side of a square
 NEARER = 0.45  # of the smaller side: from its centre to where two planes are compared

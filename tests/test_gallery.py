@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 from planewise import scenes
 from planewise.batch import Selection, Store
 from planewise.batch.stored_source import StoredSource
-from planewise.commands import app
-from planewise.draw import draw_small
+from planewise.commands.app import app
+from planewise.drawing.overlay import draw_small
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
 from planewise.gallery.records import record_of

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise import cells as cells_module
 from planewise.kernels import group_data, groups
 from planewise.kernels.cells import COUNT, cell_moments
+from planewise.spatial import cells as cells_module
 
 from . import oracles, spatial_oracles
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise.cells import SIDE
 from planewise.kernels import creases, labels, units
 from planewise.kernels.cells import UNIT
+from planewise.spatial.cells import SIDE
 
 from . import label_oracles as oracles
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import cameras
-from planewise.commands import app
+from planewise.commands.app import app
 from planewise.metrics import evaluate
 from tests.conftest import SHARED
 
@@ -262,7 +262,7 @@ def test_streets_are_what_they_say():
 
 
 def test_outlines_lie_on_the_planes():
-    from planewise.image_outlines import outline_image
+    from planewise.outlines.image import outline_image
 
     ranges, _ = room(CAMERA, np.random.default_rng(0))
     model = pw.detect_planes(ranges, CAMERA, SENSOR)

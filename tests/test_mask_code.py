@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from planewise import scenes
 from planewise.information import mask_information
-from planewise.mask_code import prefix_mask_information, spatial_mask_information
+from planewise.spatial.mask_code import prefix_mask_information, spatial_mask_information
 
 from .arithmetic_coder import decode, encode, length
 

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from planewise.confidence import mean_interval, student_t
 from planewise.metrics import (
     clustering,
     contingency_table,
@@ -23,6 +22,7 @@ from planewise.metrics import (
     plane_errors,
     summarise,
 )
+from planewise.metrics.confidence import mean_interval, student_t
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score.py"
 POLICIES = {"a": "labelled", "b": "k_best", "c": "frame", "v": "valid"}

@@ -10,10 +10,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import noise, scenes
+from planewise.calibration.cells import _harmonics, blurred, noise_cells
+from planewise.calibration.fit import fit_polynomial
 from planewise.kernels import noise as kernels
 from planewise.metrics import evaluate
-from planewise.noise_cells import _harmonics, blurred, noise_cells
-from planewise.noise_fit import fit_polynomial
 
 from .conftest import render
 

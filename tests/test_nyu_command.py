@@ -10,11 +10,11 @@ from skimage.metrics import variation_of_information
 from typer.testing import CliRunner
 
 import planewise as pw
-from planewise.commands import app
-from planewise.contingency import Clustering
+from planewise.commands.app import app
 from planewise.datasets.frames import DatasetFrame
 from planewise.datasets.nyu import FULL
 from planewise.errors import PlanewiseError
+from planewise.metrics.contingency import Clustering
 from planewise.reproduce.nyu import PUBLISHED, Protocol, counted, lines_of, scores_of
 
 from .nyu_files import frame, write_archive, write_folder, write_mat

@@ -14,19 +14,19 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapely import Polygon as Shape
 
 import planewise as pw
-from planewise.cloud_outlines import outline_points
 from planewise.errors import MissingExtraError
-from planewise.image_outlines import outline_image
-from planewise.label_borders import regions
-from planewise.mesh import triangulate
 from planewise.model import Curve, Plane, PlaneModel
-from planewise.outline_files import (
+from planewise.outlines.cloud import outline_points
+from planewise.outlines.image import outline_image
+from planewise.outlines.label_borders import regions
+from planewise.outlines.outlines import PlaneFrame, as_shapely
+from planewise.results.image import OUTLINE_FILES
+from planewise.results.mesh import triangulate
+from planewise.results.outlines import (
     OUTLINES_SCHEMA_FILE,
     describe_outlines,
     write_outlines,
 )
-from planewise.outlines import PlaneFrame, as_shapely
-from planewise.result_files import OUTLINE_FILES
 
 CAMERA = pw.PinholeCamera(fx=300, fy=310, cx=160, cy=118)
 SHAPE = (240, 320)

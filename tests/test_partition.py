@@ -313,10 +313,10 @@ def test_phi_never_rises_because_of_a_partition(frame, objective):
 
 def test_spatial_information_with_regions_is_that_of_the_judge(real_frames):
     """A frame on which a partition helps: its Phi is exact, and it is another model."""
-    from planewise.cells import cells_of
-    from planewise.frame import frame_of
     from planewise.sectors import turn_to_theta
-    from planewise.spatial_information import ledger
+    from planewise.spatial.cells import cells_of
+    from planewise.spatial.frame import frame_of
+    from planewise.spatial.information import ledger
 
     depth, camera, scale = real_frames("nyu_dpd", "nyu_0412")
     sensor = pw.sensors.KINECT_V1

@@ -10,7 +10,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
-from planewise.partition_files import read_partition
+from planewise.results.partition import read_partition
 from tests.test_cli import ARGUMENTS, run
 
 
@@ -101,7 +101,7 @@ def test_pictures_are_looked_at(depth, tmp_path, scene):
         seen.append(view.rgb)
         return np.zeros(view.depth.shape, int)
 
-    from planewise.jobs import Job
+    from planewise.commands.jobs import Job
     from planewise.options import Options
 
     camera = pw.PinholeCamera(fx=125, fy=125, cx=80, cy=60)

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.describe import describe
-from planewise.frame import frame_of
 from planewise.kernels.cells import UNIT
-from planewise.spatial_describe import describe_image
+from planewise.paper.describe import describe
+from planewise.spatial.describe import describe_image
+from planewise.spatial.frame import frame_of
 
 PLANES = np.array([[0.4, 0.02, -0.05], [0.6, -0.03, 0.01], [0.5, 0.0, 0.0], [0.7, 0.1, 0.1]])
 SENSOR = pw.Sensor(max_depth=10, noise=0.003)

@@ -14,12 +14,12 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import planewise as pw
-from planewise.cloud_picture import draw_cloud
-from planewise.cloud_results import CLOUD_FILES
-from planewise.commands import app
-from planewise.outline_files import OUTLINES_SCHEMA_FILE
-from planewise.planes_json import SCHEMA_FILE
-from planewise.result_files import FILES, OUTLINE_FILES
+from planewise.commands.app import app
+from planewise.drawing.cloud import draw_cloud
+from planewise.results.cloud import CLOUD_FILES
+from planewise.results.image import FILES, OUTLINE_FILES
+from planewise.results.outlines import OUTLINES_SCHEMA_FILE
+from planewise.results.planes_json import SCHEMA_FILE
 from tests.test_outlines import model_of, plane_at
 
 SIGMA = 0.01
@@ -316,7 +316,7 @@ def dark(picture):
 
 def shown(picture, label, planes):
     """Pixels of the picture, without its legend, that have the hue of a plane."""
-    from planewise.palette import distinct_colours
+    from planewise.drawing.palette import distinct_colours
 
     colour = distinct_colours(planes)[label - 1].astype(float)
     pixels = picture[:, :1200].reshape(-1, 3).astype(float)

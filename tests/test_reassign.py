@@ -12,9 +12,9 @@ from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
-from planewise.commands import app
+from planewise.commands.app import app
 from planewise.options import Options
-from planewise.reassign import surface_normals
+from planewise.paper.reassign import surface_normals
 from planewise.search import find
 
 from .conftest import render

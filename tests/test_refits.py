@@ -9,14 +9,14 @@ from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise import scenes
-from planewise.cells import cells_of
-from planewise.frame import frame_of
 from planewise.kernels.frame_error import TILT
 from planewise.kernels.refits import refit_sums
 from planewise.sectors import turn_to_theta
-from planewise.spatial import segment
-from planewise.spatial_information import GROUP_SIDE, book_of, groups_of, ledger
-from planewise.spatial_refit import refitted
+from planewise.spatial.cells import cells_of
+from planewise.spatial.frame import frame_of
+from planewise.spatial.information import GROUP_SIDE, book_of, groups_of, ledger
+from planewise.spatial.refit import refitted
+from planewise.spatial.search import segment
 
 PARTS = pw.noise.ErrorParts(
     white=pw.noise.constant(0.003),

@@ -9,7 +9,8 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from planewise import reproduce_command, scenes
+from planewise import scenes
+from planewise.commands import reproduce as reproduce_command
 from planewise.metrics import contingency_table
 from planewise.reproduce import methods, report, tasks
 from planewise.reproduce.angle_errors import cases, rms

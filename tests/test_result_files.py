@@ -12,8 +12,8 @@ from PIL import Image
 import planewise as pw
 from planewise import scenes
 from planewise.errors import PlanewiseError
-from planewise.planes_json import SCHEMA_FILE, SCHEMA_VERSION
-from planewise.result_files import FILES, depth_in_metres, write_results
+from planewise.results.image import FILES, depth_in_metres, write_results
+from planewise.results.planes_json import SCHEMA_FILE, SCHEMA_VERSION
 from planewise.whole_files import output_folder, parent_folder
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "planes-json.md"

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.evaluate import Evaluator
 from planewise.kernels import runs as kernels
-from planewise.ray_evaluator import RayEvaluator
-from planewise.runs import Runs
-from planewise.sequential import distinct_tuples
+from planewise.paper.evaluate import Evaluator
+from planewise.paper.ray_evaluator import RayEvaluator
+from planewise.paper.runs import Runs
+from planewise.paper.sequential import distinct_tuples
 
 from . import oracles
 

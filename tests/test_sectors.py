@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.frame import frame_of
 from planewise.sectors import BLOCK, GAP, SQUARE
+from planewise.spatial.frame import frame_of
 
 OFFSETS = tuple(np.linspace(-0.4, 0.4, 20))
 CAMERAS = {

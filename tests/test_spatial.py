@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import scenes
-from planewise.mask_code import spatial_mask_information
+from planewise.spatial.mask_code import spatial_mask_information
 
 SENSOR = pw.Sensor(max_depth=10, noise=0.002)
 

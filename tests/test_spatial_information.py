@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.cells import cells_of
-from planewise.frame import frame_of
-from planewise.frame_error import FrameError
 from planewise.kernels.frame_error import TILT
-from planewise.mask_code import spatial_mask_information
-from planewise.spatial_information import GROUP_SIDE, ledger
+from planewise.spatial.cells import cells_of
+from planewise.spatial.frame import frame_of
+from planewise.spatial.frame_error import FrameError
+from planewise.spatial.information import GROUP_SIDE, ledger
+from planewise.spatial.mask_code import spatial_mask_information
 from planewise.workspace import Workspace
 
 PARTS = pw.noise.ErrorParts(

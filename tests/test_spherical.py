@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import cameras
-from planewise.camera_files import read_camera
 from planewise.errors import PlanewiseError
+from planewise.files.camera import read_camera
 
 CAMERA = pw.SphericalCamera(
     elevation=[20, 11, 3, 0, -8, -20],

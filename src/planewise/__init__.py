@@ -29,16 +29,16 @@ from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
     from planewise import batch, datasets, partition
-    from planewise.calibration import calibrate
-    from planewise.cloud_files import open_cloud, read_cloud
-    from planewise.cloud_on_disk import detect_planes_in_cloud
-    from planewise.cloud_outlines import outline_points
+    from planewise.calibration.calibrate import calibrate
+    from planewise.calibration.estimate import NoiseEstimate, estimate_noise
     from planewise.detect import Detector, detect_planes, detect_planes_in_points
-    from planewise.image_outlines import outline_image
-    from planewise.noise_estimate import NoiseEstimate, estimate_noise
+    from planewise.detect_in_cloud import detect_planes_in_cloud
+    from planewise.files.cloud import open_cloud, read_cloud
     from planewise.options import Options
+    from planewise.outlines.cloud import outline_points
+    from planewise.outlines.image import outline_image
+    from planewise.paper.reassign import NormalReassignment
     from planewise.point_cloud import PointCloud
-    from planewise.reassign import NormalReassignment
     from planewise.search import find
 
 __all__ = [
@@ -84,14 +84,14 @@ _LAZY = {
     **dict.fromkeys(("Detector", "detect_planes", "detect_planes_in_points"), "detect"),
     "Options": "options",
     "find": "search",
-    **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "noise_estimate"),
-    "calibrate": "calibration",
-    "NormalReassignment": "reassign",
+    **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "calibration.estimate"),
+    "calibrate": "calibration.calibrate",
+    "NormalReassignment": "paper.reassign",
     "PointCloud": "point_cloud",
-    **dict.fromkeys(("open_cloud", "read_cloud"), "cloud_files"),
-    "outline_image": "image_outlines",
-    "outline_points": "cloud_outlines",
-    "detect_planes_in_cloud": "cloud_on_disk",
+    **dict.fromkeys(("open_cloud", "read_cloud"), "files.cloud"),
+    "outline_image": "outlines.image",
+    "outline_points": "outlines.cloud",
+    "detect_planes_in_cloud": "detect_in_cloud",
 }
 
 

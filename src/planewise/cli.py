@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from planewise.exit_codes import INTERRUPTED
+from planewise.commands.exit_codes import INTERRUPTED
 
 _COLLECT_AFTER = (
     200_000  # objects; imports make many and free none, and collecting them takes 0.2 s
@@ -17,7 +17,7 @@ def main() -> None:
     gc.set_threshold(_COLLECT_AFTER)
     try:
         try:
-            from planewise.commands import app
+            from planewise.commands.app import app
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("typer", "rich"):
                 raise

@@ -18,7 +18,7 @@ Noise = Callable[[Array], Array]
 Auto = Literal["auto"]
 
 AUTO: Auto = "auto"
-"""In place of a noise model: estimate it from each frame (`planewise.noise_estimate`)."""
+"""In place of a noise model: estimate it from each frame (`planewise.calibration.estimate`)."""
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,7 @@ PAPER = Objective()
 OBJECTIVES = {"paper": PAPER}
 
 SPATIAL = "spatial"
-"""Name of the spatial objective, whose parts are not separable: see `spatial_information`."""
+"""Name of the spatial objective, whose parts are not separable: see `spatial.information`."""
 
 
 def as_objective(objective: Objective | str) -> Objective:

@@ -24,7 +24,7 @@ from planewise.sensor import Sensor
 from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
-    from planewise.noise_estimate import NoiseEstimate
+    from planewise.calibration.estimate import NoiseEstimate
 
 Array = NDArray[np.float64]
 
@@ -333,7 +333,7 @@ def observe(
         sensor=sensor,
     )
     if sensor.noise == AUTO:
-        from planewise.noise_estimate import resolved
+        from planewise.calibration.estimate import resolved
 
         estimate, sensor = resolved(seen, sensor)
         seen = replace(seen, sensor=sensor, estimate=estimate)

@@ -8,8 +8,10 @@ from typing import Literal
 
 import numpy as np
 
-from planewise.evaluate import MAX_PLANES
 from planewise.objective import SPATIAL, Objective, as_objective
+from planewise.paper.evaluate import MAX_PLANES
+from planewise.paper.reassign import NormalReassignment, as_reassignment
+from planewise.paper.sequential import trial_count
 from planewise.partition import (
     Partition,
     Partitioner,
@@ -17,8 +19,6 @@ from planewise.partition import (
     as_partitioner,
     describe,
 )
-from planewise.reassign import NormalReassignment, as_reassignment
-from planewise.sequential import trial_count
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator

@@ -8,22 +8,22 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
-from planewise.evaluate import MAX_PLANES, evaluator
-from planewise.joint import joint_search
 from planewise.model import Curve, PlaneModel
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
 from planewise.observation import Observation, RayObservation
 from planewise.options import Options
+from planewise.paper.evaluate import MAX_PLANES, evaluator
+from planewise.paper.joint import joint_search
+from planewise.paper.problem import Problem
+from planewise.paper.propose import propose
+from planewise.paper.rank import merge_into_better, rank
+from planewise.paper.reassign import as_reassignment, reassign_by_normals
+from planewise.paper.regions import joint_with_regions, sequential_in_regions
+from planewise.paper.sequential import sequential_search, trial_count
 from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
-from planewise.problem import Problem
-from planewise.propose import propose
-from planewise.rank import merge_into_better, rank
-from planewise.reassign import as_reassignment, reassign_by_normals
-from planewise.region_search import joint_with_regions, sequential_in_regions
 from planewise.sensor import Sensor
-from planewise.sequential import sequential_search, trial_count
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -69,7 +69,7 @@ def find(
     regions = _regions(observation, options, rgb)
     if spatial and isinstance(observation, RayObservation):
         # Its compiled loops are loaded only where they are used.
-        from planewise.spatial_model import spatial_model
+        from planewise.spatial.model import spatial_model
 
         return spatial_model(
             observation,
@@ -175,7 +175,7 @@ def find_in_cloud(
             raise ValueError("origin must be finite (metres)")
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
-    from planewise.cloud_model import cloud_model
+    from planewise.clouds.model import cloud_model
 
     return cloud_model(
         np.ascontiguousarray(points),

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.cells import Cells
-from planewise.frame import ErrorTable, Frame
-from planewise.frame_error import FrameError
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
-from planewise.spatial_describe import describe_image
-from planewise.spatial_information import book_of, groups_of
-from planewise.spatial_labels import label_planes, residual_correlation
-from planewise.spatial_refit import refitted
+from planewise.spatial.cells import Cells
+from planewise.spatial.describe import describe_image
+from planewise.spatial.frame import ErrorTable, Frame
+from planewise.spatial.frame_error import FrameError
+from planewise.spatial.information import book_of, groups_of
+from planewise.spatial.labels import label_planes, residual_correlation
+from planewise.spatial.refit import refitted
 
 _SIZE = 36  # pixels to a side of the frame
 _CREASE = 0.18  # where its two planes meet, in units of 100 pixels

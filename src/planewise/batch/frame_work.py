@@ -18,8 +18,8 @@ from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
 from planewise.camera import Camera, PinholeCamera
-from planewise.coco_rle import encode_labels
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.coco_rle import encode_labels
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:

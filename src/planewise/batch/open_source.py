@@ -10,8 +10,8 @@ from planewise.batch.source import DepthFolder, Source
 from planewise.camera import PinholeCamera
 from planewise.datasets.frames import PointDataset
 from planewise.datasets.opening import reader_of
-from planewise.depth_files import is_depth_file
 from planewise.errors import PlanewiseError
+from planewise.files.depth import is_depth_file
 from planewise.sensor import Sensor
 
 

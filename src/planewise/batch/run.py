@@ -23,7 +23,7 @@ from planewise.batch.store_info import check_same, info_of
 from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import arrow
 from planewise.errors import PlanewiseError
-from planewise.label_files import STORE_FILE
+from planewise.files.labels import STORE_FILE
 
 _UNFINISHED = ".unfinished-"
 

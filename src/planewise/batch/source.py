@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
-from planewise.depth_files import list_depth_files, read_depth
 from planewise.errors import PlanewiseError
+from planewise.files.depth import list_depth_files, read_depth
 
 
 class SourceFrame(Protocol):
@@ -84,7 +84,7 @@ class DepthFolder:
     Parameters
     ----------
     folder : path
-        Holds files that `planewise.depth_files.read_depth` reads.
+        Holds files that `planewise.files.depth.read_depth` reads.
 
     Raises
     ------

@@ -22,8 +22,8 @@ from planewise.batch.frame_names import safe_name
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.store_info import read_info
 from planewise.batch.tables import arrow, schema_of
-from planewise.coco_rle import decode_mask
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.coco_rle import decode_mask
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -204,7 +204,7 @@ class Store:
 
     def read_label_file(self, frame: str) -> NDArray[np.uint16]:
         """Read the label image of a frame that has one."""
-        from planewise.label_files import read_labels
+        from planewise.files.labels import read_labels
 
         try:
             labels = read_labels(self.label_file(frame)).labels

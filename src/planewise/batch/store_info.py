@@ -13,7 +13,7 @@ from planewise.batch.columns import SCHEMA_VERSION
 from planewise.batch.frame_work import Recipe
 from planewise.batch.source import Source
 from planewise.errors import PlanewiseError
-from planewise.label_files import STORE_FILE
+from planewise.files.labels import STORE_FILE
 from planewise.machine import versions
 from planewise.noise import AUTO
 from planewise.sensor import Sensor

@@ -18,7 +18,7 @@ from planewise.batch.store import Store, StoredFrame
 from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.opening import READERS
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.lidar_files import is_spherical, spherical_camera
+from planewise.files.lidar import is_spherical, spherical_camera
 
 
 class StoredSource:

@@ -9,9 +9,9 @@ from typing import ClassVar
 from planewise.camera import PinholeCamera
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
-from planewise.depth_files import read_depth
 from planewise.errors import PlanewiseError
-from planewise.label_files import read_labels
+from planewise.files.depth import read_depth
+from planewise.files.labels import read_labels
 
 _MILLIMETRE = 0.001
 _LABELS = {"gt.npy", "labels.npy"}
@@ -21,8 +21,8 @@ _LOOKED_AT = 10  # archives, to recognise a folder of them
 class ArchiveFolder(Dataset):
     """Folder of ``.npz`` files with ``depth``, ``K`` (fx, fy, cx, cy), ``rgb`` and ``gt``.
 
-    What each key may hold is said in `planewise.depth_files.read_depth` and
-    `planewise.label_files.read_labels`. Integer depth without ``depth_scale`` is millimetres.
+    What each key may hold is said in `planewise.files.depth.read_depth` and
+    `planewise.files.labels.read_labels`. Integer depth without ``depth_scale`` is millimetres.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.depth_files import check_size
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.depth import check_size
 
 _FORMATS = {
     ".png": "PNG",

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from planewise.camera import PinholeCamera
-from planewise.camera_files import read_camera, read_mapping, read_sensor
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.camera import read_camera, read_mapping, read_sensor
 from planewise.sensor import Sensor
 
 CAMERA = "camera.json"
@@ -21,7 +21,7 @@ class GenericFolder(PictureFolder):
 
     ``camera.json`` states fx, fy, cx and cy in pixels and, for integer depth, depth_scale in metres
     per unit; width, height, distortion and sensor (a key of `planewise.sensors.PRESETS`) may
-    be there, too. `planewise.camera_files.read_camera` says in which other ways a camera may be
+    be there, too. `planewise.files.camera.read_camera` says in which other ways a camera may be
     written down.
 
     Parameters

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.depth_files import check_size
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.files.depth import check_size
 
 _DEFLATE, _SHUFFLE, _CHECKSUM = 1, 2, 3  # registered numbers of filters
 _SIGNATURE = b"\x89HDF\r\n\x1a\n"

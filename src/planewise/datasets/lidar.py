@@ -14,8 +14,8 @@ import numpy as np
 
 from planewise.datasets.frames import PointDataset, PointFrame
 from planewise.datasets.paths import inside, listed, text_of
-from planewise.depth_files import check_size
 from planewise.errors import PlanewiseError
+from planewise.files.depth import check_size
 
 _PLACES = ("", "velodyne", "velodyne_points/data")
 _TIMES = ("times.txt", "timestamps.txt", "velodyne_points/timestamps.txt")

@@ -27,9 +27,9 @@ from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.hdf5 import array_of, is_hdf5, opened, row_of
 from planewise.datasets.paths import inside, listed
-from planewise.depth_files import is_depth_file, read_depth
 from planewise.errors import PlanewiseError
-from planewise.label_files import read_labels
+from planewise.files.depth import is_depth_file, read_depth
+from planewise.files.labels import read_labels
 
 FULL = (480, 640)
 """Rows and columns of a whole frame."""
@@ -201,7 +201,7 @@ class NyuFolder(Dataset):
     Parameters
     ----------
     folder : path
-        Frames are what ``depth/`` holds, of any kind that `planewise.depth_files.read_depth` reads;
+        Frames are what ``depth/`` holds, of any kind that `planewise.files.depth.read_depth` reads;
         ids are the names without ending.
     truth : path, optional
         Folder of true planes instead of ``gt/``; see the module.

@@ -19,8 +19,8 @@ from planewise.datasets.association import nearest
 from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
-from planewise.depth_files import read_depth
 from planewise.errors import PlanewiseError
+from planewise.files.depth import read_depth
 
 DEPTH_CAMERA = PinholeCamera(
     fx=582.62448167737955,

@@ -24,8 +24,8 @@ from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
-from planewise.depth_files import is_depth_file
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.depth import is_depth_file
 
 Reader = type[Dataset] | type[PointDataset]
 Part = Dataset | PointDataset | str

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from planewise.depth_files import natural_order
 from planewise.errors import PlanewiseError
+from planewise.files.depth import natural_order
 
 LARGEST_TEXT = 100_000_000
 """Bytes; lists of frames are far smaller."""

@@ -13,7 +13,7 @@ from planewise.camera import Camera
 from planewise.datasets.colour import is_picture, read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed, numbers_of
-from planewise.depth_files import is_depth_file, read_depth
+from planewise.files.depth import is_depth_file, read_depth
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

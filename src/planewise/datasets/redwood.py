@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from planewise.camera import PinholeCamera
-from planewise.camera_files import read_camera
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder, depth_and_colour
+from planewise.files.camera import read_camera
 
 _CAMERAS = ("camera_intrinsic.json", "intrinsic.json", "camera_primesense.json")
 _STAMPED = re.compile(r"\d+-(\d+)")

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.camera_files import camera_of_mapping
-from planewise.depth_files import check_size, read_depth_picture
 from planewise.errors import PlanewiseError
+from planewise.files.camera import camera_of_mapping
+from planewise.files.depth import check_size, read_depth_picture
 
 MILLIMETRE = 0.001
 """Unit of integer depth, metres (REP 118)."""

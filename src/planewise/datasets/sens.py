@@ -26,8 +26,8 @@ from planewise.datasets.frames import Dataset, DatasetFrame, numbered
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import known_pose
 from planewise.datasets.scannet import camera_of
-from planewise.depth_files import check_size
 from planewise.errors import PlanewiseError
+from planewise.files.depth import check_size
 
 VERSION = 4
 

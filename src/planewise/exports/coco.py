@@ -20,11 +20,11 @@ from planewise._version import __version__
 from planewise.batch.frame_names import safe_name
 from planewise.batch.source import SourceFrame
 from planewise.batch.store import Store, StoredFrame
-from planewise.coco_rle import encode_labels
-from planewise.draw import match_picture
+from planewise.drawing.overlay import match_picture
 from planewise.errors import PlanewiseError
 from planewise.exports.form import Form
-from planewise.result_files import write_image
+from planewise.files.coco_rle import encode_labels
+from planewise.results.image import write_image
 
 _PLANE = {"id": 1, "name": "plane", "supercategory": "surface"}
 

@@ -33,7 +33,7 @@ from planewise.batch.stored_source import metres
 from planewise.datasets.collection import BETWEEN
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.exports.form import Form
-from planewise.result_files import write_image
+from planewise.results.image import write_image
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ from planewise._version import __version__
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_source import StoredSource
+from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
 from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
 from planewise.page_templates import templates_of
-from planewise.palette import distinct_colours
 from planewise.whole_files import written_whole
 
 _TEMPLATE, _STYLE, _SCRIPT = "page.html.jinja", "gallery.css", "gallery.js"

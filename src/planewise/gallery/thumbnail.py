@@ -9,7 +9,7 @@ from typing import Any
 
 from planewise.batch.store import StoredFrame
 from planewise.batch.stored_source import StoredSource, camera_of, metres
-from planewise.draw import draw_small
+from planewise.drawing.overlay import draw_small
 from planewise.errors import MissingExtraError, PlanewiseError
 
 HEIGHT = 240

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.evaluate import covariance_of_plane
-from planewise.scene import Scene
+from planewise.paper.evaluate import covariance_of_plane
+from planewise.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 

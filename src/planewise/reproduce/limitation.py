@@ -19,7 +19,7 @@ from planewise.reproduce.methods import OURS, PAPER, REASSIGNED, Frame, detect
 from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import placed
 from planewise.reproduce.section import Check, Picture, Pictures, Section, Table, length, spread
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 
 INLIER_RATIO, MOST = 0.25, 8
 FACTOR = 10

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from planewise import noise
 from planewise.camera import Camera
 from planewise.detect import Detector
+from planewise.paper.sequential import trial_count
 from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 from planewise.sensor import Sensor
-from planewise.sequential import trial_count
 
 Array = NDArray[np.float64]
 

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import noise, sensors
-from planewise.confidence import Interval, mean_interval
-from planewise.contingency import Clustering, clustering, contingency_table
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.nyu import FULL, SCORED_CROP, NyuFolder, NyuLabelled
 from planewise.errors import PlanewiseError
+from planewise.metrics.confidence import Interval, mean_interval
+from planewise.metrics.contingency import Clustering, clustering, contingency_table
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
 
@@ -108,7 +108,7 @@ class Protocol:
     partition : object, optional
         ``partition=`` of the paper's search (see `planewise.detect_planes`), which then looks for
         N = 4 planes in each region and N = 8 in what is left; or a folder of regions, as
-        `planewise.partition_files.read_partition` takes it. Our default goes without.
+        `planewise.results.partition.read_partition` takes it. Our default goes without.
     options : dict
         Further options of both searches, such as ``threads``.
     """
@@ -173,7 +173,7 @@ class Protocol:
     def _regions(self, frame: DatasetFrame) -> Any:
         if not isinstance(self.partition, Path):
             return self.partition
-        from planewise.partition_files import read_partition
+        from planewise.results.partition import read_partition
 
         return read_partition(self.partition, frame.id, many=True)
 

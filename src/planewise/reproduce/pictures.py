@@ -7,11 +7,11 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.drawing.palette import distinct_colours
 from planewise.errors import MissingExtraError
-from planewise.palette import distinct_colours
 from planewise.reproduce.scores import like_the_truth
 from planewise.reproduce.section import Picture
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 
 NO_PLANE = (38, 41, 46)
 """Colour of readings on no plane."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planewise.metrics import ContingencyTable, clustering, contingency_table
 from planewise.reproduce.experiment import Row
 from planewise.reproduce.methods import Found
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]

@@ -12,7 +12,7 @@ from planewise import scenes
 from planewise.reproduce.experiment import Experiment, Measured, Row, Settings
 from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Frame, prepared
 from planewise.reproduce.section import Section, Table
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 
 PAPER_SECONDS = {"Python, with Segment Anything": 308, "C++": 21}
 """The paper's own figures a frame, on an Intel Core i3-10100F with an Nvidia GeForce RTX 3070."""

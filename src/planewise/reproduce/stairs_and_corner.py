@@ -30,7 +30,7 @@ from planewise.reproduce.section import (
     length,
     spread,
 )
-from planewise.scene import Scene
+from planewise.scenes.scene import Scene
 
 INLIER_RATIO, MOST = 0.25, 8
 TRUE_PLANES = 4

@@ -1,0 +1,100 @@
+"""Noise of a camera from many of its frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from planewise.calibration.cells import NoiseCells
+from planewise.calibration.estimate import (
+    RESAMPLES,
+    NoiseEstimate,
+    Seed,
+    cells_of_frame,
+    pooled_noise,
+)
+from planewise.camera import Camera
+from planewise.errors import PlanewiseError
+from planewise.sensor import Sensor
+
+
+def calibrate(
+    depths: Iterable[ArrayLike],
+    camera: Camera,
+    sensor: Sensor,
+    *,
+    depth_scale: float | None = None,
+    rng: Seed = 0,
+) -> NoiseEstimate:
+    """Estimate the noise of a camera from frames of it, all cells together.
+
+    Parameters
+    ----------
+    depths : iterable of array_like, shape (H, W)
+        As in `planewise.detect_planes`; one is held at a time.
+    camera : Camera
+        Intrinsics.
+    sensor : Sensor
+        Range and resolution; its noise is not used.
+    depth_scale : float, optional
+        Metres per unit of integer depth; ``None`` means the sensor's resolution.
+    rng : int or numpy.random.Generator
+        Seed of the bootstrap, over frames, or over blocks of them where there are few.
+
+    Returns
+    -------
+    NoiseEstimate
+        Its `sensor` makes the sensor to detect with, and `planewise.sensors.save` keeps it.
+
+    Raises
+    ------
+    ValueError
+        If a frame is malformed, or too few of their cells are flat.
+
+    Examples
+    --------
+    >>> import planewise as pw
+    >>> scenes = [pw.scenes.corner(sigma=0.004, size=(120, 160), rng=k) for k in range(3)]
+    >>> found = pw.calibrate((s.depth for s in scenes), scenes[0].camera, pw.Sensor())
+    >>> found.frames, bool(abs(found.noise([1.2])[0] - 0.004) < 0.0002)
+    (3, True)
+    """
+    frames = [cells_of_frame(depth, camera, sensor, depth_scale) for depth in depths]
+    return pooled(frames, sensor, rng)
+
+
+def pooled(frames: list[NoiseCells], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:
+    """Noise that the cells of all frames show, with its confidence band.
+
+    Raises
+    ------
+    PlanewiseError
+        If they cannot tell.
+    """
+    if not frames:
+        raise PlanewiseError("calibrate: no frame was given")
+    found = pooled_noise(frames, sensor, resamples=RESAMPLES, rng=rng)
+    if found.note:
+        raise PlanewiseError(
+            f"calibrate: {found.note.split(':')[0]}; take frames of walls, floors or tables, "
+            "and check the intrinsics and the unit of the depth"
+        )
+    return found
+
+
+def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:
+    """Say in plain types what a noise was measured from: the evidence kept with a sensor."""
+    bins = found.bins
+    return found.describe() | {
+        "shared_ratio": found.shared_ratio,
+        "confidence": 0.95,
+        "depth_m": bins.depth.tolist(),
+        "sigma_m": bins.sigma.tolist(),
+        "curve_m": np.asarray(found.noise(bins.depth)).tolist(),
+        "curve_low_m": bins.low.tolist(),
+        "curve_high_m": bins.high.tolist(),
+        "flat_cells": bins.cells.tolist(),
+    }

@@ -1,0 +1,1 @@
+"""Planes in clouds of free points: cubes, cells, segments, labels, Phi."""

@@ -1,0 +1,299 @@
+"""A cloud of free points as the spatial search sees it: sorted, in cubes, with their variances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.clouds.memory import Memory
+from planewise.clouds.order import Order, extent_of, order_of, positions
+from planewise.kernels import cloud_cells as kernels
+from planewise.kernels import cloud_keys
+from planewise.kernels.cloud_rows import ROW
+from planewise.noise import Polynomial
+from planewise.sensor import Sensor
+
+Array = NDArray[np.float64]
+
+POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
+THICK = 8.0  # standard deviations that the side of a cube has at least
+FINER = 2  # levels of the order below the cubes
+SHIFT = 3 * FINER  # bits of a key below its cube
+_LEAST_PART = 2_000  # cubes that are worth a thread
+_PART = 1_000_000  # points whose noise is evaluated at once
+_GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
+STEEPEST = 0.06  # variance of a slope that a cell's points have to tell better
+FEWEST = 6.0  # points of a cell
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points in the order of their cubes.
+
+    Attributes
+    ----------
+    order : Order
+        Sorted keys and where each point stood.
+    centre : ndarray, shape (3,)
+        What all coordinates here are relative to.
+    local : ndarray of float32, shape (k, 3)
+        Points relative to the middle of their cube.
+    starts : ndarray of int, shape (n + 1,)
+        Where the points of each cube begin.
+    cubes : ndarray of uint64, shape (n,)
+        Keys of the occupied cubes, sorted.
+    about : ndarray of int32, shape (n, 27)
+        Cubes about each, -1 for none (`kernels.cloud_cells.cubes_about`).
+    nodes : ndarray, shape (n, 18)
+        Moments of the points of each (`kernels.cloud_rows`).
+    variance : ndarray, shape (n,)
+        Mean variance of its points as the sensor says, square metres.
+    side : float
+        Of a cube, metres.
+    shift : int
+        Bits of a point's key below its cube.
+    workers : int
+        Threads.
+    on_rays : bool
+        Whether the rays of the points are known: two of their coordinates.
+    memory : Memory
+        Where its large arrays lie.
+    parts : tuple of (int, int)
+        Runs of cubes, first and end, that are worked on one after the other; all by default.
+    """
+
+    order: Order
+    local: NDArray[np.float32]
+    starts: NDArray[np.int64]
+    cubes: NDArray[np.uint64]
+    about: NDArray[np.int32]
+    nodes: Array
+    variance: Array
+    side: float
+    shift: int
+    workers: int
+    on_rays: bool = False
+    memory: Memory = field(default_factory=Memory)
+    parts: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def centre(self) -> Array:
+        """What all coordinates are relative to, shape (3,)."""
+        return self.order.centre
+
+    def positions(self) -> Array:
+        """Return the sorted points relative to the centre, shape (k, 3)."""
+        grid = [positions(self.cubes, axis) for axis in (0, 1, 2)]
+        middle = (np.column_stack(grid) + 0.5) * self.side
+        middle -= 0.5 * (1 << cloud_keys.LEVELS) * self.order.side
+        return np.asarray(
+            np.repeat(middle @ cloud_keys.TURN, np.diff(self.starts), axis=0) + self.local
+        )
+
+    def runs(self) -> Iterator[tuple[int, int]]:
+        """Runs of cubes to work on one after the other."""
+        for first, last in self.parts or ((0, len(self.cubes)),):
+            yield first, last
+            self.memory.release()
+
+    def over_cubes(self, work: Callable[[int, int], None]) -> None:
+        """``work(first, last)`` on parts of the cubes, one a thread."""
+        for first, last in self.runs():
+            over_part(work, first, last, self.workers, _LEAST_PART)
+
+
+def over_part(
+    work: Callable[[int, int], None], first: int, last: int, workers: int, least: int
+) -> None:
+    """``work`` on parts of first ... last, one a thread (`threads.over_chunks`)."""
+    threads.over_chunks(
+        lambda begin, end: work(first + begin, first + end), last - first, workers, least
+    )
+
+
+def cloud_of(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: Array | None,
+    workers: int,
+    held: float = POINTS,
+    origin: Array | None = None,
+) -> Cloud | None:
+    """Sort points into cubes; ``None`` if fewer than three are finite.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (k, 3)
+        Metres, any origin. Points farther from the others than R and two million standard
+        deviations are no reading, like those that are not finite.
+    sensor : Sensor
+        Its noise is evaluated at the distance from the origin of the coordinates.
+    sigma : ndarray, shape (k,), optional
+        Standard deviations of the points, in place of the sensor's.
+    workers : int
+        Threads.
+    held : float
+        Points in an occupied cube, on average, where noise allows cubes that small.
+    origin : ndarray, shape (3,) or (k, 3), optional
+        Where the scanner stood: noise is along the rays from there, and depends on the range.
+    """
+    low, high, count = extent_of(points, workers)
+    if count < 3:
+        return None
+    seen_from = np.zeros(3) if origin is None else origin
+    centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
+    order = order_of(points, centre, reach, 4.0 * typical, workers)
+    held_by = separations(order.keys)
+    side = max(side_for(order.side, held_by, held), THICK * typical)
+    order = order_of(points, centre, reach, side / (1 << FINER), workers)
+    if len(order.keys) < 3:
+        return None
+    starts, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
+    cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
+    about = np.full((len(cubes), 27), -1, np.int32)
+    write_about(cubes, 0, len(cubes), about, workers)
+    return Cloud(
+        order, local, starts, cubes, about, nodes, variance, order.side * (1 << FINER), SHIFT,
+        workers, on_rays=origin is not None,
+    )  # fmt: skip
+
+
+def grid_about(
+    points: NDArray[np.floating],
+    low: Array,
+    high: Array,
+    sensor: Sensor,
+    sigma: Array | None,
+    origin: Array,
+) -> tuple[Array, float, float]:
+    """Middle and reach of the grid of points between low and high, and their typical sigma."""
+    centre = 0.5 * (low + high)
+    reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
+    typical = _typical(points, sensor, sigma, origin)
+    farthest = max(
+        sensor.range, float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
+    )
+    if reach > farthest:
+        # Points far off must not make cubes larger than noise does.
+        some = points[:: 1 + len(points) // _PART]
+        there = np.isfinite(some).all(axis=1)
+        centre, reach = np.median(some[there], axis=0).astype(np.float64), farthest
+    return centre, reach, typical
+
+
+def summed(
+    points: NDArray[np.floating],
+    order: Order,
+    sensor: Sensor,
+    sigma: Array | None,
+    origin: Array | None,
+    workers: int,
+) -> tuple[NDArray[np.int64], NDArray[np.float32], Array, Array]:
+    """Starts, local coordinates, moments and variances of the cubes of sorted points (`Cloud`)."""
+    starts = np.empty(len(order.keys) + 1, np.int64)
+    n = cloud_keys.run_starts(order.keys, SHIFT, starts)
+    starts = starts[: n + 1].copy()
+    starts[n] = len(order.keys)
+    local = np.empty((len(order.keys), 3), np.float32)
+    nodes = np.empty((n, ROW))
+    threads.over_chunks(
+        lambda first, last: kernels.local_points(
+            points, order.rows, order.keys, starts, SHIFT, order.side, cloud_keys.TURN,
+            order.centre, first, last, local, nodes,
+        ),
+        n, workers, _LEAST_PART,
+    )  # fmt: skip
+    seen_from = np.zeros(3) if origin is None else origin
+    variance = _variances(points, sensor, sigma, order, starts, seen_from)
+    if origin is not None:
+        rays = _mean_origins(origin, order, starts) - order.centre
+        kernels.foreshorten(nodes, rays, STEEPEST, FEWEST, _GRAZING, variance)
+    kernels.weigh(nodes, variance)
+    return starts, local, nodes, variance
+
+
+def write_about(
+    cubes: NDArray[np.uint64], first: int, last: int, about: NDArray[np.int32], workers: int
+) -> None:
+    """Write the cubes about cubes[first:last], and them into theirs, to about, which holds -1."""
+    over_part(
+        lambda begin, end: kernels.cubes_about(cubes, begin, end, about),
+        first, last, workers, _LEAST_PART,
+    )  # fmt: skip
+
+
+def separations(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """How many neighbours in sorted keys part at each level (`kernels.cloud_keys`)."""
+    counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
+    cloud_keys.separations(keys, counts)
+    return counts
+
+
+def side_for(finest: float, counts: NDArray[np.int64], points: float) -> float:
+    """Side of cubes that hold so many points on average, between powers of two.
+
+    finest: side at level 0; counts: `separations` of all keys.
+    """
+    total = int(counts.sum()) + 1
+    cubes = np.maximum(total - np.cumsum(counts), 1)
+    held = np.log(total / cubes)
+    level = float(np.interp(math.log(points), held, np.arange(len(held), dtype=float)))
+    return float(finest * 2.0**level)
+
+
+def _is_constant(sensor: Sensor) -> bool:
+    noise = sensor.noise
+    return isinstance(noise, Polynomial) and not noise.linear and not noise.quadratic
+
+
+def _typical(
+    points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, origin: Array
+) -> float:
+    """Standard deviation of most points."""
+    if sigma is not None:
+        return float(np.median(sigma))
+    if _is_constant(sensor):
+        return float(sensor.sigma(np.zeros(1))[0])
+    step = 1 + len(points) // 10_000
+    sample = points[::step] - (origin if origin.ndim == 1 else origin[::step])
+    sample = sample[np.isfinite(sample).all(axis=1)]
+    if not len(sample):
+        return float(sensor.sigma(np.ones(1))[0])
+    return float(np.median(sensor.sigma(np.linalg.norm(sample, axis=1))))
+
+
+def _variances(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: Array | None,
+    order: Order,
+    starts: NDArray[np.int64],
+    origin: Array,
+) -> Array:
+    """Mean variance of the points of each cube."""
+    if sigma is None and _is_constant(sensor):
+        return np.full(len(starts) - 1, float(sensor.sigma(np.zeros(1))[0]) ** 2)
+    if sigma is None:
+        out: Array = np.empty(len(points))
+        for first in range(0, len(points), _PART):
+            part = points[first : first + _PART].astype(np.float64)
+            part -= origin if origin.ndim == 1 else origin[first : first + _PART]
+            there = np.isfinite(part).all(axis=1)
+            distance = np.sqrt((part * part).sum(axis=1))
+            out[first : first + len(part)] = sensor.sigma(np.where(there, distance, 0.0))
+        sigma = out
+    squares = np.asarray(np.square(sigma))
+    return np.asarray(np.add.reduceat(squares[order.rows], starts[:-1]) / np.diff(starts))
+
+
+def _mean_origins(origin: Array, order: Order, starts: NDArray[np.int64]) -> Array:
+    """Where the rays of the points of each cube begin, on average: shape (1 or n, 3)."""
+    if origin.ndim == 1:
+        return origin[None]
+    sums = np.add.reduceat(origin[order.rows], starts[:-1], axis=0)
+    return np.asarray(sums / np.diff(starts)[:, None])

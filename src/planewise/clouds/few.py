@@ -1,0 +1,164 @@
+"""Clouds of few points: planes that no cell tells, kept where they make Phi shorter.
+
+On a face of fifty points a cell has seven and most are cut by an edge. So the planes of the paper's
+objective, chosen from all points together, are tried as well: relabelled by their surroundings,
+dropped and merged while Phi falls.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds.cells import SHARED, CloudError
+from planewise.clouds.cloud import STEEPEST, Cloud
+from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, refitted
+from planewise.clouds.rows import planes_of
+from planewise.information import coordinate_information
+from planewise.kernels import cloud_labels as kernels
+from planewise.kernels.cloud_keys import TURN
+from planewise.kernels.cloud_rows import AREA, WEIGHT, XX, ZZ, write_normals
+from planewise.objective import PAPER
+from planewise.observation import PointObservation
+from planewise.paper.evaluate import evaluator
+from planewise.paper.joint import joint_search
+from planewise.paper.problem import Problem
+from planewise.paper.propose import propose
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+Limits = tuple[float, float]
+
+MOST = 4096  # points of a cloud that has few
+POINTS = 3.0  # in a cube of such a cloud
+_MOST_PLANES = 64
+_RELABELLED = 3  # times
+_MERGED_PLANES = 24  # above which merging them by trial takes too long
+_FALL = 1e-6  # nats that count as a fall
+_PARALLEL = 0.9  # least cosine between planes that are merged
+
+
+def fewest_nats(
+    cloud: Cloud,
+    error: CloudError,
+    start: Labels,
+    limits: Limits,
+    rng: np.random.Generator,
+) -> Labels:
+    """Labels of the sorted points with the lowest Phi that was found, 1 ... N and 0.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        Few points in small cubes.
+    error : CloudError
+        Its size.
+    start : ndarray of uint16, shape (k,)
+        Labels from cells, to be improved on.
+    limits : (float, float)
+        R and eps in metres.
+    rng : numpy.random.Generator
+        For the planes that are proposed.
+    """
+    tried = [_paid(cloud, error, start, limits)]
+    labels = _paper_labels(cloud, limits, rng)
+    tried.append(_paid(cloud, error, labels, limits))
+    for _ in range(_RELABELLED):
+        phi, labels = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)
+        tried.append((phi, labels))
+    phi, labels = min(tried, key=lambda each: each[0])
+    return _merged(cloud, error, phi, labels, limits)
+
+
+def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError) -> Array:
+    """Rows (N, 18) of the planes through the points of each label, as wide as they scatter."""
+    ones, zeros = np.ones(len(groups.label)), np.zeros(len(groups.label))
+    rows = refitted(cloud, groups, ones, zeros, np.zeros(planes), error)
+    write_normals(rows)
+    xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
+    scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+    inside = np.linalg.eigvalsh(scatter)[:, 1:].clip(0)
+    inside = np.nan_to_num(inside)
+    # Of a rectangle with this scatter; of points near a line none, for they tell no plane.
+    told = inside[:, 0] * STEEPEST > 1.0
+    area = 12.0 * np.sqrt(inside.prod(axis=1)) / np.maximum(rows[:, WEIGHT], 1e-300)
+    rows[:, AREA] = np.where(told, area, 0.0)
+    return rows
+
+
+def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tuple[float, Labels]:
+    """Phi of labels, and the labels, when planes that do not pay or are not told are left out."""
+    planes = int(labels.max(initial=0))
+    rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
+    told = np.flatnonzero(rows[:, AREA] > 0)
+    place = np.zeros(planes + 1, np.uint16)
+    place[told + 1] = np.arange(1, len(told) + 1)
+    labels, rows = place[labels], rows[told]
+    groups = groups_of(cloud, labels, error)
+    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, *limits)
+    book = ledger(cloud, labels, groups, alone, data, len(rows), *limits)
+    best = int(np.argmin(book.curve))
+    place = np.zeros(len(rows) + 1, np.uint16)
+    place[book.order[:best] + 1] = np.arange(1, best + 1)
+    return float(book.curve[best]), place[labels]
+
+
+def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> Labels:
+    """Every point on the plane that its residual and its surroundings say."""
+    planes = int(labels.max(initial=0))
+    rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
+    votes = np.zeros((len(cloud.cubes), planes + 1), np.int64)
+    cube = np.repeat(np.arange(len(cloud.cubes)), np.diff(cloud.starts))
+    np.add.at(votes, (cube, labels), 1)
+    out: Labels = np.empty(len(labels), np.uint16)
+    variance = error.white * (1.0 + SHARED) * cloud.variance
+    null = coordinate_information(*limits)
+    kernels.label_points(
+        cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
+        cloud.cubes, cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
+        planes_of(rows), null, limits[1], 0, len(cloud.cubes), out,
+    )  # fmt: skip
+    return out
+
+
+def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits: Limits) -> Labels:
+    """Merge pairs of planes, the one that saves most first, while Phi falls."""
+    while True:
+        planes = int(labels.max(initial=0))
+        if planes > _MERGED_PLANES:
+            return labels
+        rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
+        normals = planes_of(rows)[:, :3]
+        best = phi, labels
+        for i, j in combinations(range(planes), 2):
+            if abs(normals[i] @ normals[j]) < _PARALLEL:
+                continue
+            joint = np.where(labels == j + 1, i + 1, labels).astype(np.uint16)
+            best = min(best, _paid(cloud, error, joint, limits), key=lambda each: each[0])
+        if not best[0] < phi - _FALL:
+            return labels
+        phi, labels = best
+        again = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)
+        if again[0] < phi:
+            phi, labels = again
+
+
+def _paper_labels(cloud: Cloud, limits: Limits, rng: np.random.Generator) -> Labels:
+    """Labels of the sorted points under the paper's objective."""
+    points = cloud.positions()
+    seen = PointObservation(
+        errors=np.sqrt(np.repeat(cloud.variance, np.diff(cloud.starts))),
+        rows=np.arange(len(points)),
+        shape=(len(points),),
+        range=limits[0],
+        resolution=limits[1],
+        points=np.ascontiguousarray(points.T),
+        origin=np.zeros(3),
+    )
+    readings = evaluator(seen, PAPER.thresholds(seen), 1)
+    structure = np.array([PAPER.structure(seen, n) for n in range(_MOST_PLANES + 1)])
+    problem = Problem(evaluator=readings, empty=PAPER.empty(seen), structure=structure)
+    solution, _ = joint_search(problem, propose(seen, readings, rng), rng=rng)
+    return solution.assignment.labels.astype(np.uint16)

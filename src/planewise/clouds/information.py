@@ -1,0 +1,158 @@
+"""Phi of a cloud under the spatial objective: a code length for any planes and labels.
+
+    Phi = 2 k ln(R / eps) + mask + N * 3 ln(R / eps) + sum over groups of their data
+
+Two coordinates of a point take ln(R / eps) each in any case, nothing where its ray is known; the
+third is data: of a group, the
+points of one label in one cube, normal about a plane, a random offset and tilt of the group
+integrated out; about a smooth surface of its own; or anything at all. As `spatial.information`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds.cells import SHARED, CloudError
+from planewise.clouds.cloud import Cloud, over_part
+from planewise.information import coordinate_information, plane_information
+from planewise.kernels import cloud_information as kernels
+from planewise.kernels import cloud_labels as label_kernels
+from planewise.kernels.cloud_keys import TURN
+from planewise.kernels.cloud_rows import ROW
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+
+_SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
+_LEAST_PART = 2_000  # groups that are worth a thread
+
+
+@dataclass(frozen=True)
+class CloudGroups:
+    """Groups of a cloud under some labels.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (g, 18)
+        Moments of the points of each (`kernels.cloud_rows`).
+    label : ndarray of int, shape (g,)
+        0 for none.
+    places : ndarray of int, shape (n + 1,)
+        Where those of each cube begin.
+    """
+
+    rows: Array
+    label: NDArray[np.int64]
+    places: NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class CloudLedger:
+    """What a model costs: planes by worth, and Phi with the best 0 ... N of them."""
+
+    order: NDArray[np.intp]
+    worth: Array
+    curve: Array
+
+
+def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
+    """Groups of the points with these labels, in sorted order."""
+    counts = np.empty(len(cloud.cubes), np.int64)
+    cloud.over_cubes(
+        lambda first, last: label_kernels.count_groups(labels, cloud.starts, first, last, counts)
+    )
+    places = np.concatenate((np.zeros(1, np.int64), np.cumsum(counts)))
+    rows = cloud.memory.empty((int(places[-1]), ROW))
+    label = cloud.memory.empty(int(places[-1]), np.int64)
+    variance = error.white * cloud.variance
+    cloud.over_cubes(
+        lambda first, last: label_kernels.sum_groups(
+            cloud.local, labels, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side,
+            TURN, variance, places, first, last, rows, label,
+        )
+    )  # fmt: skip
+    return CloudGroups(rows, label, places)
+
+
+def data_of(
+    cloud: Cloud,
+    groups: CloudGroups,
+    planes: Array,
+    areas: Array,
+    error: CloudError,
+    range: float,
+    resolution: float,
+) -> tuple[Array, Array]:
+    """Nats of every group on none and as labelled; planes (N, 4), areas (N,)."""
+    alone, data = cloud.memory.empty((2, len(groups.label)))
+    table = np.column_stack((planes, np.sqrt(areas)))
+    for begin, end in cloud.runs():
+        over_part(
+            lambda first, last: kernels.group_data(
+                groups.rows, groups.label, table, (SHARED, error.drift), cloud.side, resolution,
+                _prior(range, resolution), first, last, alone, data,
+            ),
+            groups.places[begin], groups.places[end], cloud.workers, _LEAST_PART,
+        )  # fmt: skip
+    return alone, data
+
+
+def refitted(
+    cloud: Cloud, groups: CloudGroups, alone: Array, data: Array, areas: Array, error: CloudError
+) -> Array:
+    """Rows (N, 18) of planes through the groups on them, as one step of expectation says."""
+    rows = np.zeros((len(areas), ROW))
+    drift = 0.113 * error.drift * np.sqrt(areas)
+    for begin, end in cloud.runs():
+        g = slice(groups.places[begin], groups.places[end])
+        kernels.plane_rows(groups.rows[g], groups.label[g], alone[g], data[g], SHARED, drift, rows)
+    return rows
+
+
+def ledger(
+    cloud: Cloud,
+    labels: Labels,
+    groups: CloudGroups,
+    alone: Array,
+    data: Array,
+    planes: int,
+    range: float,
+    resolution: float,
+) -> CloudLedger:
+    """Rank planes, with exact Phi of them all and of every shorter list of the best."""
+    worth, leaving = np.zeros((2, planes + 1))
+    total = 0.0
+    for begin, end in cloud.runs():
+        g = slice(groups.places[begin], groups.places[end])
+        total += kernels.sum_nats(groups.label[g], alone[g], data[g], worth)
+    worth = worth[1:]
+    order = np.argsort(worth, kind="stable")
+    place = np.zeros(planes + 1, np.int64)
+    place[order + 1] = np.arange(1, planes + 1)
+    for begin, end in cloud.runs():
+        kernels.groups_left(
+            groups.rows, groups.label, groups.places[begin : end + 1], place, resolution,
+            _prior(range, resolution), data, leaving,
+        )  # fmt: skip
+    curve = np.full(planes + 1, total)
+    # Planes are taken away from the last on.
+    curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
+    curve += np.arange(planes + 1) * plane_information(3, range, resolution)
+    if not cloud.on_rays:
+        curve += 2.0 * len(labels) * coordinate_information(range, resolution)
+    lengths, changes = np.empty(planes + 1), np.zeros((planes + 1, kernels.CODES), np.int64)
+    alike, previous = np.zeros(planes + 1, np.int64), 0
+    for begin, end in cloud.runs():
+        previous = kernels.count_mask(
+            labels, cloud.starts, cloud.about, place, begin, end, previous, alike, changes
+        )
+    kernels.mask_lengths(alike, changes, lengths)
+    return CloudLedger(order=order, worth=worth[order], curve=curve + lengths)
+
+
+def _prior(range: float, resolution: float) -> tuple[float, float, float]:
+    coordinate = coordinate_information(range, resolution)
+    return _SLOPE_PRIOR**2, coordinate, coordinate

@@ -1,0 +1,58 @@
+"""Labels of the points of a cloud: each is on the plane that its residual and surroundings say."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds.cells import SHARED, CloudCells
+from planewise.clouds.cloud import Cloud
+from planewise.kernels import cloud_labels as kernels
+from planewise.kernels.cloud_keys import TURN
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+
+_POINT_DRIFT = 1.5  # of the drift over a metre's cubes: how far a point may lie from its plane
+
+
+def label_points(
+    cloud: Cloud,
+    cells: CloudCells,
+    plane_of_cell: NDArray[np.int64],
+    planes: Array,
+    areas: Array,
+    null: float,
+    resolution: float,
+) -> Labels:
+    """Labels of the sorted points, 0 for none, j for row j - 1.
+
+    Parameters
+    ----------
+    cloud, cells
+        The points and their cells.
+    plane_of_cell : ndarray of int, shape (m,)
+        Row in `planes`, -1 for none.
+    planes : ndarray, shape (N, 4)
+        (normal, distance) relative to the centre of the cloud.
+    areas : ndarray, shape (N,)
+        Of the planes, square metres.
+    null : float
+        Nats of a point on none, across the plane.
+    resolution : float
+        eps in metres.
+    """
+    label_of = np.append(plane_of_cell + 1, 0)[cells.owner]
+    extra = np.zeros(len(planes) + 1)
+    # Points lie about the plane of a square as far as the error wanders on it.
+    extra[1:] = 0.113 * cells.error.drift * np.sqrt(areas)
+    variance = cells.error.white * (1.0 + SHARED) * cloud.variance
+    labels: Labels = cloud.memory.empty(len(cloud.local), np.uint16)
+    cloud.over_cubes(
+        lambda first, last: kernels.label_points(
+            cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
+            cloud.cubes, cloud.about, label_of, variance, extra, planes, null, resolution,
+            first, last, labels,
+        )
+    )  # fmt: skip
+    return labels

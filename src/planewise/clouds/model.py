@@ -1,0 +1,317 @@
+"""From free points to a ranked model under the spatial objective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds import few as cloud_few
+from planewise.clouds.cells import CloudError, cells_of, residual_correlation
+from planewise.clouds.cloud import Cloud, cloud_of
+from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, refitted
+from planewise.clouds.labels import label_points
+from planewise.clouds.rows import covariance, planes_of, quadratic
+from planewise.clouds.segments import segments_of
+from planewise.information import (
+    coordinate_information,
+    outlier_information,
+    plane_information,
+)
+from planewise.kernels.cloud_rows import (
+    AREA,
+    COUNT,
+    CX,
+    CY,
+    CZ,
+    ROW,
+    WEIGHT,
+    XX,
+    ZZ,
+    write_normals,
+)
+from planewise.model import Curve, Move, Plane, PlaneModel
+from planewise.sensor import Sensor
+from planewise.stages import stage
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CloudPlanes:
+    """Planes and labels of the sorted points, before they are ranked.
+
+    Attributes
+    ----------
+    cloud : Cloud
+        The points, in the cubes whose groups Phi is made of.
+    labels : ndarray of uint16, shape (k,)
+        0 for none, j for row j - 1.
+    rows : ndarray, shape (N, 18)
+        Of the planes.
+    error : CloudError
+        Its size.
+    significance, correlation : ndarray, shape (N,)
+        Nats that each saves, all its costs paid; of the residuals of cells side by side.
+    left_out : int
+        Planes that pay but are more than was asked for.
+    """
+
+    cloud: Cloud
+    labels: NDArray[np.uint16]
+    rows: Array
+    error: CloudError
+    significance: Array
+    correlation: Array
+    left_out: int = 0
+
+
+def cloud_model(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    sigma: Array | None,
+    origin: Array | None = None,
+    *,
+    instances: bool,
+    max_planes: int,
+    significance: float,
+    settings: Mapping[str, object],
+    workers: int,
+    rng: np.random.Generator,
+) -> PlaneModel:
+    """Find, rank and describe the planes of free points in space.
+
+    Parameters
+    ----------
+    points : ndarray of float, shape (k, 3)
+        Metres, any origin; rows that are not finite are no reading.
+    sensor : Sensor
+        Range, resolution and noise.
+    sigma : ndarray, shape (k,), optional
+        Standard deviation of every point, in place of the sensor's noise.
+    origin : ndarray, shape (3,) or (k, 3), optional
+        Where the scanner stood.
+    instances : bool
+        Keep coplanar surfaces that do not touch apart.
+    max_planes : int
+        Largest number of planes.
+    significance : float
+        Nats that a plane has to save beyond its costs.
+    settings : Mapping
+        Recorded in the model.
+    workers : int
+        Threads.
+    rng : numpy.random.Generator
+        For clouds of few points.
+
+    Returns
+    -------
+    PlaneModel
+        With exact Phi of its planes and labels.
+    """
+    few = len(points) <= cloud_few.MOST
+    with stage("observe"):
+        cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
+    if cloud is None:
+        there = int(np.isfinite(points).all(axis=1).sum())
+        return nothing_in(len(points), there, sensor, settings)
+    found = found_in(cloud, sensor, instances, significance, max_planes)
+    if few:
+        with stage("few"):
+            fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
+            assert fine is not None
+            found = _from_few(fine, found, sensor, significance, max_planes, rng)
+    return ranked_model(len(points), found, sensor, max_planes, settings)
+
+
+def found_in(
+    cloud: Cloud,
+    sensor: Sensor,
+    instances: bool,
+    significance: float,
+    max_planes: int,
+) -> CloudPlanes:
+    """Planes that cells tell, and every point's label."""
+    with stage("cells"):
+        cells = cells_of(cloud)
+    if cells is None:
+        labels = cloud.memory.empty(len(cloud.local), np.uint16)
+        labels[:] = 0
+        nothing = np.empty((0, ROW)), CloudError(1.0, 0.0), np.empty(0), np.empty(0)
+        return CloudPlanes(cloud, labels, *nothing)
+    with stage("segments"):
+        found = segments_of(
+            cells,
+            plane_information(3, sensor.range, sensor.resolution),
+            sensor.range,
+            instances=instances,
+            significance=significance,
+            max_planes=max_planes,
+            workers=cloud.workers,
+            memory=cloud.memory,
+        )
+    planes = planes_of(found.rows)
+    with stage("labels"):
+        labels = label_points(
+            cloud,
+            cells,
+            found.of_cell,
+            planes,
+            found.rows[:, AREA],
+            coordinate_information(sensor.range, sensor.resolution),
+            sensor.resolution,
+        )
+    correlation = residual_correlation(cells, found.of_cell, planes)
+    return CloudPlanes(
+        cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out
+    )
+
+
+def _from_few(
+    cloud: Cloud,
+    found: CloudPlanes,
+    sensor: Sensor,
+    significance: float,
+    max_planes: int,
+    rng: np.random.Generator,
+) -> CloudPlanes:
+    """Planes of few points; found: what cells told."""
+    limits = sensor.range, sensor.resolution
+    start = np.zeros(int(cloud.order.rows.max()) + 1, np.uint16)
+    start[found.cloud.order.rows] = found.labels
+    labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.order.rows], limits, rng)
+    n = int(labels.max(initial=0))
+    groups = groups_of(cloud, labels, found.error)
+    rows = cloud_few.plane_rows(cloud, groups, n, found.error)
+    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], found.error, *limits)
+    worth = np.bincount(groups.label, alone - data, n + 1)[1:]
+    saved = np.asarray(worth - plane_information(3, *limits), np.float64)
+    keep = np.argsort(-saved, kind="stable")
+    keep = keep[saved[keep] > significance]
+    left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
+    place = np.zeros(n + 1, np.uint16)
+    place[keep + 1] = np.arange(1, len(keep) + 1)
+    unknown = np.full(len(keep), np.nan)
+    return CloudPlanes(
+        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out
+    )
+
+
+def ranked_model(
+    size: int,
+    found: CloudPlanes,
+    sensor: Sensor,
+    max_planes: int,
+    settings: Mapping[str, object],
+) -> PlaneModel:
+    """Refit the planes to their points, keep those that pay by exact Phi, best first."""
+    cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
+    areas, labels = found.rows[:, AREA], found.labels
+    with stage("ledger"):
+        groups = groups_of(cloud, labels, error)
+        data = data_of(cloud, groups, planes_of(found.rows), areas, error, *limits)
+        rows = _determined(refitted(cloud, groups, *data, areas, error), found.rows)
+        alone, now = data_of(cloud, groups, planes_of(rows), areas, error, *limits)
+        book = ledger(cloud, labels, groups, alone, now, len(rows), *limits)
+    best = int(np.argmin(book.curve))
+    moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
+    if best < len(rows):
+        # What does not pay for itself by exact Phi goes.
+        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
+    order, phi = book.order[:best], book.curve[: best + 1]
+    with stage("describe"):
+        place = np.zeros(len(rows) + 1, np.uint16)
+        place[order + 1] = np.arange(1, best + 1)
+        ranked = cloud.memory.empty(size, np.uint16)
+        ranked[:] = 0
+        for first, last in cloud.runs():
+            part = slice(cloud.starts[first], cloud.starts[last])
+            ranked[cloud.order.rows[part]] = place[labels[part]]
+        planes = _described(found, groups, rows, book.worth, order)
+    reason = "no merge saves anything" if best else "no plane saves more than it costs"
+    if not len(rows):
+        reason = "no patch of points is flat, wide and dense enough to tell a plane"
+    if found.left_out:
+        reason = f"reached max_planes = {max_planes}"
+    return PlaneModel(
+        labels=ranked,
+        planes=planes,
+        information=float(phi[-1]),
+        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        readings=len(cloud.local),
+        prefix=tuple(phi.tolist()),
+        search="joint",
+        objective="spatial",
+        note="" if best else reason,
+        settings=settings,
+    )
+
+
+def _determined(rows: Array, before: Array) -> Array:
+    """Refitted rows with their normals; those before where no points say."""
+    told = (rows[:, COUNT] >= 3) & (rows[:, WEIGHT] > 0)
+    out = np.where(told[:, None], rows, before)
+    write_normals(out)
+    return out
+
+
+def _described(
+    found: CloudPlanes, groups: CloudGroups, rows: Array, worth: Array, order: NDArray[np.intp]
+) -> tuple[Plane, ...]:
+    """Planes in this order, in the frame of the input."""
+    cloud, n = found.cloud, len(rows)
+    local = planes_of(rows)
+    count, squares = np.zeros((2, n))
+    sums = np.zeros((3, n))
+    for first, last in cloud.runs():
+        part = slice(groups.places[first], groups.places[last])
+        on = groups.label[part] > 0
+        g, owner = groups.rows[part][on], groups.label[part][on] - 1
+        readings = g[:, COUNT]
+        off = (local[owner, :3] * g[:, CX : CZ + 1]).sum(axis=1) + local[owner, 3]
+        across = quadratic(g[:, XX : ZZ + 1], local[owner, :3]) * readings / g[:, WEIGHT]
+        count += np.bincount(owner, readings, n)
+        squares += np.bincount(owner, across + readings * off * off, n)
+        sums += [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
+    centroid = sums.T / np.maximum(count, 1.0)[:, None]
+    planes = []
+    for rank, j in enumerate(order):
+        distance = float(local[j, 3] - local[j, :3] @ cloud.centre)
+        sign = -1.0 if distance < 0 else 1.0
+        planes.append(
+            Plane(
+                normal=sign * local[j, :3],
+                distance=sign * distance,
+                information=float(worth[rank]),
+                count=int(count[j]),
+                rms=float(np.sqrt(max(squares[j], 0.0) / max(count[j], 1.0))),
+                centroid=centroid[j] + cloud.centre,
+                covariance=covariance(rows[j], cloud.centre),
+                significance=float(found.significance[j]),
+                residual_correlation=float(found.correlation[j]),
+                area=float(found.rows[j, AREA] * count[j] / found.rows[j, COUNT]),
+            )
+        )
+    return tuple(planes)
+
+
+def nothing_in(
+    size: int, readings: int, sensor: Sensor, settings: Mapping[str, object]
+) -> PlaneModel:
+    """Model of too few points."""
+    phi = outlier_information(3, sensor.range, sensor.resolution) * readings
+    note = f"{readings} finite points; 3 are needed for a plane"
+    return PlaneModel(
+        labels=np.zeros(size, np.uint16),
+        planes=(),
+        information=phi,
+        curve=Curve(information=np.array([phi]), chosen=0, reason=note),
+        readings=readings,
+        prefix=(phi,),
+        search="joint",
+        objective="spatial",
+        note=note,
+        settings=settings,
+    )

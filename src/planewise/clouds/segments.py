@@ -1,0 +1,305 @@
+"""Segments of a cloud: cells merged by information, and which of them are planes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.clouds.cells import PRIOR, CloudCells
+from planewise.clouds.memory import Memory
+from planewise.kernels import borders
+from planewise.kernels import cloud_segments as kernels
+from planewise.kernels.cloud_rows import FREE, MISFIT
+
+Array = NDArray[np.float64]
+
+# Nats per point of border where the surface breaks and where it goes on, and the discord half-way.
+_MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
+_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
+_PLANE_COST = 1.0  # times 3 ln(R / eps): what a plane has to save besides its border
+_GAP_OFFSET = 0.05  # of the range: where an unrelated plane seen through a gap may lie
+_LEAST_PART = 5_000  # pairs that are worth a thread
+PAIRS_AT_ONCE = 12_000_000  # of cells that merge together; some 1.3 GB
+OUTSIDE = -1  # of runs: a pair of cells of two
+_RIM = 3  # cells from another run that wait for it
+
+
+@dataclass(frozen=True)
+class CloudSegments:
+    """Planes of a cloud, before its points are labelled.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (N, 18)
+        Of the planes (`kernels.cloud_rows`).
+    of_cell : ndarray of int, shape (m,)
+        Plane of every cell, -1 for none.
+    significance : ndarray, shape (N,)
+        Nats that each saves, all its costs paid.
+    left_out : int
+        Planes that pay but are more than was asked for.
+    """
+
+    rows: Array
+    of_cell: NDArray[np.int64]
+    significance: Array
+    left_out: int = 0
+
+
+def segments_of(
+    cells: CloudCells,
+    cost: float,
+    range: float,
+    *,
+    instances: bool,
+    significance: float,
+    max_planes: int,
+    workers: int,
+    memory: Memory | None = None,
+) -> CloudSegments:
+    """Merge cells into segments and find those that pay for being a plane.
+
+    Parameters
+    ----------
+    cells : CloudCells
+        Of the cloud.
+    cost : float
+        Nats of the parameters of a plane.
+    range : float
+        R in metres.
+    instances : bool
+        Keep coplanar segments that do not touch apart.
+    significance : float
+        Nats that a plane has to save beyond its costs.
+    max_planes : int
+        Keep the most significant ones only.
+    workers : int
+        Threads.
+    memory : Memory, optional
+        Where large arrays lie.
+    """
+    drift = cells.error.drift
+    rows, of_cell, price = merged_cells(cells, cost, workers, memory or Memory())
+    worth, accepted = _accepted(cells, rows, of_cell, price, cost, significance)
+    owner = np.full(len(rows), -1)
+    order = np.argsort(-worth, kind="stable")
+    chosen = order[accepted[order]]
+    owner[chosen] = np.arange(len(chosen))
+    planes = rows[chosen]
+    if len(chosen) and not instances:
+        rest = order[~accepted[order] & (worth[order] + _PLANE_COST * cost > 0)]
+        planes = _joined_through_gaps(planes, rows, chosen, rest, drift, range, owner)
+    kept = owner >= 0
+    total = np.asarray(np.bincount(owner[kept], worth[kept], len(planes)), np.float64)
+    left_out = max(0, len(planes) - max_planes)
+    if left_out:
+        keep = np.sort(np.argsort(-total, kind="stable")[:max_planes])
+        place = np.full(len(planes) + 1, -1)
+        place[keep] = np.arange(len(keep))
+        planes, owner, total = planes[keep], place[owner], total[keep]
+    return CloudSegments(planes, owner[of_cell], total, left_out)
+
+
+def merged_cells(
+    cells: CloudCells, cost: float, workers: int, memory: Memory, at_once: int = PAIRS_AT_ONCE
+) -> tuple[Array, NDArray[np.int64], Array]:
+    """Rows of segments, the segment of every cell, and what each pair of cells costs as a border.
+
+    Where there are more pairs than `at_once`, runs of cells merge on their own first, all but those
+    near the rim of their run; what they have become then merges with the rest.
+    """
+    drift, prior = cells.error.drift, (*PRIOR, 0.0)
+    saved, price = memory.empty((2, len(cells.ends)))
+    discords, evidence = memory.empty((2, len(cells.ends)))
+    for first in range(0, len(cells.ends), at_once):
+        e = slice(first, first + at_once)
+        discords[e], evidence[e] = _values(cells.rows, cells.ends[e], drift, prior, workers)
+        kernels.border_prices(discords[e], cells.sides[e], _MERGE_BORDER, saved[e])
+        kernels.border_prices(discords[e], cells.sides[e], _PLANE_BORDER, price[e])
+        memory.release()
+    if len(cells.ends) <= at_once:
+        rows, of_cell = _agglomerated(
+            cells.rows.copy(), cells.ends, discords, evidence, saved, drift, cost
+        )
+        return rows, of_cell, price
+    first_rows, first_of_cell = _merged_in_runs(
+        cells, discords, evidence, saved, drift, cost, at_once
+    )
+    memory.release()
+    ends, saved = _between(cells.ends, first_of_cell, saved, len(first_rows), at_once)
+    values = _values(first_rows, ends, drift, prior, workers)
+    rows, above = _agglomerated(first_rows, ends, *values, saved, drift, cost)
+    return rows, above[first_of_cell], price
+
+
+def _agglomerated(
+    rows: Array,
+    ends: NDArray[np.int32],
+    discords: Array,
+    evidence: Array,
+    saved: Array,
+    drift: float,
+    cost: float,
+) -> tuple[Array, NDArray[np.int64]]:
+    """Merge rows, which are changed; returns those of segments and the segment of each row."""
+    root = np.empty(len(rows), np.int64)
+    kernels.agglomerate(ends, discords, evidence, saved, rows, drift, (*PRIOR, 0.0), cost, root)
+    alive, of_row = np.unique(root, return_inverse=True)
+    return rows[alive], of_row
+
+
+def _merged_in_runs(
+    cells: CloudCells,
+    discords: Array,
+    evidence: Array,
+    saved: Array,
+    drift: float,
+    cost: float,
+    at_once: int,
+) -> tuple[Array, NDArray[np.int64]]:
+    """Merge the cells of one run after the other; those near its rim stay as they are."""
+    runs = max(2, -(-2 * len(cells.ends) // at_once))
+    bounds = [len(cells.rows) * run // runs for run in range(runs + 1)]
+    of_cell, rows, found = np.empty(len(cells.rows), np.int64), [], 0
+    inside = _runs_of_pairs(cells.ends, bounds, at_once)
+    rim = np.zeros(len(cells.rows), np.bool_)
+    rim[cells.ends[np.flatnonzero(inside == OUTSIDE)].ravel()] = True
+    for run, (first, last) in enumerate(pairwise(bounds)):
+        mine = np.flatnonzero(inside == run)
+        ends = (cells.ends[mine] - first).astype(np.int32)
+        near = rim[first:last].copy()
+        for _ in range(_RIM):
+            near[ends[near[ends].any(axis=1)].ravel()] = True
+        free = ~near[ends].any(axis=1)
+        e = mine[free]
+        out, of_row = _agglomerated(
+            cells.rows[first:last].copy(), ends[free], discords[e], evidence[e], saved[e],
+            drift, cost,
+        )  # fmt: skip
+        of_cell[first:last] = of_row + found
+        rows.append(out)
+        found += len(out)
+    return np.concatenate(rows), of_cell
+
+
+def _runs_of_pairs(ends: NDArray[np.int32], bounds: list[int], at_once: int) -> NDArray[np.int16]:
+    """Run that both cells of a pair are in, OUTSIDE for none."""
+    out = np.empty(len(ends), np.int16)
+    for first in range(0, len(ends), at_once):
+        u, v = (np.searchsorted(bounds, e, "right") for e in ends[first : first + at_once].T)
+        out[first : first + at_once] = np.where(u == v, u - 1, OUTSIDE)
+    return out
+
+
+def _between(
+    ends: NDArray[np.int32],
+    of_cell: NDArray[np.int64],
+    saved: Array,
+    segments: int,
+    at_once: int,
+) -> tuple[NDArray[np.int32], Array]:
+    """Pairs of neighbouring segments, each once, and the nats of their borders."""
+    keys: NDArray[np.int64] = np.empty(0, np.int64)
+    nats: Array = np.empty(0)
+    for first in range(0, len(ends), at_once):
+        u, v = of_cell[ends[first : first + at_once]].T
+        apart = u != v
+        low, high = np.minimum(u, v)[apart], np.maximum(u, v)[apart]
+        keys = np.append(keys, low * segments + high)
+        nats = np.append(nats, saved[first : first + at_once][apart])
+        keys, place = np.unique(keys, return_inverse=True)
+        nats = np.asarray(np.bincount(place, nats, len(keys)), np.float64)
+    return np.column_stack(np.divmod(keys, max(segments, 1))).astype(np.int32), nats
+
+
+def _values(
+    rows: Array,
+    ends: NDArray[np.int32],
+    drift: float,
+    prior: tuple[float, float, float],
+    workers: int,
+) -> tuple[Array, Array]:
+    """Discord and evidence of pairs of rows."""
+    discords, evidence = np.empty((2, len(ends)))
+    threads.over_chunks(
+        lambda first, last: kernels.value_pairs(
+            rows, ends, drift, prior, first, last, discords, evidence
+        ),
+        len(ends),
+        workers,
+        _LEAST_PART,
+    )
+    return discords, evidence
+
+
+def _accepted(
+    cells: CloudCells,
+    rows: Array,
+    of_cell: NDArray[np.int64],
+    price: Array,
+    cost: float,
+    least: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What each segment saves in nats, and which pay for being a plane."""
+    border, all_pairs, all_nats = np.zeros(len(rows)), [], []
+    for first in range(0, len(price), PAIRS_AT_ONCE):
+        part = slice(first, first + PAIRS_AT_ONCE)
+        pairs, nats = np.empty((len(price[part]), 2), np.int32), np.empty(len(price[part]))
+        found = kernels.segment_borders(of_cell, cells.ends[part], price[part], border, pairs, nats)
+        all_pairs.append(pairs[:found])
+        all_nats.append(nats[:found])
+    pairs = np.concatenate([np.empty((0, 2), np.int32), *all_pairs])
+    nats = np.concatenate([np.empty(0), *all_nats])
+    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    accepted = np.empty(len(rows), np.bool_)
+    borders.accept(worth, pairs, nats, least, accepted)
+    return worth, accepted
+
+
+def _joined_through_gaps(
+    planes: Array,
+    rows: Array,
+    chosen: NDArray[np.int64],
+    rest: NDArray[np.int64],
+    drift: float,
+    range: float,
+    owner: NDArray[np.int64],
+) -> Array:
+    """Join planes that do not touch, then to each what is left over and lies on it.
+
+    Writes the plane of each segment to owner, and returns their rows.
+    """
+    prior = (0.0, PRIOR[1], (_GAP_OFFSET * range) ** 2)
+    naming = float(np.log(len(rows)))  # nats to say which other segment it is
+    planes = planes.copy()
+    ends, _ = _gaps(planes, len(planes), drift, prior, naming)
+    root = np.arange(len(planes))
+    if len(ends):
+        discords, evidence = _values(planes, ends, drift, prior, 1)
+        saved = np.full(len(ends), -naming)
+        kernels.agglomerate(ends, discords, evidence, saved, planes, drift, prior, np.inf, root)
+    alive, plane_of = np.unique(root, return_inverse=True)
+    planes = planes[alive]
+    owner[chosen] = plane_of
+    ends, gains = _gaps(np.vstack((planes, rows[rest])), len(planes), drift, prior, naming)
+    late = ends[:, 1] >= len(planes)
+    ends, gains = ends[late], gains[late]
+    order = np.argsort(gains, kind="stable")
+    owner[rest[ends[order, 1] - len(planes)]] = ends[order, 0]  # the best comes last
+    return planes
+
+
+def _gaps(
+    rows: Array, planes: int, drift: float, prior: tuple[float, float, float], least: float
+) -> tuple[NDArray[np.int32], Array]:
+    most = 4 * len(rows)
+    while True:
+        ends, gains = np.empty((most, 2), np.int32), np.empty(most)
+        found = kernels.pairs_through_gaps(rows, drift, prior, least, planes, ends, gains)
+        if found <= most:
+            return ends[:found], gains[:found]
+        most = found

@@ -1,0 +1,205 @@
+"""What `planewise batch` shows: what there is to do, how it goes, and what came of it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Self
+
+import numpy as np
+
+from planewise.commands import terminal
+
+if TYPE_CHECKING:
+    from rich import progress as bars
+
+    from planewise.batch import Batch, Outcome, Plan
+
+_SHOWN_FAILURES = 20
+_SECONDS_A_LINE = 30.0  # where there is no terminal to draw a bar on
+_UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
+
+
+class Progress:
+    """Bar with rate, time left, planes and failures; lines of the same for a log.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be done.
+
+    Attributes
+    ----------
+    done, failed, planes : int
+        Frames of this run, and planes found in them.
+    milliseconds : ndarray, shape (3,)
+        To read, detect and encode, summed over frames that were done.
+    """
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan, self.total = plan, len(plan.to_do)
+        self.done = self.failed = self.planes = 0
+        self.milliseconds = np.zeros(3)
+        self._start = self._last_line = time.monotonic()
+        self._bar: bars.Progress | None = None
+
+    def __enter__(self) -> Self:
+        if self.total and terminal.draws_bars():
+            self._bar = _bar()
+            self._bar.add_task("", total=self.total, planes=0, failed=0, rate="")
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.seconds = time.monotonic() - self._start
+        if self._bar is not None:
+            self._bar.stop()
+
+    def count(self, outcome: Outcome) -> None:
+        """Take note of a frame."""
+        if outcome.reason:
+            self.failed += 1
+            if self.failed <= _SHOWN_FAILURES:
+                terminal.error(f"frame {outcome.frame}: {outcome.reason}")
+            if self.failed == _SHOWN_FAILURES:
+                terminal.notice("more failures are counted, and named in the store only")
+        else:
+            self.done += 1
+            self.planes += outcome.planes
+            self.milliseconds += outcome.milliseconds
+        self._show()
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, since the first was asked for."""
+        return (self.done + self.failed) / max(time.monotonic() - self._start, 1e-9)
+
+    def _show(self) -> None:
+        ended = self.done + self.failed
+        if self._bar is not None:
+            task = self._bar.tasks[0]
+            rate = f"{task.speed or self.rate:.1f} frames/s"
+            self._bar.update(
+                task.id, completed=ended, planes=self.planes, failed=self.failed, rate=rate
+            )
+        elif time.monotonic() - self._last_line > _SECONDS_A_LINE and ended < self.total:
+            self._last_line = time.monotonic()
+            left = duration((self.total - ended) / self.rate)
+            terminal.notice(
+                f"{ended:,} of {self.total:,} frames, {self.rate:.1f} frames/s, {left} left, "
+                f"{self.planes:,} planes, {self.failed:,} failed"
+            )
+
+
+def _bar() -> bars.Progress:
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    return Progress(
+        BarColumn(bar_width=20),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(),
+        TextColumn("left"),
+        TextColumn("{task.fields[planes]:,} planes"),
+        TextColumn("{task.fields[failed]:,} failed"),
+        console=terminal.errors(),
+        transient=True,
+    )
+
+
+def show_result(progress: Progress, store: Path) -> None:
+    """Print what a run did."""
+    plan = progress.plan
+    if not progress.total:
+        terminal.say(f"nothing to do: all {plan.selected:,} frames are in {store}")
+    else:
+        ended = progress.done + progress.failed
+        terminal.say(
+            f"{progress.done:,} of {ended:,} frames done, {progress.planes:,} planes, "
+            f"{duration(progress.seconds)}, {ended / progress.seconds:.1f} frames/s"
+        )
+        if progress.done:
+            read, detect, encode = progress.milliseconds / progress.done
+            terminal.say(
+                f"a frame took {read:.1f} ms to read, {detect:.1f} to detect, "
+                f"{encode:.1f} to encode"
+            )
+        terminal.say(
+            f"{store} holds {plan.done + progress.done:,} of the {plan.selected:,} frames selected"
+        )
+    failed = plan.failed + progress.failed
+    if failed:
+        frames = "1 frame" if failed == 1 else f"{failed:,} frames"
+        terminal.warning(f"{frames} failed; --retry-failed tries again")
+
+
+def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: int) -> None:
+    """Print what a run would do, by the frames that were tried."""
+    terminal.say(
+        f"{batch.source.name}: {len(batch.source.ids):,} frames, {plan.selected:,} selected, "
+        f"{plan.done:,} in the store, {plan.failed:,} failed before, {len(plan.to_do):,} to do"
+    )
+    recipe = batch.recipe
+    camera = "of each frame" if recipe.camera is None else recipe.camera.describe()
+    for name, each in (
+        ("options", recipe.options.describe()),
+        ("sensor", recipe.sensor.describe()),
+        ("camera", camera),
+    ):
+        text = ", ".join(f"{k} {v}" for k, v in each.items()) if isinstance(each, dict) else each
+        terminal.say(f"{name}: {text}")
+    for outcome in tried:
+        if outcome.reason:
+            terminal.error(f"frame {outcome.frame}: {outcome.reason}")
+    good = [each for each in tried if not each.reason]
+    if good:
+        _show_costs(good, len(plan.to_do), workers)
+
+
+def _show_costs(good: Sequence[Outcome], to_do: int, workers: int) -> None:
+    read, detect, encode = np.mean([each.milliseconds for each in good], axis=0)
+    seconds = 1e-3 * (read + detect + encode)
+    labels = _mean([len(each.label_file[1]) if each.label_file else 0 for each in good])
+    rows = _mean([len(each.record) for each in good])
+    terminal.say(
+        f"a frame, by {len(good)} of them: {read:.1f} ms to read, {detect:.1f} to detect, "
+        f"{encode:.1f} to encode; {_mean([each.planes for each in good]):.1f} planes"
+    )
+    terminal.say(
+        f"all: {duration(seconds * to_do / workers)} with {workers} workers "
+        f"({seconds * to_do / 3600:.2f} core-hours), {size(to_do * labels)} of labels and at most "
+        f"{size(to_do * rows)} of tables"
+    )
+
+
+def _mean(numbers: Sequence[float]) -> float:
+    return sum(numbers) / len(numbers)
+
+
+def duration(seconds: float) -> str:
+    """Write a time with one unit."""
+    for unit, name in _UNITS:
+        if seconds >= 2 * unit:
+            return f"{seconds / unit:.0f} {name}"
+    return f"{seconds:.1f} s"
+
+
+def size(count: float) -> str:
+    """Write a number of bytes."""
+    for power, name in ((4, "TB"), (3, "GB"), (2, "MB")):
+        if count >= 1000**power:
+            return f"{count / 1000**power:.1f} {name}"
+    return f"{count / 1000:.0f} kB"

@@ -1,0 +1,172 @@
+"""The command calibrate: from frames of a camera to a file that describes its sensor."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from planewise.commands import terminal
+from planewise.commands.command_line import (
+    CAMERA_HELP,
+    DEPTH_SCALE_HELP,
+    MAX_DEPTH_HELP,
+    RESOLUTION_HELP,
+    check_numbers,
+    optional,
+    preset_of,
+    reported,
+)
+from planewise.commands.exit_codes import FAILED
+from planewise.errors import PlanewiseError
+from planewise.files.camera import read_camera, read_sensor
+from planewise.files.depth import list_depth_files, read_depth
+from planewise.sensor import Sensor
+from planewise.whole_files import written_whole
+
+if TYPE_CHECKING:
+    from planewise.calibration.cells import NoiseCells
+    from planewise.camera import Camera
+
+_MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
+
+
+def calibrate(
+    frames: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="FRAMES", show_default=False, help="Depth images, or folders of them."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="JSON", show_default=False, help="File for the sensor."
+        ),
+    ],
+    camera: Annotated[str | None, optional(CAMERA_HELP)] = None,
+    sensor: Annotated[
+        str | None,
+        optional(
+            "Preset or file whose range and resolution are taken, and whose noise is compared. "
+            "Default: the preset of the camera's name, else 10 m and 1 mm."
+        ),
+    ] = None,
+    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
+    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
+    depth_scale: Annotated[float | None, optional(DEPTH_SCALE_HELP)] = None,
+    picture: Annotated[
+        Path | None, optional("File for a picture of the curve, .png.", "--picture")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of the confidence band.")] = 0,
+) -> None:
+    """Estimate the noise of a sensor from frames of it.
+
+    Frames of rooms will do: what counts is flat places at all depths. The file serves as --sensor.
+    """
+    with reported():
+        check_numbers(depth_scale, seed)
+        paths = _thinned(_depth_files(frames))
+        _check_output(output, ".json", paths)
+        if picture is not None:
+            _check_output(picture, ".png", paths)
+        known = None if camera is None else read_camera(camera)
+        name = sensor or preset_of(camera)
+        base = read_sensor(name, max_depth=max_depth, resolution=resolution)
+
+        from planewise.calibration.calibrate import describe_calibration, pooled
+        from planewise.sensors import save
+
+        job = _Reading(sensor=base, camera=known, depth_scale=depth_scale)
+        cells: list[NoiseCells] = []
+        failed = 0
+        for result in terminal.progress(job.run(paths), len(paths)):
+            if isinstance(result, str):
+                failed += 1
+                terminal.error(result)
+            else:
+                cells.append(result)
+        if not cells:
+            raise typer.Exit(FAILED)
+        found = pooled(cells, base, seed)
+        output.parent.mkdir(parents=True, exist_ok=True)
+        save(found.sensor(base), output, calibration=describe_calibration(found))
+        if picture is not None:
+            from planewise.drawing.noise import draw_noise
+            from planewise.results.image import write_image
+
+            known_noise = base.noise if name is not None and callable(base.noise) else None
+            drawn = draw_noise(found, known_noise, name or "")
+            picture.parent.mkdir(parents=True, exist_ok=True)
+            with written_whole(picture) as partial:
+                write_image(partial, drawn)
+        terminal.show_noise(found, base if name is not None else None)
+        terminal.say(f"{len(cells)} of {len(paths)} frames used, sensor in {output}")
+        if failed:
+            raise typer.Exit(FAILED)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Reading:
+    """What all frames have in common; what is ``None`` their files have to say."""
+
+    sensor: Sensor
+    camera: Camera | None
+    depth_scale: float | None
+
+    def run(self, paths: list[Path]) -> Iterator[NoiseCells | str]:
+        """Cells of every frame, or why it cannot be used."""
+        for path in paths:
+            try:
+                yield self._cells(path)
+            except (ValueError, OSError) as error:
+                yield f"{path.name}: {error}"
+
+    def _cells(self, path: Path) -> NoiseCells:
+        from planewise.calibration.estimate import cells_of_frame
+
+        frame = read_depth(path)
+        camera = self.camera or frame.camera
+        if camera is None:
+            raise PlanewiseError(
+                "camera: the file does not state its intrinsics; give --camera as a preset, "
+                "fx,fy,cx,cy or a file"
+            )
+        scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
+        return cells_of_frame(frame.depth, camera, self.sensor, scale)
+
+
+def _depth_files(given: list[Path]) -> list[Path]:
+    """Files as given, folders as the depth files in them."""
+    paths: list[Path] = []
+    for path in given:
+        if not path.exists():
+            raise PlanewiseError(f"frames: there is no file or folder {path}")
+        paths += list_depth_files(path) if path.is_dir() else [path]
+    return paths
+
+
+def _thinned(paths: list[Path]) -> list[Path]:
+    """At most 300 of the frames, evenly spaced."""
+    count = len(paths)
+    if count <= _MOST_FRAMES:
+        return paths
+    terminal.notice(f"{_MOST_FRAMES} of {count} frames are taken, evenly spaced")
+    return [paths[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
+
+
+def _check_output(path: Path, ending: str, inputs: list[Path]) -> None:
+    """Refuse a file that cannot be written, or that is one of the inputs."""
+    if path.is_dir():
+        raise PlanewiseError(f"output: {path} is a folder; give a file such as sensor{ending}")
+    if path.suffix.lower() != ending:
+        raise PlanewiseError(f"output: expected a {ending} file, got {path.name}")
+    if path.resolve() in {each.resolve() for each in inputs}:
+        raise PlanewiseError(f"output: {path} would be written over; choose another file")
+    parent = next((each for each in path.parents if each.exists()), path.parent)
+    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+        raise PlanewiseError(f"output: {parent} is not a folder that can be written to")

@@ -1,0 +1,147 @@
+"""What the commands have in common: how they report, and how they are given a sensor."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from planewise import sensors
+from planewise.commands import terminal
+from planewise.commands.exit_codes import FAILED, INTERRUPTED
+from planewise.errors import PlanewiseError
+from planewise.files.camera import read_sensor
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.partition import Partitioner
+
+
+class SearchName(StrEnum):
+    """`--search`."""
+
+    joint = "joint"
+    sequential = "sequential"
+
+
+class ObjectiveName(StrEnum):
+    """`--objective`."""
+
+    paper = "paper"
+    spatial = "spatial"
+
+
+class ReassignName(StrEnum):
+    """`--reassign`."""
+
+    normals = "normals"
+
+
+CAMERA_HELP = (
+    "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "
+    "file, or a LiDAR's table of angles. Not needed where an .npz holds K."
+)
+MAX_DEPTH_HELP = "Largest depth in metres; what is beyond is no reading."
+OUTLINES_HELP = (
+    "Write where the planes lie, too: outlines.json, and meshes as planes.obj and planes.ply; with "
+    "--instances each connected piece on its own. Needs the extra 'cloud'."
+)
+RESOLUTION_HELP = "Step between two readings in metres."
+DEPTH_SCALE_HELP = (
+    "Metres per unit of an integer image. Default: what an .npz states, else the resolution."
+)
+
+
+class _OnStderr(logging.Handler):
+    """Shows what the library logs, such as that the first run has to compile."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        terminal.notice(record.getMessage())
+
+
+@contextmanager
+def reported() -> Iterator[None]:
+    """Turn what a user can put right into one line on stderr and exit code 2."""
+    log = logging.getLogger("planewise")
+    log.handlers, log.propagate = [_OnStderr(logging.WARNING)], False
+    try:
+        yield
+    except ValueError as error:
+        terminal.error(str(error))
+    except MemoryError:
+        terminal.error("there is not enough memory for this input")
+    except OSError as error:
+        terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
+    except KeyboardInterrupt:
+        terminal.error("interrupted; nothing was left half-written")
+        raise typer.Exit(INTERRUPTED) from None
+    else:
+        return
+    raise typer.Exit(FAILED)
+
+
+def optional(help_text: str, *names: str) -> typer.models.OptionInfo:
+    """Option that may be left out."""
+    return typer.Option(*names, show_default=False, help=help_text)  # type: ignore[no-any-return]
+
+
+def preset_of(camera: str | None) -> str | None:
+    """Name of the sensor preset that a camera's preset shares, or begins with."""
+    name = "" if camera is None else camera.lower()
+    return next(
+        (each for each in sensors.PRESETS if name == each or name.startswith(f"{each}-")), None
+    )
+
+
+def sensor_of(
+    name: str | None,
+    camera: str | None,
+    noise: str | None,
+    max_depth: float | None,
+    resolution: float | None,
+) -> Sensor:
+    """Sensor as asked for; where it is not named, that of the camera, or one with given noise."""
+    if name is None:
+        name = preset_of(camera)
+    if name is None and noise is None:
+        raise PlanewiseError(
+            f"sensor: give --sensor as one of {', '.join(sensors.PRESETS)}, or at least --noise"
+        )
+    return read_sensor(name, noise=noise, max_depth=max_depth, resolution=resolution)
+
+
+def check_numbers(depth_scale: float | None, seed: int) -> None:
+    """Refuse a scale and a seed that are none."""
+    if depth_scale is not None and not 0 < depth_scale < float("inf"):
+        raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
+    if seed < 0:
+        raise PlanewiseError(f"seed must not be negative, got {seed}")
+
+
+def partition_of(
+    partition: str | None, model: str | None, device: str | None
+) -> tuple[Partitioner | None, Path | None]:
+    """Partition as asked for: one that has a name, or else the file or folder of it."""
+    if partition != "sam" and (model is not None or device is not None):
+        raise PlanewiseError("partition: --sam-model and --sam-device go with --partition sam")
+    if partition is None:
+        return None, None
+    from planewise.partition import NAMES, SegmentAnything, as_partitioner
+
+    if partition == "sam":
+        sam = SegmentAnything()
+        return replace(sam, model=model or sam.model, device=device or sam.device), None
+    if partition in NAMES:
+        return as_partitioner(partition), None
+    if not Path(partition).exists():
+        raise PlanewiseError(
+            f"partition: expected {', '.join(NAMES)}, or a file or folder; there is none named "
+            f"{partition}"
+        )
+    return None, Path(partition)

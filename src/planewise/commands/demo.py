@@ -1,0 +1,54 @@
+"""The command demo: a synthetic room, its planes and their pictures."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planewise.commands import terminal
+from planewise.commands.command_line import reported
+from planewise.commands.jobs import find_planes
+from planewise.errors import PlanewiseError
+from planewise.results.image import write_image, write_results
+from planewise.whole_files import output_folder
+
+
+def demo(
+    output: Annotated[
+        Path, typer.Option("-o", "--output", metavar="OUT", help="Folder for the pictures.")
+    ] = Path("planewise-demo"),
+    seed: Annotated[int, typer.Option(help="Every seed is another room.")] = 0,
+) -> None:
+    """Build a synthetic room, find its planes and draw them."""
+    with reported():
+        if seed < 0:
+            raise PlanewiseError(f"seed must not be negative, got {seed}")
+        with output_folder(output) as folder:
+            from planewise import scenes
+            from planewise.drawing.overlay import draw_labels
+            from planewise.options import Options
+
+            room = scenes.room(seed)
+            options = Options()
+            model, seconds = find_planes(room.depth, room.camera, room.sensor, None, options)
+            write_image(folder / "rgb.png", room.rgb)
+            write_image(folder / "depth.png", room.depth)
+            write_image(folder / "truth.png", draw_labels(room.labels, room.rgb))
+            write_results(
+                folder,
+                model,
+                depth=room.depth,
+                camera=room.camera,
+                sensor=room.sensor,
+                rgb=room.rgb,
+                source="depth.png",
+            )
+        terminal.show_planes(model)
+        terminal.show_summary(model, seconds, output)
+        found = int(room.found(model.labels).sum())
+        terminal.say(
+            f"{found} of the room's {len(room.planes)} planes were found "
+            "(more than half of the joint area in common)"
+        )

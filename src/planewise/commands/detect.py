@@ -1,0 +1,194 @@
+"""The command detect: the planes of a depth image, or of a folder of them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from planewise.commands import terminal
+from planewise.commands.command_line import (
+    CAMERA_HELP,
+    DEPTH_SCALE_HELP,
+    MAX_DEPTH_HELP,
+    OUTLINES_HELP,
+    RESOLUTION_HELP,
+    ObjectiveName,
+    ReassignName,
+    SearchName,
+    check_numbers,
+    optional,
+    partition_of,
+    reported,
+    sensor_of,
+)
+from planewise.commands.exit_codes import FAILED
+from planewise.commands.jobs import Failed, Job
+from planewise.errors import PlanewiseError
+from planewise.files.camera import NOISE_HELP, read_camera
+from planewise.files.depth import list_depth_files
+from planewise.whole_files import parent_folder
+
+
+def detect(
+    depth: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DEPTH",
+            show_default=False,
+            help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them.",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="OUT", show_default=False, help="Folder for the results."
+        ),
+    ],
+    camera: Annotated[
+        str | None,
+        optional(CAMERA_HELP),
+    ] = None,
+    sensor: Annotated[
+        str | None,
+        optional(
+            "Preset (see 'planewise info'), or a file that 'planewise calibrate' wrote. Not "
+            "needed where the camera's preset has the same name, or --noise is given."
+        ),
+    ] = None,
+    noise: Annotated[
+        str | None,
+        optional(
+            f"Standard deviation of a reading: {NOISE_HELP}; or auto: estimated from each frame."
+        ),
+    ] = None,
+    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
+    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
+    depth_scale: Annotated[
+        float | None,
+        optional(DEPTH_SCALE_HELP),
+    ] = None,
+    search: Annotated[
+        SearchName, typer.Option(help="All planes together, or one after the other (the paper's).")
+    ] = SearchName.joint,
+    objective: Annotated[
+        ObjectiveName | None,
+        optional(
+            "What is minimised: an information with a spatial mask code, correlated error and a "
+            "smooth null (the default, joint search only), or the paper's."
+        ),
+    ] = None,
+    instances: Annotated[
+        bool,
+        typer.Option(
+            "--instances",
+            help="Keep surfaces of one plane that do not touch apart (spatial objective).",
+        ),
+    ] = False,
+    significance: Annotated[
+        float,
+        typer.Option(help="Nats a plane has to save beyond its costs (spatial objective)."),
+    ] = 0.0,
+    max_planes: Annotated[
+        int | None, optional("Largest number of planes. Default: 64, sequential 8.")
+    ] = None,
+    confidence: Annotated[
+        float, typer.Option(help="Sequential: probability that a plane's sample is pure.")
+    ] = 0.99,
+    inlier_ratio: Annotated[
+        float, typer.Option(help="Sequential: share of the readings on the smallest plane.")
+    ] = 0.1,
+    reassign: Annotated[
+        ReassignName | None,
+        optional(
+            "The paper's step after the search: readings that fit several planes go to the one "
+            "whose normal is most like theirs (paper's objective)."
+        ),
+    ] = None,
+    partition: Annotated[
+        str | None,
+        optional(
+            "Regions to search: auto, graph, blocks, sam, a label image (PNG, .npy, .npz), or a "
+            "folder of masks; with a folder of depth images, a folder of these of the same names."
+        ),
+    ] = None,
+    sam_model: Annotated[
+        str | None,
+        optional("Folder or hub name of the weights of Segment Anything, for --partition sam."),
+    ] = None,
+    sam_device: Annotated[
+        str | None, optional("Where Segment Anything runs: cpu (the default), cuda, cuda:1 ...")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
+    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
+    rgb: Annotated[
+        Path | None,
+        optional(
+            "Picture of the same view to draw the planes over, and for --partition to look at; "
+            "with a folder of depth images, a folder of pictures of the same names."
+        ),
+    ] = None,
+    outlines: Annotated[bool, typer.Option("--outlines", help=OUTLINES_HELP)] = False,
+) -> None:
+    """Find the planes of a depth image, or of every one in a folder.
+
+    Writes labels.png (16-bit), planes.json, overlay.png and curve.png.
+    """
+    with reported():
+        check_numbers(depth_scale, seed)
+        if rgb is not None and not rgb.exists():
+            raise PlanewiseError(f"rgb: there is no file {rgb}")
+        known_camera = None if camera is None else read_camera(camera)
+        known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
+
+        from planewise.options import Options
+
+        named, regions = partition_of(partition, sam_model, sam_device)
+        options = Options(
+            partition=named,
+            search=search.value,
+            objective=None if objective is None else objective.value,
+            instances=instances,
+            significance=significance,
+            max_planes=max_planes,
+            confidence=confidence,
+            inlier_ratio=inlier_ratio,
+            reassign=None if reassign is None else "normals",
+            rng=seed,
+            threads=threads,
+        )
+        job = Job(
+            sensor=known_sensor,
+            options=options,
+            camera=known_camera,
+            depth_scale=depth_scale,
+            rgb=rgb,
+            outlines=outlines,
+            partition=regions,
+        )
+        if depth.is_dir():
+            _detect_folder(job, depth, output)
+            return
+        done = job.run(depth, output)
+        terminal.show_planes(done.model)
+        terminal.show_summary(done.model, done.seconds, done.folder)
+
+
+def _detect_folder(job: Job, folder: Path, output: Path) -> None:
+    paths = list_depth_files(folder)
+    failed = 0
+    with parent_folder(output):
+        results = terminal.progress(job.run_folder(paths, output), len(paths))
+        for path, result in zip(paths, results, strict=True):
+            if isinstance(result, Failed):
+                failed += 1
+                terminal.error(result.reason)
+                continue
+            planes = "1 plane" if len(result.model) == 1 else f"{len(result.model)} planes"
+            terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
+            if not len(result.model):
+                terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
+    terminal.say(f"{len(paths) - failed} of {len(paths)} frames done, files in {output}")
+    if failed:
+        raise typer.Exit(FAILED)

@@ -1,0 +1,103 @@
+"""The command frames: what a dataset is, how many frames it has, and which of them are damaged."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+
+from planewise import sensors
+from planewise.commands import terminal
+from planewise.commands.command_line import CAMERA_HELP, check_numbers, optional, reported
+from planewise.commands.exit_codes import FAILED
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.camera import read_camera
+
+if TYPE_CHECKING:
+    from planewise.datasets import Dataset, DatasetFrame, PointDataset, PointFrame
+
+_FIRST = 3  # ids that are shown
+
+
+def frames(
+    data: Annotated[
+        Path,
+        typer.Argument(
+            metavar="PATH", show_default=False, help="Folder or file; docs/datasets.md lists kinds."
+        ),
+    ],
+    kind: Annotated[
+        str | None, optional("Kind of dataset. Default: whichever the contents look like.")
+    ] = None,
+    camera: Annotated[str | None, optional(f"Instead of the dataset's. {CAMERA_HELP}")] = None,
+    depth_scale: Annotated[
+        float | None, optional("Metres per unit of integer depth, instead of the dataset's.")
+    ] = None,
+    topic: Annotated[str | None, optional("Topic of a bag, where it has several.")] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Read every frame, and report those that are damaged.")
+    ] = False,
+) -> None:
+    """Say what a dataset is: kind, frames, camera, and with --check what is damaged."""
+    with reported():
+        check_numbers(depth_scale, 0)
+        from planewise import datasets
+
+        known = None if camera is None else read_camera(camera)
+        dataset = datasets.open(data, kind, camera=known, depth_scale=depth_scale, topic=topic)
+        parts = getattr(dataset, "parts", {})
+        known_as = f"{len(parts):,} datasets" if parts else dataset.holds
+        terminal.say(f"{dataset.kind}: {known_as}")
+        some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
+        terminal.say(f"{len(dataset):,} frames: {some}")
+        _show_first(dataset.without_pictures())
+        if check and _damaged(dataset):
+            raise typer.Exit(FAILED)
+
+
+def _show_first(dataset: Dataset | PointDataset) -> None:
+    """Describe the first frame, which tells the camera; where it is damaged, say so."""
+    try:
+        first: DatasetFrame | PointFrame = dataset[0]
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        terminal.warning(str(error))
+        return
+    if hasattr(first, "points"):
+        terminal.say(f"first frame: {len(first.points):,} points")
+        return
+    height, width = first.depth.shape
+    camera = ", ".join(f"{name} {value}" for name, value in first.camera.describe().items())
+    terminal.say(f"camera: {camera}")
+    sensor = getattr(dataset, "sensor", None)
+    preset = next((name for name, each in sensors.PRESETS.items() if each == sensor), None)
+    terminal.say(f"sensor: {preset or 'not stated'}")
+    scale = 1.0 if first.depth_scale is None else first.depth_scale
+    unit = "metres" if first.depth_scale is None else f"units of {1000 * scale:g} mm"
+    readings = scale * first.depth[first.valid].astype(np.float64)
+    far = f", {readings.min():.2f} ... {readings.max():.2f} m" if readings.size else ""
+    terminal.say(
+        f"first frame: {width} x {height}, {unit}, {first.valid.mean():.0%} with a reading{far}"
+    )
+    try:
+        first.camera.check((height, width))
+    except ValueError as error:
+        terminal.warning(str(error))
+
+
+def _damaged(dataset: Dataset | PointDataset) -> int:
+    """Read all frames; report and count those that cannot be read."""
+    damaged = 0
+    for each in terminal.progress(dataset.ids, len(dataset)):
+        try:
+            dataset[each]
+        except MissingExtraError:
+            raise
+        except PlanewiseError as error:
+            damaged += 1
+            terminal.error(str(error))
+    terminal.say(f"{len(dataset) - damaged:,} of {len(dataset):,} frames can be read")
+    return damaged

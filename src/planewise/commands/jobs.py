@@ -1,0 +1,197 @@
+"""From a depth file to a folder of results: what the command line does with each frame."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.camera import Camera
+from planewise.errors import PlanewiseError
+from planewise.files.depth import DepthFile, read_depth
+from planewise.results.image import FILES, OUTLINE_FILES, write_results
+from planewise.sensor import Sensor
+from planewise.whole_files import output_folder
+
+if TYPE_CHECKING:
+    from planewise.model import PlaneModel
+    from planewise.options import Options
+
+_PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".bmp", ".tif", ".tiff")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Done:
+    """A frame whose results are written.
+
+    Attributes
+    ----------
+    model : PlaneModel
+        What was found.
+    seconds : float
+        Time of the detection without files; the first run on a machine compiles in it.
+    folder : Path
+        Where the files are.
+    """
+
+    model: PlaneModel
+    seconds: float
+    folder: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class Failed:
+    """A frame that could not be used, and why."""
+
+    path: Path
+    reason: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Job:
+    """What all frames have in common; what is ``None`` their files have to say.
+
+    Attributes
+    ----------
+    sensor : Sensor
+        Range, resolution and noise.
+    options : Options
+        How to search.
+    camera : Camera, optional
+        Intrinsics.
+    depth_scale : float, optional
+        Metres per unit of integer depth.
+    rgb : Path, optional
+        Picture to draw over; for a folder of frames a folder of pictures of the same names.
+    outlines : bool
+        Write the outlines of the planes, too.
+    partition : Path, optional
+        Regions, as `read_partition` takes them.
+    """
+
+    sensor: Sensor
+    options: Options
+    camera: Camera | None = None
+    depth_scale: float | None = None
+    rgb: Path | None = None
+    outlines: bool = False
+    partition: Path | None = None
+
+    def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
+        """Detect the planes of one file and write the results to the folder `target`.
+
+        `many` says that it is one of several.
+
+        Raises
+        ------
+        ValueError
+            If the file, the camera or the folder cannot be used; then nothing is written.
+        """
+        frame = read_depth(path)
+        camera = self.camera or frame.camera
+        if camera is None:
+            raise PlanewiseError(
+                f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
+                "fx,fy,cx,cy or a file"
+            )
+        scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
+        rgb = self._picture(path, frame)
+        options = self._options(path, rgb, many)
+        _keep_inputs(target, path, self.rgb, self.partition)
+        with output_folder(target) as folder:
+            model, seconds = find_planes(frame.depth, camera, self.sensor, scale, options, rgb)
+            write_results(
+                folder,
+                model,
+                depth=frame.depth,
+                camera=camera,
+                sensor=self.sensor,
+                depth_scale=scale,
+                rgb=rgb,
+                source=path.name,
+            )
+            if self.outlines:
+                self._write_outlines(folder, model, camera)
+        return Done(model=model, seconds=seconds, folder=target)
+
+    def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
+        from planewise.outlines.image import outline_image
+        from planewise.results.outlines import write_outlines
+
+        surfaces = outline_image(
+            model, camera, instances=self.options.instances, max_depth=self.sensor.max_depth
+        )
+        write_outlines(folder, surfaces, frame="x right, y down, z forward, from the camera")
+
+    def run_folder(self, paths: list[Path], target: Path) -> Iterator[Done | Failed]:
+        """Do every file of a list, each into its own folder below `target`.
+
+        A frame that cannot be used is reported, and the others go on.
+        """
+        stems = Counter(path.stem for path in paths)
+        for path in paths:
+            name = path.stem if stems[path.stem] == 1 else path.name
+            try:
+                yield self.run(path, target / name, many=True)
+            except (ValueError, OSError) as error:
+                yield Failed(path=path, reason=str(error))
+
+    def _options(self, path: Path, rgb: NDArray[np.uint8] | None, many: bool) -> Options:
+        """Options for one frame, whose regions may be in a file of their own."""
+        from planewise.partition import SegmentAnything
+
+        if isinstance(self.options.partition, SegmentAnything) and rgb is None:
+            raise PlanewiseError("partition: sam needs a picture of the view; give --rgb")
+        if self.partition is None:
+            return self.options
+        from planewise.results.partition import read_partition
+
+        regions = read_partition(self.partition, path.stem, many=many)
+        return replace(self.options, partition=regions)
+
+    def _picture(self, path: Path, frame: DepthFile) -> NDArray[np.uint8] | None:
+        if self.rgb is None:
+            return frame.rgb
+        from planewise.drawing.overlay import match_picture, read_picture
+
+        source = self.rgb
+        if source.is_dir():
+            found = [source / (path.stem + suffix) for suffix in _PICTURES]
+            source = next((each for each in found if each.is_file()), source / path.stem)
+            if not source.is_file():
+                raise PlanewiseError(f"rgb: {self.rgb} holds no picture named {path.stem}")
+        shape = (frame.depth.shape[0], frame.depth.shape[1])
+        return match_picture(read_picture(source), shape)
+
+
+def find_planes(
+    depth: NDArray[np.generic],
+    camera: Camera,
+    sensor: Sensor,
+    depth_scale: float | None,
+    options: Options,
+    rgb: NDArray[np.uint8] | None = None,
+) -> tuple[PlaneModel, float]:
+    """Detect planes and say how many seconds it took."""
+    from planewise.observation import observe
+    from planewise.search import find
+
+    started = time.perf_counter()
+    model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options, rgb=rgb)
+    return model, time.perf_counter() - started
+
+
+def _keep_inputs(target: Path, *inputs: Path | None) -> None:
+    """Refuse to write over what is read."""
+    written = {(target / name).resolve() for name in (*FILES, *OUTLINE_FILES)}
+    for path in inputs:
+        if path is not None and path.resolve() in written:
+            raise PlanewiseError(
+                f"output: {path} would be written over; choose another folder for the results"
+            )

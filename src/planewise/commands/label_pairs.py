@@ -1,0 +1,122 @@
+"""Predicted and true labels of the same frames, to be scored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from planewise.errors import PlanewiseError
+from planewise.files.labels import RESULT, STORE_FILE, LabelFile, Labelled, label_images
+
+if TYPE_CHECKING:
+    from planewise.batch.store import Store
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pairs:
+    """Frames of two folders.
+
+    Attributes
+    ----------
+    paired : tuple of (str, Path or Labelled, Path)
+        Name, predicted and true file of the frames that both hold.
+    only_predicted, only_true : tuple of str
+        Names that the other folder lacks.
+    """
+
+    paired: tuple[tuple[str, Path | Labelled, Path], ...]
+    only_predicted: tuple[str, ...] = ()
+    only_true: tuple[str, ...] = ()
+
+
+def pair_files(predicted: Path, truth: Path) -> Pairs:
+    """Pair two files, or the files of two folders by name without ending.
+
+    Parameters
+    ----------
+    predicted, truth : Path
+        Label images, or folders of them. A subfolder with a ``labels.png``, as `planewise detect`
+        writes one for each frame, is the frame of the subfolder's name. `predicted` may be a
+        store that `planewise batch` wrote.
+
+    Raises
+    ------
+    PlanewiseError
+        If one is missing, a file where the other is a folder, if a folder holds two files for one
+        frame, or if no frame is in both.
+    """
+    for name, path in (("predicted", predicted), ("truth", truth)):
+        if not path.exists():
+            raise PlanewiseError(f"{name}: there is no file or folder {path}")
+    if (predicted / STORE_FILE).is_file():
+        return pair_store(predicted, truth)
+    if predicted.is_dir() != truth.is_dir():
+        folder = "predicted" if predicted.is_dir() else "truth"
+        raise PlanewiseError(f"{folder} is a folder and the other is not; give two of a kind")
+    if not predicted.is_dir():
+        return Pairs(paired=((_stem(truth), predicted, truth),))
+    found, true = label_images(predicted), label_images(truth)
+    pairs = Pairs(
+        paired=tuple((stem, found[stem], true[stem]) for stem in true if stem in found),
+        only_predicted=tuple(stem for stem in found if stem not in true),
+        only_true=tuple(stem for stem in true if stem not in found),
+    )
+    if not pairs.paired:
+        raise PlanewiseError(
+            f"no frame is in both folders: {predicted} has {len(found)} label images, {truth} has "
+            f"{len(true)}; their names (without ending) must agree"
+        )
+    return pairs
+
+
+def _stem(path: Path) -> str:
+    return path.parent.name if path.name == RESULT and path.parent.name else path.stem
+
+
+@dataclass(frozen=True)
+class StoredLabels:
+    """Labels and planes of one frame of a store."""
+
+    store: Store
+    frame: str
+
+    def read(self) -> LabelFile:
+        """Read them."""
+        frame = self.store[self.frame]
+        return LabelFile(labels=frame.labels, planes=frame.planes)
+
+
+def pair_store(folder: Path, truth: Path) -> Pairs:
+    """Pair the frames of a store with the label images of a folder, by id and name without ending.
+
+    The name may also be that which a store gives the frame's own file.
+
+    Raises
+    ------
+    PlanewiseError
+        If `truth` is no folder, or no frame is in both.
+    """
+    if not truth.is_dir():
+        raise PlanewiseError(f"truth: {truth} is not a folder; the predicted labels are a store")
+    from planewise.batch.frame_names import safe_name
+    from planewise.batch.store import Store
+
+    store, true = Store(folder), label_images(truth)
+    names = {each: each if each in true else safe_name(each, "") for each in store.ids}
+    known = set(names.values())
+    pairs = Pairs(
+        paired=tuple(
+            (each, StoredLabels(store, each), true[name])
+            for each, name in names.items()
+            if name in true
+        ),
+        only_predicted=tuple(each for each, name in names.items() if name not in true),
+        only_true=tuple(each for each in true if each not in known),
+    )
+    if not pairs.paired:
+        raise PlanewiseError(
+            f"no frame is in both: the store {folder} has {len(store)} frames, {truth} has "
+            f"{len(true)} label images; ids and names (without ending) must agree"
+        )
+    return pairs

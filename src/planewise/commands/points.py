@@ -1,0 +1,228 @@
+"""The command `points`: the planes of a point cloud."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from planewise.commands import terminal
+from planewise.commands.command_line import OUTLINES_HELP, check_numbers, optional, reported
+from planewise.errors import PlanewiseError
+from planewise.machine import installed_memory
+from planewise.model import PlaneModel
+from planewise.outlines.outlines import Surface
+from planewise.point_cloud import CloudFile, PointCloud, extent
+from planewise.results.image import OUTLINE_FILES
+from planewise.sensor import Sensor
+from planewise.whole_files import output_folder
+
+_LARGEST = 1e8  # metres that points may lie apart
+_FROM_FILE = "file"
+_AUTO = "auto"
+_NEEDED = 200  # bytes of memory that a point takes in one piece
+_SHORTEST_LINE = 20  # bytes of a point in a text file
+_RESOLUTION = 0.001  # metres; eps of the paper, as for depth images
+
+
+def points(
+    cloud: Annotated[
+        Path,
+        typer.Argument(
+            metavar="CLOUD",
+            show_default=False,
+            help="Point cloud: PLY, PCD, XYZ, TXT, CSV, PTS, .npy, .npz, and with the extra "
+            "'cloud' LAS, LAZ and E57. Metres, z up.",
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "-o", "--output", metavar="OUT", show_default=False, help="Folder for the results."
+        ),
+    ],
+    sigma: Annotated[
+        float | None,
+        optional(
+            "Standard deviation of a point from its surface, in metres; 0.01 is a centimetre."
+        ),
+    ] = None,
+    origin: Annotated[
+        str | None,
+        optional(
+            "Where the scanner stood: x,y,z in the file's coordinates, or 'file' for what the file "
+            "says. Points then lie on its rays, and sigma is along them."
+        ),
+    ] = None,
+    resolution: Annotated[float, typer.Option(help="Step between two readings in metres.")] = (
+        _RESOLUTION
+    ),
+    max_planes: Annotated[int | None, optional("Largest number of planes. Default: 64.")] = None,
+    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
+    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
+    outlines: Annotated[bool, typer.Option("--outlines", help=OUTLINES_HELP)] = False,
+    instances: Annotated[
+        bool,
+        typer.Option("--instances", help="With --outlines: each connected piece on its own."),
+    ] = False,
+    tiles: Annotated[
+        str,
+        typer.Option(
+            metavar="auto|N",
+            help="Points of a tile, for clouds larger than memory; the result is the same. 'auto': "
+            "none while the cloud fits into half of the memory at 200 bytes a point.",
+        ),
+    ] = _AUTO,
+    las: Annotated[
+        bool, typer.Option("--las", help="Write labelled.las, too; done anyway for LAS and LAZ.")
+    ] = False,
+) -> None:
+    """Find the planes of a point cloud.
+
+    Writes labelled.ply (plane of each point), planes.json, preview.png and curve.png; for LAS and
+    LAZ a copy with the dimension 'plane', too.
+    """
+    with reported():
+        check_numbers(None, seed)
+        if sigma is None:
+            raise PlanewiseError(
+                "sigma: give --sigma, the standard deviation of a point from its surface in "
+                "metres, such as 0.01; points alone do not tell it"
+            )
+        if not 0 < sigma < float("inf"):
+            raise PlanewiseError(f"sigma must be a positive number of metres, got {sigma}")
+        place = None if origin is None else _check_origin(origin)
+
+        from planewise.clouds.memory import Disk, Memory
+        from planewise.detect_in_cloud import points_on_disk
+        from planewise.files.cloud import open_cloud
+        from planewise.results.cloud import CLOUD_FILES, las_name, write_cloud_results
+
+        names = [*CLOUD_FILES, *(OUTLINE_FILES if outlines else ())]
+        names += [name for name in (las_name(cloud, las),) if name]
+        if cloud.resolve() in {(output / name).resolve() for name in names}:
+            raise PlanewiseError(
+                f"output: {cloud} would be written over; choose another folder for the results"
+            )
+        file = open_cloud(cloud)
+        tile_points = _tile_points(tiles, file)
+        if tile_points and origin == _FROM_FILE and file.origins is not None:
+            _check_one_origin(len(file.origins))
+        with output_folder(output) as folder:
+            memory = Disk(folder) if tile_points else Memory()
+            read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
+            stood = None if origin is None else _origin(place, read)
+            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=sigma)
+            options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
+            if tile_points:
+                options |= {"tile_points": tile_points, "folder": folder}
+            model, seconds = _find(read, sensor, stood, options)
+            surfaces: tuple[Surface, ...] = ()
+            if outlines:
+                from planewise.outlines.cloud import outline_points
+                from planewise.results.outlines import write_outlines
+
+                surfaces = outline_points(model, read.points, instances=instances)
+                write_outlines(folder, surfaces, frame="the cloud file's", offset=read.offset)
+            write_cloud_results(
+                folder,
+                model,
+                cloud=read,
+                sensor=sensor,
+                source=cloud,
+                las=las,
+                surfaces=surfaces,
+                memory=memory,
+            )
+        terminal.show_planes(model)
+        terminal.show_summary(model, seconds, output)
+
+
+def _tile_points(text: str, file: CloudFile) -> int:
+    """Points of a tile; 0 for the cloud in one piece."""
+    from planewise.detect_in_cloud import TILE_POINTS
+
+    if text == _AUTO:
+        count = file.count
+        if count is None:
+            count = file.path.stat().st_size // _SHORTEST_LINE
+        memory = installed_memory()
+        return TILE_POINTS if memory and _NEEDED * count > memory // 2 else 0
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise PlanewiseError(
+            f"tiles must be a number of points, such as 4000000, or '{_AUTO}', got '{text}'"
+        )
+    return number
+
+
+def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+    """Place that is asked for; None for the one in the file."""
+    if text == _FROM_FILE:
+        return None
+    try:
+        place = np.array([float(word) for word in text.split(",")])
+    except ValueError:
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise PlanewiseError(
+            f"origin must be x,y,z in metres, or '{_FROM_FILE}' for the file's own, got '{text}'"
+        )
+    return place
+
+
+def _check_one_origin(scans: int) -> None:
+    if scans > 1:
+        raise PlanewiseError(
+            f"origin: the file has {scans} scans, and a cloud in tiles one place of a scanner; "
+            "leave --origin out, or search the scans one by one"
+        )
+
+
+def _origin(
+    place: np.ndarray[Any, np.dtype[np.float64]] | None, cloud: PointCloud
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Where the scanner stood, relative to the cloud's offset: (3,), or (k, 3) for many scans."""
+    if place is not None:
+        return np.asarray(place - cloud.offset)
+    if cloud.origins is None:
+        raise PlanewiseError("origin: the file does not say where its scanner stood; give x,y,z")
+    if len(cloud.origins) == 1 or cloud.scan is None:
+        return np.asarray(cloud.origins[0])
+    return np.asarray(cloud.origins[cloud.scan])
+
+
+def _extent(cloud: PointCloud, resolution: float) -> float:
+    """R of the paper: the diagonal of the box around the points, which no coordinate exceeds."""
+    sides = np.ptp(extent(cloud.points), axis=0).astype(np.float64)
+    if not sides.max() <= _LARGEST:
+        raise PlanewiseError(
+            f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "
+            "expected metres"
+        )
+    return max(float(np.linalg.norm(sides)), 10 * resolution)
+
+
+def _find(
+    cloud: PointCloud,
+    sensor: Sensor,
+    origin: np.ndarray[Any, np.dtype[np.float64]] | None,
+    options: dict[str, Any],
+) -> tuple[PlaneModel, float]:
+    from planewise.detect import detect_planes_in_points
+    from planewise.detect_in_cloud import detect_planes_in_cloud
+
+    if origin is not None:
+        options = {**options, "origin": origin}
+    started = time.perf_counter()
+    if "tile_points" in options:
+        model = detect_planes_in_cloud(cloud, sensor, **options)
+    else:
+        model = detect_planes_in_points(cloud.points, sensor, **options)
+    return model, time.perf_counter() - started

@@ -1,0 +1,243 @@
+"""What the command line prints: results on stdout, everything else on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from planewise.metrics.confidence import Interval
+from planewise.model import PlaneModel
+from planewise.sensor import Sensor
+
+if TYPE_CHECKING:
+    from planewise.calibration.estimate import NoiseEstimate
+    from planewise.reproduce.section import Check
+
+_OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
+
+Array = NDArray[np.float64]
+Item = TypeVar("Item")
+
+_BAR = 30  # characters of the longest bar
+
+
+def error(message: str) -> None:
+    """Say on stderr, in one line, what is wrong."""
+    _line(_ERR, ("error: ", "bold red"), (message, ""))
+
+
+def warning(message: str) -> None:
+    """Say on stderr what is unusual."""
+    _line(_ERR, ("warning: ", "bold yellow"), (message, ""))
+
+
+def notice(message: str) -> None:
+    """Say on stderr what goes on."""
+    _line(_ERR, (message, "dim"))
+
+
+def say(message: str) -> None:
+    """Print a line of the result."""
+    _line(_OUT, (message, ""))
+
+
+def errors() -> Console:
+    """Console of stderr, for what is drawn on it."""
+    return _ERR
+
+
+def draws_bars() -> bool:
+    """Whether stderr is a terminal."""
+    return _ERR.is_terminal
+
+
+def _line(console: Console, *parts: tuple[str, str]) -> None:
+    text = Text()
+    for part, style in parts:
+        text.append(" ".join(part.split()), style=style)
+        text.append(" " if part.endswith(" ") else "")
+    console.print(text, soft_wrap=True)
+
+
+def show_planes(model: PlaneModel) -> None:
+    """Print a table of the planes, best first."""
+    if not len(model):
+        return
+    gap = 2 if _OUT.width >= 90 else 1
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
+    for name in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for rank, plane in enumerate(model.planes, start=1):
+        normal = " ".join(f"{part:6.3f}" for part in plane.normal)
+        table.add_row(
+            str(rank),
+            f"{plane.information:,.0f}",
+            f"{plane.count:,}",
+            f"{plane.count / model.readings:.1%}",
+            normal,
+            f"{plane.distance:z.3f} m",
+            f"{plane.area:.3f} m2" if np.isfinite(plane.area) else "",
+            f"{1000 * plane.rms:.1f} mm",
+        )
+    _show(table)
+
+
+def _show(table: Table) -> None:
+    # A narrow terminal may break lines, but no number is cut off.
+    Console(width=max(_OUT.width, 80), highlight=False).print(table)
+
+
+def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
+    """Print how many planes there are, what they are worth and where the files are."""
+    planes = "1 plane" if len(model) == 1 else f"{len(model)} planes"
+    say(
+        f"{planes}, Phi = {model.information:,.0f} nats ({model.curve[0]:,.0f} without planes), "
+        f"{model.readings:,} readings, {1000 * seconds:.0f} ms"
+    )
+    say(f"files in {folder}")
+    if not len(model):
+        warning(f"no plane was found: {model.note}")
+
+
+def show_scores(scores: Mapping[str, Interval]) -> None:
+    """Print a table of means over frames; what is defined on no frame is left out."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table.add_column("score")
+    for name in ("mean", "95 % confidence interval", "frames"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for name, score in scores.items():
+        if not score.count:
+            continue
+        interval = f"{score.low:z.4f} ... {score.high:z.4f}" if score.count > 1 else ""
+        table.add_row(name, f"{score.mean:z.4f}", interval, str(score.count))
+    _OUT.print(table)
+
+
+def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
+    """Print what the bins of depth say, beside a known sensor, and the curves through them."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    names = ["depth", "sigma", "curve", "95 % band", "step", "flat cells"]
+    for name in (*names, *([] if known is None else ["preset"])):
+        table.add_column(name, justify="right", no_wrap=True)
+    bins = found.bins
+    curve = found.noise(bins.depth)
+    preset = None if known is None else known.sigma(bins.depth)
+
+    def mm(metres: float) -> str:
+        return f"{1000 * metres:.2f}"
+
+    for k, depth in enumerate(bins.depth):
+        row = [f"{depth:.2f} m", f"{mm(bins.sigma[k])} mm", mm(curve[k])]
+        row += [f"{mm(bins.low[k])} ... {mm(bins.high[k])}", mm(bins.step[k])]
+        row += [f"{bins.cells[k]:,}", *([] if preset is None else [mm(preset[k])])]
+        table.add_row(*row)
+    _show(table)
+    say(f"noise: {found.noise}")
+    say(f"white: {found.white}, quantisation: {found.quantisation}")
+    say(f"shared: {found.shared}, drift: {found.drift} over 100 px")
+
+
+def show_machine(machine: Mapping[str, Any], threads: int) -> None:
+    """Print what times are measured on."""
+    say(f"{machine['processor']}, threads used: {threads} of {machine['processors']}")
+    say(", ".join(f"{name} {each}" for name, each in machine["versions"].items()))
+
+
+def show_times(milliseconds: Array, first: float) -> None:
+    """Print median, spread and rate of equal calls, and how long the one before them took."""
+    low, middle, high = np.percentile(milliseconds, (25, 50, 75))
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for name in ("median", "quartiles", "fastest ... slowest", "frames/s", "calls", "first call"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_row(
+        f"{middle:.2f} ms",
+        f"{low:.2f} ... {high:.2f}",
+        f"{milliseconds.min():.2f} ... {milliseconds.max():.2f}",
+        f"{1e3 / middle:.1f}",
+        str(len(milliseconds)),
+        f"{first:.0f} ms",
+    )
+    _show(table)
+
+
+def show_stages(stages: Mapping[str, Array]) -> None:
+    """Print the median of every stage, and its share as a number and a bar."""
+    medians = {name: float(np.median(each)) for name, each in stages.items()}
+    whole, most = sum(medians.values()), max(medians.values())
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table.add_column("stage")
+    for name in ("median", "share"):
+        table.add_column(name, justify="right", no_wrap=True)
+    table.add_column("")
+    for name, each in medians.items():
+        bar = ("#" if _OUT.options.ascii_only else "█") * round(_BAR * each / most)
+        table.add_row(name, f"{each:.2f} ms", f"{each / whole:.0%}", Text(bar, style="blue"))
+    _show(table)
+
+
+def show_checks(checks: Mapping[str, Sequence[Check]]) -> None:
+    """Print claims and targets of every part of a report, and whether they hold."""
+    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    for name in ("", "what should hold", "measured"):
+        table.add_column(name)
+    for title, rows in checks.items():
+        if rows:
+            table.add_row("", Text(title, style="bold"), "")
+        for check in rows:
+            verdict = Text(check.verdict, style="green" if check.met else "red")
+            table.add_row(verdict, f"{check.source}: {check.text}", check.measured)
+    if table.row_count:
+        _show(table)
+
+
+def show_table(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
+    """Print a table of text; the first column is a name."""
+    table = Table(
+        box=None, pad_edge=False, header_style="bold", title=title, title_justify="left",
+        title_style="bold", padding=(0, 2 if _OUT.width >= 90 else 1, 0, 0),
+    )  # fmt: skip
+    for name in columns:
+        table.add_column(name, justify="left" if name in (columns[0], "noise") else "right")
+    for row in rows:
+        table.add_row(*row)
+    _OUT.print()
+    _OUT.print(table)
+
+
+def progress(items: Iterable[Item], total: int) -> Iterator[Item]:
+    """Show a bar on stderr while the items pass; it makes way for lines that are printed."""
+    if not _ERR.is_terminal:
+        yield from items
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_ERR, transient=True) as bar:
+        task = bar.add_task("", total=total)
+        for item in items:
+            bar.stop()
+            yield item
+            bar.advance(task)
+            bar.start()
+
+
+@contextmanager
+def bar(total: int) -> Iterator[Callable[[int], None]]:
+    """Show a bar on stderr; give what is to be told how many are done."""
+    if not _ERR.is_terminal:
+        yield lambda done: None
+        return
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=_ERR, transient=True) as shown:
+        task = shown.add_task("", total=total)
+        yield lambda done: shown.update(task, completed=done)

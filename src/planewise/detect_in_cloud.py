@@ -1,0 +1,166 @@
+"""Find planes in clouds larger than memory: points and all that is made of them are on a disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planewise import compilation, threads
+from planewise.clouds.memory import Disk
+from planewise.detect import detect_planes_in_points
+from planewise.files.cloud import open_cloud
+from planewise.model import PlaneModel
+from planewise.options import Options, Seed
+from planewise.paper.evaluate import MAX_PLANES
+from planewise.point_cloud import CloudFile, PointCloud
+from planewise.sensor import Sensor
+from planewise.stages import stage
+
+TILE_POINTS = 4_000_000
+"""Points of a tile unless another number is asked for."""
+
+_LARGEST = 2**32 - 1  # points
+
+
+def detect_planes_in_cloud(
+    cloud: str | Path | CloudFile | PointCloud,
+    sensor: Sensor,
+    *,
+    origin: ArrayLike | None = None,
+    tile_points: int = TILE_POINTS,
+    folder: str | Path | None = None,
+    instances: bool = False,
+    significance: float = 0.0,
+    max_planes: int | None = None,
+    rng: Seed = 0,
+    threads: int | None = None,
+) -> PlaneModel:
+    """Find the planes of a cloud that may be larger than memory, a tile at a time.
+
+    The result is that of `detect_planes_in_points` for all points at once.
+
+    Parameters
+    ----------
+    cloud : path, CloudFile or PointCloud
+        File, or points that lie on a disk (`points_on_disk`).
+    sensor : Sensor
+        As in `detect_planes_in_points`.
+    origin : array_like, shape (3,), optional
+        Where the scanner stood, relative to the cloud's offset: noise is then along the rays from
+        there.
+    tile_points : int
+        Points of a tile. A cloud of no more is searched in memory.
+    folder : path, optional
+        Where temporary files without a name are put, some 70 to 250 bytes a point; by default
+        beside the cloud's file, else the system's folder for them.
+    instances, significance, max_planes, rng, threads
+        See `Options`.
+
+    Returns
+    -------
+    PlaneModel
+        Planes are relative to the cloud's offset. `labels`, shape (k,) in the order of the file, is
+        an array like any other whose content lies in a temporary file; it goes when the array does.
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed.
+    PlanewiseError
+        If the file is damaged, or temporary files cannot be written.
+    """
+    options = Options(
+        instances=instances,
+        significance=significance,
+        max_planes=max_planes,
+        rng=rng,
+        threads=threads,
+    ).resolved(spatial=True)
+    if tile_points < 1:
+        raise ValueError(f"tile_points must be at least 1, got {tile_points}")
+    place = None if origin is None else np.asarray(origin, np.float64)
+    if place is not None and not (place.shape == (3,) and np.isfinite(place).all()):
+        raise ValueError(f"origin must be three finite numbers (metres), got {origin!r}")
+    if isinstance(cloud, str | Path):
+        cloud = open_cloud(cloud)
+    if folder is None and isinstance(cloud, CloudFile):
+        folder = cloud.path.parent
+    disk = Disk(None if folder is None else Path(folder))
+    if isinstance(cloud, CloudFile):
+        cloud = points_on_disk(cloud, disk)
+    points = cloud.points
+    if len(points) <= tile_points:
+        return detect_planes_in_points(
+            points,
+            sensor,
+            origin=place,
+            instances=instances,
+            significance=significance,
+            max_planes=max_planes,
+            rng=rng,
+            threads=threads,
+        )
+    if len(points) > _LARGEST:
+        raise ValueError(f"cloud must have at most {_LARGEST:,} points, got {len(points):,}")
+    return _find_in_tiles(points, sensor, place, options, tile_points, disk)
+
+
+def _find_in_tiles(
+    points: NDArray[np.floating],
+    sensor: Sensor,
+    origin: NDArray[np.float64] | None,
+    options: Options,
+    tile_points: int,
+    disk: Disk,
+) -> PlaneModel:
+    compilation.announce()
+    # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.model import found_in, nothing_in, ranked_model
+    from planewise.clouds.tiles import tiled_cloud
+    from planewise.observation import checked_points
+
+    points = checked_points(points, sensor)
+    workers, settings = options.threads or threads.available(), options.describe()
+    most = options.max_planes or MAX_PLANES
+    with stage("observe"):
+        cloud = tiled_cloud(points, sensor, origin, workers, tile_points, disk)
+    if cloud is None:
+        finite = int(np.isfinite(points).all(axis=1).sum())
+        return nothing_in(len(points), finite, sensor, settings)
+    found = found_in(cloud, sensor, options.instances, options.significance, most)
+    return ranked_model(len(points), found, sensor, most, settings)
+
+
+def points_on_disk(file: CloudFile, disk: Disk) -> PointCloud:
+    """Copy the points of a file, and their intensities, to a disk.
+
+    Parameters
+    ----------
+    file : CloudFile
+        Read block by block.
+    disk : Disk
+        Where the arrays of the result lie.
+
+    Returns
+    -------
+    PointCloud
+        Without colours, labels and scans.
+    """
+    points, intensity = None, disk.growing(np.float32)
+    count, shining = 0, 0
+    for block in file.chunks():
+        if points is None:
+            points = disk.growing(block.points.dtype, 3)
+        points.append(block.points)
+        count += len(block)
+        if block.intensity is not None:
+            intensity.append(block.intensity)
+            shining += len(block)
+    return PointCloud(
+        points=np.empty((0, 3)) if points is None else points.array(),
+        offset=file.offset,
+        intensity=intensity.array() if shining == count > 0 else None,
+        origins=file.origins,
+    )

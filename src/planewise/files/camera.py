@@ -1,0 +1,342 @@
+"""Cameras and sensors as users write them down: preset names, numbers, calibration files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planewise import cameras, noise, sensors
+from planewise.camera import Camera, PinholeCamera
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.files.lidar import is_spherical, spherical_camera
+from planewise.noise import AUTO, Noise, Polynomial
+from planewise.sensor import Sensor
+
+_MAX_BYTES = 1_000_000  # calibrations are a page of text
+_PLAIN_MODELS = {"", "none", "plumb_bob", "radtan", "brown_conrady", "pinhole", "opencv"}
+
+NOISE_HELP = (
+    "0.005 or 5mm (the same at every depth), 1% (of the depth), a formula in z such as "
+    "'0.001 + 0.002*z^2' or '0.0012 + 0.0019*(z - 0.4)^2', or a preset's name"
+)
+
+
+def read_camera(text: str) -> Camera:
+    """Camera from a preset's name, four numbers or a calibration file.
+
+    Parameters
+    ----------
+    text : str
+        A key of `planewise.cameras.PRESETS`; or ``"fx,fy,cx,cy"`` in pixels; or the path of a JSON
+        or YAML file, ROS ``camera_info`` included. A file states the intrinsics as ``K``,
+        ``camera_matrix``, ``intrinsic_matrix`` or ``intrinsics`` (nine numbers, three rows or four
+        numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``,
+        ``distortion_coefficients`` or ``distortion`` in the order k1, k2, p1, p2, k3. A LiDAR's
+        file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's metadata
+        (`planewise.files.lidar`).
+
+    Returns
+    -------
+    Camera
+        Where the file states the size of the image, so does the camera.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is none of these, or the camera is neither a pinhole with radial-tangential distortion
+        nor a LiDAR.
+    """
+    if text.lower() in cameras.PRESETS:
+        return cameras.PRESETS[text.lower()]
+    if re.fullmatch(r"[-+.\deE\s]+(,[-+.\deE\s]*)+", text):
+        return _from_numbers(text)
+    path = Path(text)
+    if not path.is_file():
+        raise PlanewiseError(
+            f"camera: {text!r} is neither a preset ({', '.join(cameras.PRESETS)}), "
+            "nor fx,fy,cx,cy in pixels, nor a file"
+        )
+    try:
+        content = read_mapping(path)
+        values = {str(key).lower(): value for key, value in content.items()}
+        return spherical_camera(values) if is_spherical(values) else camera_of_mapping(content)
+    except PlanewiseError as error:
+        if isinstance(error, MissingExtraError):
+            raise
+        raise PlanewiseError(f"camera: {path.name} {error}") from None
+    except ValueError as error:
+        raise PlanewiseError(f"{error} (from {path.name})") from None
+
+
+def read_sensor(
+    name: str | None,
+    *,
+    noise: str | None = None,
+    max_depth: float | None = None,
+    resolution: float | None = None,
+) -> Sensor:
+    """Sensor from a preset's name or a file, with parts of it replaced.
+
+    Parameters
+    ----------
+    name : str, optional
+        A key of `planewise.sensors.PRESETS`, or the path of a file that ``planewise calibrate``
+        wrote; ``None`` means `planewise.Sensor` as it is by default.
+    noise : str, optional
+        As `read_noise` takes it, or "auto": estimated from each frame.
+    max_depth, resolution : float, optional
+        Metres.
+
+    Raises
+    ------
+    PlanewiseError
+        If the preset or the noise is unknown, or the file describes no sensor.
+    ValueError
+        If the numbers make no sensor.
+    """
+    base = Sensor()
+    if name is not None and name.lower() in sensors.PRESETS:
+        base = sensors.PRESETS[name.lower()]
+    elif name is not None and (Path(name).is_file() or name.lower().endswith(".json")):
+        base = sensors.load(name)
+    elif name is not None:
+        raise PlanewiseError(
+            f"sensor: {name!r} is neither a preset ({', '.join(sensors.PRESETS)}) nor a file, "
+            "such as planewise calibrate writes"
+        )
+    changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
+    if noise is not None:
+        auto = noise.strip().lower() == AUTO
+        changes["noise"] = AUTO if auto else read_noise(noise)
+        base = replace(base, parts=None)  # they were those of another noise
+    given = {key: value for key, value in changes.items() if value is not None}
+    return replace(base, **given)
+
+
+def read_noise(text: str) -> Noise:
+    """Noise model from its short form.
+
+    Parameters
+    ----------
+    text : str
+        ``"0.005"`` or ``"5mm"``: sigma is the same at every depth. ``"1%"``: a share of the depth.
+        ``"a + b*z + c*z^2"``, ``"a + c*(z - d)^2"``: a formula in metres, any term may be left
+        out. ``"kinect"`` or a key of `planewise.sensors.PRESETS`: that sensor's noise.
+
+    Returns
+    -------
+    callable
+        sigma(z) in metres.
+
+    Raises
+    ------
+    PlanewiseError
+        If the text is none of these, or sigma is not positive and finite.
+
+    Examples
+    --------
+    >>> print(read_noise("5mm"))
+    0.005 m
+    >>> print(read_noise("0.0012 + 0.0019*(z - 0.4)^2"))
+    0.0012 + 0.0019 (z - 0.4)^2 m
+    """
+    name = text.strip().lower()
+    if name == "kinect":
+        return noise.KINECT
+    if name in sensors.PRESETS:
+        model = sensors.PRESETS[name].noise
+        assert callable(model)
+        return model
+    try:
+        if number := re.fullmatch(rf"({_NUMBER})\s*%", name):
+            return noise.proportional(float(number[1]) / 100)
+        if number := re.fullmatch(rf"({_NUMBER})\s*mm", name):
+            return noise.constant(float(number[1]) / 1000)
+        return _formula(name.removesuffix("m"))
+    except ValueError as error:
+        detail = f" ({error})" if str(error) else ""
+        raise PlanewiseError(f"noise: {text!r} is not {NOISE_HELP}{detail}") from None
+
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|[-+]?inf"
+_TERM = re.compile(
+    rf"\s*(?P<size>{_NUMBER})?\s*\*?\s*"
+    r"(?:(?P<linear>z)(?!\s*(?:\^|\*\*))|(?P<square>z|\(\s*z\s*-\s*(?P<offset>[\d.e-]+)\s*\))"
+    r"\s*(?:\^|\*\*)\s*2)?\s*(?:\+|$)"
+)
+
+
+def _formula(text: str) -> Polynomial:
+    """Parse a sum of terms: a number, number*z, number*z^2, number*(z - number)^2."""
+    terms = {"constant": 0.0, "linear": 0.0, "quadratic": 0.0, "offset": 0.0}
+    seen: set[str] = set()
+    at = 0
+    while at < len(text):
+        term = _TERM.match(text, at)
+        if term is None or not term[0].strip(" +"):
+            raise ValueError(f"cannot read {text[at:].strip()!r}")
+        size = 1.0 if term["size"] is None else float(term["size"])
+        name = "linear" if term["linear"] else "quadratic" if term["square"] else "constant"
+        if name in seen:
+            raise ValueError(f"two {name} terms")
+        seen.add(name)
+        terms[name] = size
+        terms["offset"] = float(term["offset"] or 0) or terms["offset"]
+        at = term.end()
+    if not seen or text.rstrip().endswith("+"):
+        raise ValueError
+    return Polynomial(**terms)
+
+
+def _from_numbers(text: str) -> PinholeCamera:
+    try:
+        fx, fy, cx, cy = (float(part) for part in text.split(","))
+    except ValueError:
+        raise PlanewiseError(
+            f"camera: expected four numbers fx,fy,cx,cy in pixels, got {text!r}"
+        ) from None
+    return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
+
+
+def read_mapping(path: Path) -> Mapping[str, Any]:
+    """Named values of a JSON or YAML file; those of a part ``camera`` stand beside the others.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is too large, or neither of the two.
+    """
+    if path.stat().st_size > _MAX_BYTES:
+        raise PlanewiseError("is too large to be a calibration file")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise PlanewiseError("is not a text file; expected JSON or YAML") from None
+    try:
+        content = json.loads(text)
+    except RecursionError:
+        raise PlanewiseError("is nested too deeply to be a calibration file") from None
+    except json.JSONDecodeError as error:
+        if path.suffix.lower() == ".json":
+            raise PlanewiseError(f"is not valid JSON ({error})") from None
+        content = _parse_yaml(text)
+    if not isinstance(content, dict):
+        raise PlanewiseError(
+            "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
+        )
+    inner = content.get("camera", content.get("intrinsics"))
+    return {**content, **inner} if isinstance(inner, dict) else content
+
+
+def _parse_yaml(text: str) -> Any:
+    try:
+        import yaml
+    except ImportError:
+        raise MissingExtraError("pyyaml", "reading YAML files") from None
+    # OpenCV writes its own YAML: a "%YAML:1.0" line and tagged matrices.
+    text = re.sub(r"\A%YAML:1\.0\s*", "", text).replace("!!opencv-matrix", "")
+    try:
+        # An echoed ROS message ends with a document separator.
+        return next((part for part in yaml.safe_load_all(text) if part is not None), None)
+    except (yaml.YAMLError, RecursionError) as error:
+        first = in_one_line(error)
+        raise PlanewiseError(f"is not valid YAML ({first})") from None
+
+
+def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
+    """Camera of named values, as files state them; see `read_camera`.
+
+    Raises
+    ------
+    PlanewiseError
+        If they describe no pinhole with radial-tangential distortion.
+    """
+    values = {str(key).lower(): value for key, value in content.items()}
+    fx, fy, cx, cy = _intrinsics(values)
+    width = _first(values, "width", "image_width")
+    height = _first(values, "height", "image_height")
+    return PinholeCamera(
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        width=int(width) if width else None,  # ROS writes 0 for "unknown"
+        height=int(height) if height else None,
+        distortion=_distortion(values),
+    )
+
+
+def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
+    matrix = _first(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
+    if matrix is None or (isinstance(matrix, dict) and "data" not in matrix):
+        numbers = [_first(values, *names) for names in (("fx",), ("fy",), *_CENTRES)]
+        if any(number is None for number in numbers):
+            raise PlanewiseError(
+                "states no intrinsics; expected K, camera_matrix, intrinsic_matrix, intrinsics, "
+                "or fx, fy, cx and cy"
+            )
+        fx, fy, cx, cy = _numbers(numbers)
+        return fx, fy, cx, cy
+    flat = _numbers(matrix)
+    if flat.size == 4:
+        fx, fy, cx, cy = flat
+        return fx, fy, cx, cy
+    if flat.size != 9:
+        raise PlanewiseError(f"has intrinsics of {flat.size} numbers; expected 9 (or 4)")
+    k = flat.reshape(3, 3)
+    if k[0, 2] == 0 == k[1, 2] and k[2, 0] != 0:
+        k = k.T  # Open3D writes its matrix column by column
+    if not np.allclose((k[1, 0], k[2, 0], k[2, 1], k[2, 2]), (0, 0, 0, 1)):
+        raise PlanewiseError("has intrinsics that are not [[fx, 0, cx], [0, fy, cy], [0, 0, 1]]")
+    if abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
+        raise PlanewiseError(f"has a camera with skew ({k[0, 1]:g}), which is not supported")
+    return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+
+
+_CENTRES = (("cx", "ppx"), ("cy", "ppy"))
+
+
+def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
+    given = _first(values, "d", "distortion_coefficients", "distortion", "dist_coeffs", "coeffs")
+    numbers = np.empty(0) if given is None else _numbers(given)
+    model = str(_first(values, "distortion_model", "model") or "").lower()
+    model = model.removeprefix("distortion.").replace(" ", "_")
+    plain = model in _PLAIN_MODELS
+    # The rational model of eight numbers is the plain one where its last three are zero.
+    if model == "rational_polynomial" and not np.any(numbers[5:]):
+        plain, numbers = True, numbers[:5]
+    if "brown_conrady" in model and not np.any(numbers):
+        plain = True
+    if not plain:
+        raise PlanewiseError(
+            f"has the distortion model {model!r}, which is not supported (plumb_bob is); "
+            "undistort the depth image, or give its rectified camera"
+        )
+    if not np.any(numbers):
+        return ()
+    if numbers.size > 5 and not np.any(numbers[5:]):
+        numbers = numbers[:5]
+    if numbers.size not in (4, 5):
+        raise PlanewiseError(
+            f"has {numbers.size} distortion coefficients; expected k1, k2, p1, p2[, k3]"
+        )
+    return tuple(numbers.tolist())
+
+
+def _first(values: Mapping[str, Any], *names: str) -> Any:
+    return next((values[name] for name in names if values.get(name) is not None), None)
+
+
+def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+    if isinstance(value, dict):
+        value = value.get("data")
+    try:
+        return np.asarray(value, dtype=np.float64).reshape(-1)
+    except (TypeError, ValueError):
+        raise PlanewiseError(f"holds {value!r} where numbers are expected") from None

@@ -1,0 +1,245 @@
+"""LAS and LAZ, by laspy and lazrs: read in blocks, and copied with the planes as a dimension."""
+
+from __future__ import annotations
+
+import logging
+import struct
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.cloud_columns import cloud_of
+from planewise.files.cloud_records import check_length
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
+
+_HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
+_LARGEST = 2**31 - 1
+_FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
+
+
+@contextmanager
+def _reader(path: Path, *, whole: bool = False) -> Iterator[Any]:
+    laspy = load_laspy(f"reading {path.suffix} files")
+    _check_header(path)
+    # Records behind the points may be large, and say nothing about them. The parallel decoder
+    # would allocate whatever a damaged file states, and end the process where it cannot.
+    with laspy.open(path, read_evlrs=whole, laz_backend=laspy.LazBackend.Lazrs) as reader:
+        if reader.header.are_points_compressed:
+            _need_lazrs("reading compressed .laz files")
+            if reader.header.point_count:
+                _check_chunks(path, reader.header.offset_to_point_data)
+        yield reader
+
+
+def _check_header(path: Path) -> None:
+    """Refuse more records than the file has room for; laspy would make them all."""
+    with path.open("rb") as stream:
+        head = stream.read(_HEADER)
+    if head[:4] != b"LASF" or len(head) < _HEADER_1_2:
+        raise PlanewiseError("is no LAS file: it does not begin with LASF and a header")
+    (records,) = struct.unpack_from("<I", head, 100)
+    more = struct.unpack_from("<I", head, 243)[0] if head[25] >= 4 and len(head) == _HEADER else 0
+    if 54 * records + 60 * more > path.stat().st_size:
+        raise PlanewiseError(
+            f"is damaged: it claims {records + more:,} records before and after its points"
+        )
+
+
+def _check_chunks(path: Path, start: int) -> None:
+    """Refuse more pieces of packed points than the file has room for; the decoder trusts them."""
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        places: list[int] = []
+        for at in (start, size - 8):  # where a stream could not go back, the table's place is last
+            stream.seek(max(at, 0))
+            data = stream.read(8)
+            if len(data) < 8:
+                raise PlanewiseError("is cut short: its packed points are missing")
+            places += struct.unpack("<q", data)
+        for place in places:
+            if 0 <= place <= size - 8:
+                stream.seek(place)
+                _, pieces = struct.unpack("<II", stream.read(8))
+                if pieces > size:
+                    raise PlanewiseError(f"is damaged: it claims {pieces:,} pieces of points")
+                return
+    raise PlanewiseError("is damaged or cut short: the table of its packed points is missing")
+
+
+def load_laspy(purpose: str) -> Any:
+    """Import laspy, or say which extra has it."""
+    try:
+        import laspy  # type: ignore[import-untyped, import-not-found, unused-ignore]
+    except ImportError:
+        raise MissingExtraError("laspy", purpose, "cloud") from None
+    # What it logs it raises, too; without a handler Python would print it.
+    logging.getLogger("laspy").addHandler(logging.NullHandler())
+    return laspy
+
+
+def _need_lazrs(purpose: str) -> None:
+    try:
+        import lazrs  # type: ignore[import-untyped, import-not-found, unused-ignore]  # noqa: F401
+    except ImportError:
+        raise MissingExtraError("lazrs", purpose, "cloud") from None
+
+
+def open_las(path: Path) -> CloudFile:
+    """Open a LAS or LAZ file; coordinates are its whole numbers times its scale.
+
+    The offset is of whole hundreds of metres near the middle of the file, and its points are
+    float64, so that nothing of the scaled numbers is lost.
+    """
+    with _reader(path) as reader:
+        header = reader.header
+        count = int(header.point_count)
+        if not header.are_points_compressed:
+            check_length(path, header.offset_to_point_data, count, header.point_format.size)
+        bounds = np.array((header.mins, header.maxs), np.float64)
+        scales, own = np.array(header.scales), np.array(header.offsets)
+        names = set(header.point_format.dimension_names)
+        offset = offset_near(bounds.mean(axis=0)) if np.isfinite(bounds).all() else np.zeros(3)
+        if not np.isfinite((scales, own)).all() or not (scales > 0).all():
+            raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
+        first = reader.read_points(10_000) if count else None
+    sixteen = first is not None and "red" in names and max(
+        int(first[name].max()) for name in ("red", "green", "blue")
+    ) > 255  # fmt: skip
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        done = 0
+        with _reader(path) as reader:
+            for rows in reader.chunk_iterator(size):
+                done += len(rows)
+                yield _cloud(rows, names, scales, own, offset, sixteen=sixteen)
+        if done < count:
+            raise PlanewiseError(f"is cut short: {done:,} of {count:,} points are there")
+
+    return CloudFile(
+        path=path, count=count, offset=offset, blocks=blocks, bounds=bounds if count else None
+    )
+
+
+def _cloud(
+    rows: Any, names: set[str], scales: Array, own: Array, offset: Array, *, sixteen: bool
+) -> PointCloud:
+    # The offsets meet first: they are near each other, and small numbers keep all digits.
+    columns: dict[str, NDArray[Any]] = {
+        name: np.asarray(rows[name.upper()]) * scales[k] + (own[k] - offset[k])
+        for k, name in enumerate("xyz")
+    }
+    if "red" in names:
+        for name in ("red", "green", "blue"):
+            value = np.asarray(rows[name])
+            columns[name] = (value >> 8 if sixteen else value.clip(0, 255)).astype(np.uint8)
+    if "intensity" in names:
+        columns["intensity"] = np.asarray(rows["intensity"])
+    if "plane" in names:
+        columns["plane"] = np.asarray(rows["plane"])
+    block = cloud_of(columns, np.zeros(3))
+    return PointCloud(
+        points=block.points,
+        offset=offset,
+        colour=block.colour,
+        intensity=block.intensity,
+        labels=block.labels,
+    )
+
+
+def copy_with_planes(
+    source: Path, target: Path, labels: NDArray[np.uint16], size: int = 1_000_000
+) -> None:
+    """Copy a LAS or LAZ file with one dimension more, `plane`; all others stay as they are.
+
+    Parameters
+    ----------
+    source : Path
+        File to copy.
+    target : Path
+        New file; its ending says whether it is compressed.
+    labels : ndarray of uint16, shape (k,)
+        Plane of each point, 0 for none.
+    size : int
+        Points held in memory at a time.
+    """
+    laspy = load_laspy("writing .las files")
+    if target.suffix.lower() == ".laz":
+        _need_lazrs("writing .laz files")
+    with _reader(source, whole=True) as reader:
+        header = _with_plane(laspy, reader.header)
+        with laspy.open(target, mode="w", header=header) as writer:
+            done = 0
+            for rows in reader.chunk_iterator(size):
+                out = laspy.ScaleAwarePointRecord.zeros(len(rows), header=header)
+                for name in rows.point_format.dimension_names:
+                    if name != "plane":
+                        out[name] = rows[name]
+                out["plane"] = labels[done : done + len(rows)]
+                writer.write_points(out)
+                done += len(rows)
+            if header.evlrs:
+                writer.write_evlrs(header.evlrs)
+
+
+def _with_plane(laspy: Any, header: Any) -> Any:
+    from copy import deepcopy
+
+    header = deepcopy(header)
+    if "plane" not in set(header.point_format.dimension_names):
+        header.add_extra_dim(
+            laspy.ExtraBytesParams(name="plane", type=np.uint16, description="plane, 0 for none")
+        )
+    return header
+
+
+def write_las(
+    target: Path,
+    blocks: Iterable[tuple[PointCloud, NDArray[np.uint16], NDArray[np.uint8]]],
+    bounds: Array,
+) -> None:
+    """Write points as LAS 1.4 or LAZ with colours and the dimension `plane`.
+
+    Parameters
+    ----------
+    target : Path
+        New file; its ending says whether it is compressed.
+    blocks : iterable of (PointCloud, ndarray, ndarray)
+        Points, their planes, shape (n,), and colours, shape (n, 3). Points that are not finite
+        cannot be written and are left out.
+    bounds : ndarray, shape (2, 3)
+        Of the coordinates, metres. Their extent fixes the step: 32 bits have to hold it.
+    """
+    laspy = load_laspy("writing .las files")
+    if target.suffix.lower() == ".laz":
+        _need_lazrs("writing .laz files")
+    header = laspy.LasHeader(point_format=7, version="1.4")
+    extent = float(np.max(bounds[1] - bounds[0]))
+    header.scales = np.full(3, max(_FINEST, 10.0 ** np.ceil(np.log10(max(extent, 1e-9) / 1e9))))
+    header.offsets = np.round(bounds.mean(axis=0))
+    header = _with_plane(laspy, header)
+    with laspy.open(target, mode="w", header=header) as writer:
+        for cloud, labels, colour in blocks:
+            keep = cloud.finite
+            out = laspy.ScaleAwarePointRecord.zeros(int(keep.sum()), header=header)
+            local = cloud.points[keep] + (cloud.offset - header.offsets)
+            for k, name in enumerate("XYZ"):
+                whole = np.round(local[:, k] / header.scales[k])
+                if np.abs(whole).max(initial=0) > _LARGEST:
+                    raise PlanewiseError(f"{target.name}: coordinates are too far apart for LAS")
+                out[name] = whole.astype(np.int32)
+            out["plane"] = labels[keep]
+            for k, name in enumerate(("red", "green", "blue")):
+                out[name] = colour[keep, k].astype(np.uint16) * 257
+            if cloud.intensity is not None:
+                out["intensity"] = _sixteen_bits(cloud.intensity[keep])
+            writer.write_points(out)
+
+
+def _sixteen_bits(intensity: NDArray[np.float32]) -> NDArray[np.uint16]:
+    scale = 65535.0 if np.nanmax(intensity, initial=0) <= 1 else 1.0
+    return np.asarray(np.nan_to_num(intensity * scale).clip(0, 65535).astype(np.uint16))

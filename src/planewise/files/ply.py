@@ -1,0 +1,232 @@
+"""PLY: points from ASCII and binary files of either byte order, and binary files written.
+
+The format is a few lines of text and rows of numbers (Turk, "The PLY Polygon File Format", 1994).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.errors import PlanewiseError
+from planewise.files.cloud_columns import cloud_of, positions
+from planewise.files.cloud_records import (
+    LONGEST_HEADER,
+    check_length,
+    point_lines,
+    read_rows,
+    read_words,
+)
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "float": "f4", "double": "f8", "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2",
+    "int32": "i4", "uint32": "u4", "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_NAMES = {"i1": "char", "u1": "uchar", "i2": "short", "u2": "ushort", "i4": "int", "u4": "uint",
+          "f4": "float", "f8": "double"}  # fmt: skip
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Element:
+    """Rows of one kind: how many, and name and type of each number; lists have no fixed width."""
+
+    name: str
+    count: int
+    fields: list[tuple[str, str]]
+    lists: bool = False
+
+    def row(self, order: str) -> np.dtype[Any]:
+        return np.dtype([(name, order + kind) for name, kind in self.fields])
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Header:
+    order: str
+    elements: list[_Element]
+    start: int  # byte after it
+
+
+def open_ply(path: Path) -> CloudFile:
+    """Open a PLY file; its element `vertex` is the cloud, `camera` (as PCL writes) the scanner."""
+    header = _read_header(path)
+    before = []
+    for vertex in header.elements:
+        if vertex.name == "vertex":
+            break
+        before.append(vertex)
+    else:
+        raise PlanewiseError("holds no element named vertex, which is where PLY has its points")
+    if vertex.lists:
+        raise PlanewiseError("has lists in its points; a point has one number of each kind")
+    positions([name for name, _ in vertex.fields])
+    names = [name for name, _ in vertex.fields]
+    if not header.order:
+        lines = sum(element.count for element in before)
+        check_length(path, header.start, vertex.count, 2 * len(names))
+        return _ascii(path, header, vertex, lines)
+    if any(element.lists for element in before):
+        raise PlanewiseError("has lists before its points; write the element vertex first")
+    row = vertex.row(header.order)
+    start = header.start + sum(each.count * each.row(header.order).itemsize for each in before)
+    check_length(path, start, vertex.count, row.itemsize)
+    offset = np.zeros(3)
+    for rows in read_rows(path, start, min(vertex.count, 10_000), row, 10_000):
+        offset = offset_of(_coordinates(rows))
+    origins = _camera(path, header, start + vertex.count * row.itemsize, offset)
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        for rows in read_rows(path, start, vertex.count, row, size):
+            yield cloud_of({name: rows[name] for name in names}, offset, origins)
+
+    return CloudFile(path=path, count=vertex.count, offset=offset, origins=origins, blocks=blocks)
+
+
+def _coordinates(rows: NDArray[Any]) -> Array:
+    names = rows.dtype.names
+    assert names is not None
+    return np.stack([rows[names[at]] for at in positions(names)], axis=1).astype(np.float64)
+
+
+def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudFile:
+    names = [name for name, _ in vertex.fields]
+    at = positions(names)
+
+    def tables(size: int, count: int) -> Iterator[NDArray[np.float64]]:
+        with path.open("rb") as stream:
+            stream.seek(header.start)
+            with _as_text(stream) as text:
+                lines = point_lines(text)
+                for _ in range(before):
+                    next(lines, None)
+                yield from read_words(text, len(names), size, count=count)
+
+    offset = np.zeros(3)
+    for table in tables(10_000, min(vertex.count, 10_000)):
+        offset = offset_of(table[:, at])
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        for table in tables(size, vertex.count):
+            columns = {
+                name: table[:, k].astype(kind) if np.isfinite(table[:, k]).all() else table[:, k]
+                for k, (name, kind) in enumerate(vertex.fields)
+            }
+            # The file has decimals, which float64 keeps better whatever the header says.
+            columns |= {name: table[:, k] for k, name in enumerate(names) if k in at}
+            yield cloud_of(columns, offset)
+
+    return CloudFile(path=path, count=vertex.count, offset=offset, blocks=blocks)
+
+
+def _as_text(stream: IO[bytes]) -> Any:
+    import io
+
+    return io.TextIOWrapper(stream, encoding="ascii", errors="replace")
+
+
+def _camera(path: Path, header: _Header, end: int, offset: Array) -> Array | None:
+    """Place of the scanner, where the element `camera` follows the points."""
+    after = header.elements[[each.name for each in header.elements].index("vertex") + 1 :]
+    for element in after:
+        row = element.row(header.order)
+        names = ("view_px", "view_py", "view_pz")
+        if element.name == "camera" and not element.lists and set(names) <= set(row.names or ()):
+            if not element.count or path.stat().st_size < end + row.itemsize:
+                return None
+            place = next(read_rows(path, end, 1, row, 1))[0]
+            origin = np.array([float(place[name]) for name in names])
+            return (origin - offset)[None] if np.isfinite(origin).all() else None
+        if element.lists:
+            return None
+        end += element.count * row.itemsize
+    return None
+
+
+def _read_header(path: Path) -> _Header:
+    with path.open("rb") as stream:
+        head = stream.read(LONGEST_HEADER)
+    if head[:3] != b"ply" or b"end_header" not in head:
+        raise PlanewiseError("is no PLY file: its header does not begin or end as it should")
+    end = head.index(b"end_header")
+    start = head.find(b"\n", end) + 1
+    if start == 0:
+        raise PlanewiseError("is cut short: its header has no end")
+    order, elements = None, []
+    for line in head[:end].decode("ascii", "replace").splitlines()[1:]:
+        words = line.split()
+        match words:
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case ["format", name, _] if name in _ORDERS:
+                order = _ORDERS[name]
+            case ["element", name, number] if number.isdecimal():
+                elements.append(_Element(name=name, count=int(number), fields=[]))
+            case ["property", "list", _, _, name] if elements:
+                last = elements.pop()
+                elements.append(
+                    _Element(name=last.name, count=last.count, fields=last.fields, lists=True)
+                )
+            case ["property", kind, name] if elements and kind in _TYPES:
+                if name in (known for known, _ in elements[-1].fields):
+                    raise PlanewiseError(f"has two properties named {name}")
+                elements[-1].fields.append((name, _TYPES[kind]))
+            case _:
+                raise PlanewiseError(f"has a header line that is not PLY: '{line.strip()[:60]}'")
+    if order is None:
+        raise PlanewiseError(f"states no format; expected one of {', '.join(_ORDERS)}")
+    return _Header(order=order, elements=elements, start=start)
+
+
+def write_ply(
+    path: Path, count: int, blocks: Iterable[Mapping[str, NDArray[Any]]], comments: Iterable[str]
+) -> None:
+    """Write points as binary PLY.
+
+    Parameters
+    ----------
+    path : Path
+        New file.
+    count : int
+        Points in all.
+    blocks : iterable of mapping of str to ndarray, shape (n,)
+        Columns by name, the same names and types in every block.
+    comments : iterable of str
+        Lines for the header.
+    """
+    written = 0
+    with path.open("wb") as stream:
+        for columns in blocks:
+            row = np.dtype([(name, each.dtype.newbyteorder("<")) for name, each in columns.items()])
+            if not written:
+                stream.write(_vertex_header(count, row, comments))
+            rows = np.empty(len(next(iter(columns.values()))), row)
+            for name, each in columns.items():
+                rows[name] = each
+            rows.tofile(stream)
+            written += len(rows)
+        if not written:
+            row = np.dtype([(name, "<f4") for name in "xyz"])
+            stream.write(_vertex_header(0, row, comments))
+    if written != count:
+        raise PlanewiseError(f"{path.name}: {written:,} points came where {count:,} were announced")
+
+
+def _vertex_header(count: int, row: np.dtype[Any], comments: Iterable[str]) -> bytes:
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {each}" for each in comments)]
+    return "\n".join([*lines, *element_header("vertex", count, row), "end_header\n"]).encode()
+
+
+def element_header(name: str, count: int, row: np.dtype[Any]) -> list[str]:
+    """Header lines of an element whose rows have this structure."""
+    kinds = [(each, row[each].str[1:]) for each in row.names or ()]
+    return [
+        f"element {name} {count}",
+        *(f"property {_NAMES[kind]} {each}" for each, kind in kinds),
+    ]

@@ -1,0 +1,126 @@
+"""Text: XYZ, TXT, CSV, ASC and PTS, with or without a line of names."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import StringIO
+from itertools import islice
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from planewise.errors import PlanewiseError
+from planewise.files.cloud_columns import cloud_of, positions
+from planewise.files.cloud_records import is_number, point_lines, read_words
+from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+
+_XYZ = ["x", "y", "z"]
+_LOOK = 10_000  # lines that tell the columns and the offset
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Layout:
+    """Delimiter, names of the columns, lines before the points, and their number if stated."""
+
+    delimiter: str | None
+    names: list[str]
+    skip: int
+    count: int | None
+
+
+def open_xyz(path: Path) -> CloudFile:
+    """Open a text file of points, one a line.
+
+    A first line of names says what the columns are (``//`` or ``#`` may stand before them);
+    otherwise x, y, z come first, then an intensity, or whole numbers up to 255 as colours, or both.
+    A first line of one whole number, as in PTS, is the number of points.
+    """
+    layout = _layout(path)
+    table = next(_tables(path, layout, _LOOK), np.empty((0, len(layout.names))))
+    offset = offset_of(table[:, positions(layout.names)])
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        for table in _tables(path, layout, size):
+            yield cloud_of({name: table[:, k] for k, name in enumerate(layout.names)}, offset)
+
+    return CloudFile(path=path, count=layout.count, offset=offset, blocks=blocks)
+
+
+def _open(path: Path) -> IO[str]:
+    return path.open(encoding="utf-8-sig", errors="replace")
+
+
+def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
+    with _open(path) as stream:
+        for _ in islice(stream, layout.skip):
+            pass
+        yield from read_words(stream, len(layout.names), size, layout.delimiter, layout.count)
+        if layout.count is not None and next(point_lines(stream), None) is not None:
+            raise PlanewiseError(f"holds more than the {layout.count:,} points it claims")
+
+
+def _layout(path: Path) -> _Layout:
+    with _open(path) as stream:
+        head = list(islice(iter(lambda: stream.readline(1 << 16), ""), _LOOK))
+    if not any(line.strip() for line in head):
+        raise PlanewiseError("is empty")
+    if any("\0" in line for line in head):
+        raise PlanewiseError("is no text file")
+    names, count = None, None
+    for before, line in enumerate(head):  # noqa: B007 - used after it
+        text = line.strip()
+        bare = text.lstrip("#/").strip()
+        if not text:
+            continue
+        delimiter = _delimiter(bare)
+        words = [word.strip().strip('"') for word in bare.split(delimiter)]
+        if text.startswith(("#", "//")):
+            # A comment; names of columns where x, y and z are among them.
+            if set(_XYZ) <= {word.lower() for word in words}:
+                names = words
+        elif all(map(is_number, words)):
+            if len(words) == 1 and words[0].isdecimal() and count is None and names is None:
+                count = int(words[0])
+                continue
+            break
+        elif names is None:
+            names = words
+        else:
+            raise PlanewiseError(f"has a second line that is no point: '{text[:60]}'")
+    else:
+        raise PlanewiseError("holds no line of numbers")
+    if names is None:
+        rows = list(islice(point_lines(StringIO("".join(head[before:]))), 1000))
+        names = _usual_names(rows, delimiter, len(words))
+    elif len(names) != len(words):
+        raise PlanewiseError(
+            f"names {len(names)} columns ({', '.join(names)}), but its points have {len(words)}"
+        )
+    positions(names)
+    return _Layout(delimiter=delimiter, names=names, skip=before, count=count)
+
+
+def _delimiter(line: str) -> str | None:
+    return next((each for each in (";", ",", "\t") if each in line), None)
+
+
+def _usual_names(lines: list[str], delimiter: str | None, columns: int) -> list[str]:
+    """Names for columns without: x y z [i] [r g b], what is beyond them unknown."""
+    if columns < 3:
+        raise PlanewiseError(f"has {columns} numbers a line; a point has at least three")
+    rest = [f"column {k + 1}" for k in range(3, columns)]
+    colours = {6: 3, 7: 4}.get(columns)  # where r, g, b would begin
+    if colours is not None and _are_colours(lines, delimiter, colours):
+        rest[-3:] = ["r", "g", "b"]
+    if columns in (4, 7):
+        rest[0] = "intensity"
+    return [*_XYZ, *rest]
+
+
+def _are_colours(lines: list[str], delimiter: str | None, first: int) -> bool:
+    words = [line.split(delimiter)[first : first + 3] for line in lines]
+    return all(
+        word.strip().isdecimal() and int(word) <= 255 for row in words for word in row if row
+    )

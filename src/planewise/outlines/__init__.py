@@ -1,0 +1,1 @@
+"""Outlines of planes: polygons, areas, meshes."""

@@ -1,0 +1,87 @@
+"""Regions of a label image as polygons, by the borders between them.
+
+Regions share their borders: each border line is simplified once, so that neighbours still meet and
+do not overlap.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.outlines.outlines import load_shapely
+
+Labels = NDArray[np.integer]
+
+
+def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
+    """Polygons of every label but 0; pieces are connected by the sides of pixels.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (H, W)
+        0 for no region.
+    tolerance : float
+        How far a simplified border may be from that of the pixels, in pixels; 0 keeps it exactly.
+        Above 0, pieces and holes that are nowhere wider than a pixel are left out. From 1.5 on a
+        straight border at any angle becomes one line.
+
+    Returns
+    -------
+    dict of int to list of shapely.Polygon
+        In pixel coordinates: pixel (row i, column j) is the square around x = j, y = i.
+    """
+    shapely = load_shapely()
+    lines = shapely.line_merge(shapely.multilinestrings(_lines(shapely, labels)))
+    if tolerance:
+        lines = shapely.simplify(lines, tolerance, preserve_topology=True)
+    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+    inside = shapely.point_on_surface(faces)
+    rows = np.clip(np.rint(shapely.get_y(inside)), 0, labels.shape[0] - 1).astype(int)
+    columns = np.clip(np.rint(shapely.get_x(inside)), 0, labels.shape[1] - 1).astype(int)
+    found: dict[int, list[Any]] = {}
+    for face, label in zip(faces, labels[rows, columns].tolist(), strict=True):
+        if label:
+            found.setdefault(label, []).append(face)
+    if tolerance:
+        found = {
+            label: [_open(shapely, piece) for piece in pieces if _wide(piece)]
+            for label, pieces in found.items()
+        }
+    return found
+
+
+def _wide(piece: Any) -> bool:
+    """Whether a piece is somewhere wider than a pixel."""
+    return piece.area > 1 and not piece.buffer(-0.501).is_empty
+
+
+def _open(shapely: Any, piece: Any) -> Any:
+    """Fill the holes that are no wider than a pixel."""
+    kept = [hole for hole in piece.interiors if _wide(shapely.Polygon(hole))]
+    return piece if len(kept) == len(piece.interiors) else shapely.Polygon(piece.exterior, kept)
+
+
+def _lines(shapely: Any, labels: Labels) -> Any:
+    """Straight pieces of all borders, between the corners where borders turn or meet."""
+    padded = np.pad(labels, 1)
+    upright = padded[1:-1, 1:] != padded[1:-1, :-1]  # (H, W + 1): left of pixel j
+    level = padded[1:, 1:-1] != padded[:-1, 1:-1]  # (H + 1, W): above pixel i
+    # A lattice point is a node where lines of both directions end or cross.
+    vertical = np.pad(upright, ((1, 0), (0, 0))) | np.pad(upright, ((0, 1), (0, 0)))
+    horizontal = np.pad(level, ((0, 0), (1, 0))) | np.pad(level, ((0, 0), (0, 1)))
+    nodes = vertical & horizontal
+    runs = [_runs(level, nodes), _runs(upright.T, nodes.T)[:, [1, 0, 3, 2]]]
+    ends = np.concatenate(runs).reshape(-1, 2, 2)[:, :, ::-1] - 0.5  # rows, columns -> x, y
+    return shapely.linestrings(ends)
+
+
+def _runs(edges: NDArray[np.bool_], nodes: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Rows (i, first, i, last) of runs of edges along axis 1, broken at nodes."""
+    before = np.pad(edges, ((0, 0), (1, 0)))[:, :-1]
+    after = np.pad(edges, ((0, 0), (0, 1)))[:, 1:]
+    starts = np.argwhere(edges & (~before | nodes[:, :-1]))
+    stops = np.argwhere(edges & (~after | nodes[:, 1:]))
+    return np.column_stack((starts, stops[:, 0], stops[:, 1] + 1)).astype(np.float64)

@@ -1,0 +1,1 @@
+"""The paper's objective: its terms for every reading, its search and ours."""

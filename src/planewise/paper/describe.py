@@ -1,0 +1,167 @@
+"""What is told of every plane: its readings, how far they lie off, its area and where it is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.kernels import readings as kernels
+from planewise.model import Plane
+from planewise.observation import Observation, RayObservation
+from planewise.paper.evaluate import FEWEST_PARTS, part_count
+
+Array = NDArray[np.float64]
+
+
+def describe(
+    observation: Observation,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.integer],
+    gains: Array,
+    square: Array,
+    workers: int = 1,
+    **told: list[float],
+) -> list[Plane]:
+    """Planes with the statistics of their readings, in the order of their labels.
+
+    Parameters
+    ----------
+    observation : Observation
+        Positions and areas of the readings.
+    rows : ndarray, shape (N, n + 1)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, n + 1, n + 1)
+        Of the rows.
+    labels : ndarray of int, shape (k,)
+        0 for none, j for row j - 1.
+    gains, square : ndarray, shape (k,)
+        What each reading saves, in nats, and its squared residual, in square metres.
+    workers : int
+        Threads.
+    **told
+        What else is known of each plane, by the names of `Plane`.
+    """
+    parts = part_count(observation.count)
+    sums = np.empty((parts, len(rows), 4 + observation.dimension))
+    boxes = np.empty((parts, len(rows), 4), np.int64)
+    if isinstance(observation, RayObservation):
+        direction, depth, solid = observation.rays, observation.depth, observation.solid
+        if observation.ranges:
+            square = _across(rows, labels, direction, depth)
+    else:
+        direction = observation.positions().T.copy()
+        depth, solid = np.ones(observation.count), np.zeros(observation.count)
+    where = observation.index, observation.shape[-1]
+    threads.over_chunks(
+        lambda first, last: kernels.summarise(
+            labels, gains, square, direction, depth, solid, *where, first, last, sums, boxes
+        ),
+        parts,
+        workers,
+        FEWEST_PARTS,
+    )
+    total = sums.sum(axis=0)
+    box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
+    image = isinstance(observation, RayObservation)
+    if isinstance(observation, RayObservation) and observation.camera.wraps:
+        box = _around(box, labels, *where, len(rows))
+    return [
+        plane_of(
+            row,
+            covariances[j],
+            total[j],
+            box[j] if image else None,
+            {name: told[name][j] for name in told},
+        )
+        for j, row in enumerate(rows)
+    ]
+
+
+def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:
+    """Squared distances of readings to their planes, normal . x + distance.
+
+    Many rays of a LiDAR graze the ground: distances along them say little.
+    """
+    mine = np.vstack((np.zeros((1, 4)), rows))[labels]
+    facing = np.einsum("ik,ki->k", direction, mine[:, :3])
+    return np.asarray((ranges * facing + mine[:, 3]) ** 2)
+
+
+def _around(
+    box: NDArray[np.int64],
+    labels: NDArray[np.integer],
+    index: NDArray[np.int64],
+    width: int,
+    planes: int,
+) -> NDArray[np.int64]:
+    """Boxes of planes in a panorama: columns between their widest gap, beyond the last if need be.
+
+    The columns of a plane that lies across the end of the image are left ... right - 1, of which
+    those from `width` on are the first ones of the image.
+    """
+    there = np.zeros((planes + 1, width), bool)
+    there[labels, index % width] = True
+    out = box.copy()
+    for j in range(planes):
+        columns = np.flatnonzero(there[j + 1])
+        gaps = np.diff(columns, append=columns[:1] + width)
+        if columns.size and gaps[:-1].max(initial=0) > gaps[-1]:
+            widest = int(gaps[:-1].argmax())
+            out[j, 1], out[j, 3] = columns[widest + 1], columns[widest] + width + 1
+    return out
+
+
+def describe_labels(
+    observation: RayObservation,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.uint16],
+    **told: list[float],
+) -> list[Plane]:
+    """`paper.describe` for a label image of ranges.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        The readings.
+    rows : ndarray, shape (N, 4)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, 4, 4)
+        Of the rows.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
+    **told
+        What else is known of each plane, by the names of `Plane`.
+    """
+    mine = labels.reshape(-1)[observation.index]
+    nothing = np.zeros(mine.size)
+    return describe(observation, rows, covariances, mine, nothing, nothing, 1, **told)
+
+
+def plane_of(
+    row: Array,
+    covariance: Array,
+    sums: Array,
+    box: NDArray[np.int64] | None,
+    told: Mapping[str, float] | None = None,
+) -> Plane:
+    """One plane, from the sums of its readings that `kernels.readings.summarise` makes."""
+    readings, gain, square, area, *position = sums.tolist()
+    count = max(readings, 1.0)
+    return Plane(
+        **{"information": gain} | dict(told or {}),
+        normal=row[:-1],
+        distance=float(row[-1]),
+        count=int(readings),
+        rms=math.sqrt(max(square, 0.0) / count),
+        centroid=np.array(position) / count,
+        covariance=covariance,
+        # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
+        area=float("nan") if box is None else area / float(row[-1]),
+        bounding_box=() if box is None else tuple(box.tolist()),
+    )

@@ -1,0 +1,91 @@
+"""From a solution to a ranked model: merge, and order by information."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.model import Plane
+from planewise.observation import Observation
+from planewise.paper.describe import describe
+from planewise.paper.evaluate import Assignment, Evaluator
+from planewise.paper.problem import Problem, Solution
+
+Array = NDArray[np.float64]
+
+
+def merge_into_better(problem: Problem, solution: Solution) -> Solution:
+    """Give a plane's readings to a better plane wherever that lowers Phi (paper, sec. III-C).
+
+    Readings that the better plane does not explain become outliers.
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    solution : Solution
+        Any labelling, optimal for its planes or not.
+
+    Returns
+    -------
+    Solution
+        With Phi no higher; the same object if nothing was merged.
+    """
+    labels, gains = solution.assignment.labels.copy(), solution.assignment.best.copy()
+    planes = solution.parameters
+    alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
+    merged = False
+    for worse in alive[:0:-1]:
+        mine = np.flatnonzero(labels == worse + 1)
+        readings = problem.evaluator.subset(mine)
+        better = alive[: alive.index(worse)]
+        pick = int(np.argmin(readings.scores(planes[better])))
+        offer = readings.assign(planes[better[pick]][None])
+        saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
+        if problem.weight * (offer.gain - gains[mine].sum()) < saved:
+            gains[mine] = offer.best
+            labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
+            alive.remove(worse)
+            merged = True
+    if not merged:
+        return solution
+    keep = np.sort(alive)
+    lookup = np.zeros(len(planes) + 1, np.uint16)
+    lookup[keep + 1] = np.arange(1, len(keep) + 1)
+    assignment = Assignment.of(lookup[labels], gains, len(keep))
+    phi = problem.phi(len(keep), assignment.gain)
+    return Solution(planes[keep], assignment, phi)
+
+
+def rank(
+    observation: Observation, evaluator: Evaluator, solution: Solution
+) -> tuple[tuple[Plane, ...], NDArray[np.uint16]]:
+    """Describe the planes and order them by the information they save, best first.
+
+    Parameters
+    ----------
+    observation : Observation
+        Positions, areas and sigmas of the readings.
+    evaluator : Evaluator
+        The same readings, whitened.
+    solution : Solution
+        Planes and labels in any order.
+
+    Returns
+    -------
+    planes : tuple of Plane
+        Best first.
+    labels : ndarray of uint16, shape (k,)
+        0 for none, j for ``planes[j - 1]``.
+    """
+    labels, gains = solution.assignment.labels, solution.assignment.best
+    # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
+    square = gains + evaluator.tau
+    square *= 2.0 * observation.sigma**2
+    rows = evaluator.coefficients(solution.parameters)
+    covariances = evaluator.covariances(solution.parameters, labels)
+    planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)
+    order = np.argsort([plane.information for plane in planes], kind="stable")
+    place = np.zeros(len(solution) + 1, np.uint16)
+    place[order + 1] = np.arange(1, len(solution) + 1)
+    return tuple(planes[j] for j in order), place[labels]

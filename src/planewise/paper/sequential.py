@@ -1,0 +1,113 @@
+"""The paper's search: one plane after the other by repeated random sub-sampling."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.model import Curve, Move
+from planewise.paper.evaluate import Assignment, Evaluator
+from planewise.paper.problem import Problem, Solution
+
+Array = NDArray[np.float64]
+
+_CHUNK = 16_384  # samples held at a time
+
+
+def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
+    """Samples needed to draw one of inliers alone: ln(1 - c) / ln(1 - r^n) (paper, sec. III-C).
+
+    Examples
+    --------
+    >>> trial_count(0.99, 0.1)
+    4603
+    """
+    for name, value in (("confidence", confidence), ("inlier_ratio", inlier_ratio)):
+        if not 0 < value < 1:
+            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value}")
+    return math.ceil(math.log(1 - confidence) / math.log1p(-(inlier_ratio**dimension)))
+
+
+def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) -> NDArray[np.int64]:
+    """Draw `trials` rows of `n` different indices below `size`."""
+    rows = rng.integers(size, size=(trials, n))
+    while True:
+        equal = [rows[:, i] == rows[:, j] for i, j in combinations(range(n), 2)]
+        again = np.flatnonzero(np.any(equal, axis=0))
+        if not again.size:
+            return rows
+        rows[again] = rng.integers(size, size=(again.size, n))
+
+
+def _best_of_samples(rest: Evaluator, trials: int, rng: np.random.Generator) -> Array:
+    """Of `trials` planes through random readings, the one that saves most on all readings."""
+    best, lowest = np.full(rest.width, np.nan), np.inf
+    for start in range(0, trials, _CHUNK):
+        size = min(_CHUNK, trials - start)
+        planes = rest.through(distinct_tuples(rng, size, rest.count, rest.dimension))
+        pick, score = rest.lowest(planes)
+        if score < lowest:
+            best, lowest = planes[pick], score
+    return best
+
+
+def sequential_search(
+    problem: Problem, *, trials: int, rng: np.random.Generator
+) -> tuple[Solution, Curve]:
+    """Find planes one at a time; earlier assignments stay (paper, eq. 8 and 10).
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    trials : int
+        Random samples per plane.
+    rng : numpy.random.Generator
+        Source of the samples.
+
+    Returns
+    -------
+    solution : Solution
+        Planes and labels at the minimum of Phi over N.
+    curve : Curve
+        Phi after 0 ... max_planes planes.
+    """
+    everything, n = problem.evaluator, problem.evaluator.dimension
+    found: list[Array] = []
+    claims: list[tuple[NDArray[np.int64], Array]] = []
+    phi = [problem.phi(0, 0.0)]
+    moves: list[Move] = []
+    total = 0.0
+    reason = f"reached max_planes = {problem.max_planes}"
+    free, rest = np.arange(everything.count), everything
+    while len(found) < problem.max_planes:
+        if free.size < n:
+            reason = f"{free.size} readings are left without a plane, fewer than {n}"
+            break
+        best = _best_of_samples(rest, trials, rng)
+        plane, gain = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2)).refine_one(best)
+        if not gain < 0:
+            reason = "no candidate plane fits any of the remaining readings"
+            break
+        found.append(plane)
+        total += gain
+        assigned = rest.assign(plane[None])
+        explained = assigned.labels > 0
+        taken, left = np.flatnonzero(explained), np.flatnonzero(~explained)
+        claims.append((free.take(taken), assigned.best.take(taken)))
+        free, rest = free.take(left), rest.subset(left)
+        phi.append(problem.phi(len(found), total))
+        moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
+    chosen = int(np.argmin(phi))
+    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
+    for j, (mine, saved) in enumerate(claims[:chosen], start=1):
+        labels[mine], gains[mine] = j, saved
+    curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
+    return Solution(
+        np.array(found[:chosen]).reshape(chosen, everything.width),
+        Assignment.of(labels, gains, chosen),
+        phi[chosen],
+    ), curve

@@ -1,0 +1,1 @@
+"""What is written of planes that were found."""

@@ -1,0 +1,1 @@
+"""The spatial objective of images: frame, cells, segments, labels, Phi."""

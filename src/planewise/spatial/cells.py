@@ -1,0 +1,215 @@
+"""Cells of a frame: what the spatial search works on instead of pixels."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import cells as kernels
+from planewise.kernels import frame_error
+from planewise.kernels.cells import SIDE
+from planewise.spatial.frame import Frame
+from planewise.spatial.frame_error import (
+    FrameError,
+    drift_factor,
+    lateral_variance,
+    shared_factors,
+    white_seen,
+)
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+_SPLIT = 40.0  # F of nine further parameters above which a cell is divided
+_HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
+_FILLED = 0.5  # least share of a cell's pixels that are readings
+_OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
+_SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
+_FEWER = 3  # times as many cells as units, as a rule
+_LEAST_DRIFT = 0.1  # of the white variance
+_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
+
+
+@dataclass(frozen=True)
+class Cells:
+    """Cells of a frame that have a plane of their own.
+
+    Attributes
+    ----------
+    grid : ndarray of int32, shape (rows, columns)
+        Unit of every cell of `SIDE` pixels, -1 where there is no plane.
+    moments : ndarray, shape (rows, 12, columns)
+        Of the readings of every cell (`kernels.cells`), with the precision that the sensor says.
+    rows : ndarray, shape (units, 13)
+        Segment row of every unit (`kernels.cells`).
+    whole : ndarray of bool, shape (units,)
+        Which are of 2 x 2 cells.
+    squares : ndarray of int32
+        Unit of every 2 x 2 cells, -1 where they are not one.
+    drift, told_drift : ndarray, shape (units,)
+        Variance of w by which the error drifts over 100 pixels: as much as a plane is allowed to,
+        and as much as the readings tell.
+    offset_prior, slope_prior : ndarray, shape (units,)
+        Variances of a local plane about which nothing is known.
+    error : FrameError
+        Size of the frame's error against the sensor's description.
+    """
+
+    grid: NDArray[np.int32]
+    moments: Array
+    rows: Array
+    whole: NDArray[np.bool_]
+    squares: NDArray[np.int32]
+    drift: Array
+    told_drift: Array
+    offset_prior: Array
+    slope_prior: Array
+    error: FrameError
+
+    @property
+    def bends_more_than_told(self) -> bool:
+        """Whether planes are allowed to bend more than the readings tell."""
+        return bool((self.told_drift < self.drift).any())
+
+
+def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
+    """Moments of cells and chi^2 of their planes, and the same of blocks of 2 x 2 cells.
+
+    Shapes (rows, 12, columns), (rows, columns), (rows / 2, 11, columns / 2) and (rows / 2, columns
+    / 2), rounded up.
+    """
+    rows, columns = (-(-n // SIDE) for n in frame.w.shape)
+    halved = -(-rows // 2), -(-columns // 2)
+    moments = workspace.kept((rows, kernels.MOMENTS + 1, columns))
+    misfits = workspace.empty((rows, columns))
+    blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
+    together = workspace.empty(halved)
+    out = moments, misfits, blocks, together
+    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, frame.straight, *out)
+    return out
+
+
+def cells_of(
+    frame: Frame, pixel_size: tuple[float, float], workspace: Workspace | None = None
+) -> Cells | None:
+    """Cells that have a plane, their random effects integrated out; ``None`` if no cell has one."""
+    workspace = workspace or Workspace()
+    moments, misfits, blocks, together = moments_of(frame, workspace)
+    shape = misfits.shape
+    # A quarter of the cells stands for the frame.
+    full = moments[::2, kernels.COUNT, ::2] == SIDE * SIDE
+    seen = white_seen(misfits[::2, ::2][full], SIDE * SIDE - 3)
+    white = max(seen, 1.0)  # no frame is trusted to err less than its sensor
+
+    most = shape[0] * shape[1]
+    grid = workspace.kept(shape, np.int32)
+    found, room = -1, most // _FEWER + 4
+    while found < 0:
+        # Most cells are one of four: seldom is there need for more room.
+        units = workspace.empty((room, kernels.MOMENTS))
+        size = workspace.empty(room)
+        found = kernels.merge_quarters(
+            moments,
+            misfits,
+            blocks,
+            together,
+            white,
+            _SPLIT,
+            _HOPELESS,
+            _FILLED,
+            grid,
+            units,
+            size,
+        )
+        room += most
+    if not found:
+        return None
+    units, size = units[:found], size[:found]
+    whole = size == 2
+    planes = workspace.empty((kernels.PLANE, found))
+    kernels.unit_planes(units, planes)
+    segments = workspace.kept((found, kernels.SEGMENT))
+    drift, told, squares, error = _without_shared_error(
+        frame, grid, units, size, whole, planes, white, segments, workspace
+    )
+    w = planes[2]
+    slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
+    error = replace(error, seen=seen)
+    return Cells(
+        grid=grid,
+        moments=moments,
+        rows=segments,
+        whole=whole,
+        squares=squares,
+        drift=drift,
+        told_drift=told,
+        offset_prior=(_OFFSET_PRIOR * w) ** 2,
+        slope_prior=(w * slope) ** 2,
+        error=error,
+    )
+
+
+def _without_shared_error(
+    frame: Frame,
+    grid: NDArray[np.int32],
+    units: Array,
+    size: Array,
+    whole: NDArray[np.bool_],
+    planes: Array,
+    white: float,
+    segments: Array,
+    workspace: Workspace,
+) -> tuple[Array, Array, NDArray[np.int32], FrameError]:
+    """Write the units' rows with what neighbours share integrated out.
+
+    Returns their drift, which of them are whole squares and where, and the size of the error.
+    Parts of the error are those at the mean depth of each unit.
+    """
+    count, table = units[:, kernels.COUNT].copy(), frame.table
+    squares = _squares(grid, whole, workspace)
+    with workspace.stage():
+        errors = workspace.empty((5, len(units)))
+        lateral, steep = lateral_variance(units, planes, whole, workspace)
+        frame_error.unit_errors(
+            planes,
+            count,
+            size,
+            table.white,
+            table.shared,
+            table.drift,
+            table.step,
+            table.per_metre,
+            white,
+            lateral,
+            steep,
+            errors,
+        )
+        offset, tilt, described, _, inflation = errors
+        # Cells of 2 x 2 stand for the frame.
+        factor = drift_factor(squares, planes, inflation, described, workspace)
+        if frame.known:
+            factor = min(factor, 1.0)
+        drift = np.empty(len(units))
+        frame_error.wandering(planes, errors, factor, frame.resolution, drift)
+        told = _SATURATION * drift
+        # No plane is free of mixed pixels at its edges.
+        np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
+        near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
+        offset *= near
+        tilt *= bent
+        kernels.marginalise(planes, count, inflation, offset, tilt, segments)
+    factor *= _SATURATION
+    drift *= _SATURATION
+    error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
+    return drift, told, squares, error
+
+
+def _squares(
+    grid: NDArray[np.int32], whole: NDArray[np.bool_], workspace: Workspace
+) -> NDArray[np.int32]:
+    shape = -(-grid.shape[0] // 2), -(-grid.shape[1] // 2)
+    squares: NDArray[np.int32] = workspace.kept(shape, np.int32)
+    kernels.squares_of(grid, whole, squares)
+    return squares

@@ -1,0 +1,69 @@
+"""What is told of the planes of a depth image, from inverse depth alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels.cells import UNIT
+from planewise.kernels.plane_sums import plane_sums
+from planewise.model import Plane
+from planewise.paper.describe import plane_of
+from planewise.spatial.frame import Frame
+
+Array = NDArray[np.float64]
+
+
+def describe_image(
+    frame: Frame,
+    area: Array,
+    affine: Array,
+    rows: Array,
+    covariances: Array,
+    labels: NDArray[np.uint16],
+    place: NDArray[np.uint16],
+    **told: list[float],
+) -> tuple[list[Plane], NDArray[np.uint16]]:
+    """Describe the planes of a depth image in inverse depth, without its readings one by one.
+
+    Inverse depth and coordinates are in single precision there: lengths agree to 1e-6 of the depth.
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings.
+    area : ndarray, shape (H, W)
+        That each pixel covers on the plane z = 1, in square metres.
+    affine : ndarray, shape (N, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, the planes that residuals are taken to.
+    rows : ndarray, shape (N, 4)
+        Unit normal and distance.
+    covariances : ndarray, shape (N, 4, 4)
+        Of the rows.
+    labels : ndarray of uint16, shape (H, W)
+        In any order, 0 for none and where there is no reading.
+    place : ndarray of uint16
+        What becomes of each label: j for row j - 1, 0 for none.
+    **told
+        What else is known of each plane, by the names of `Plane`.
+
+    Returns
+    -------
+    planes : list of Plane
+        Their information is 0 if it is not told.
+    labels : ndarray of uint16, shape (H, W)
+        A new image of the labels' places.
+    """
+    ranked = np.empty_like(labels)
+    sums = np.empty((len(rows), 7))
+    boxes = np.empty((len(rows), 4), np.int64)
+    solid = area[:1, :1] if frame.straight else area  # the same of all pixels
+    plane_sums(
+        labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ranked, sums, boxes
+    )
+    sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
+    planes = [
+        plane_of(row, covariances[j], sums[j], boxes[j], {name: told[name][j] for name in told})
+        for j, row in enumerate(rows)
+    ]
+    return planes, ranked

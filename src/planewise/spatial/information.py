@@ -1,0 +1,313 @@
+"""Phi under the spatial objective: a code length for any planes and labels of a depth image.
+
+    Phi = mask + N * 3 ln(R / eps) + sum over groups of their data
+
+A group is the readings of one label in one block of 9 x 9 pixels, 3 x 3 of the finest cells. Its
+data are normal with the white variance of each reading, and
+
+- on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
+  with these integrated out, their variances those at the group's mean inverse depth,
+- on none, on a smooth surface whose depth there takes ln(R / eps) nats and whose slopes are drawn
+  from a broad prior,
+- in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
+
+A group labelled with a plane is a smooth surface of its own with probability 1/20: books on a table
+may be labelled as the table, which costs nats, but not without bound.
+
+Both are closed forms of the group's moments. The mask is the adaptive code of `mask_code`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.information import coordinate_information, plane_information
+from planewise.kernels import cells as kernels
+from planewise.kernels import group_data as loops
+from planewise.kernels import groups as tiles
+from planewise.kernels.frame_error import TILT
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells, moments_of
+from planewise.spatial.frame import Frame
+from planewise.spatial.frame_error import FrameError
+from planewise.spatial.mask_code import prefix_mask_information
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+GROUP_SIDE = tiles.BLOCK  # pixels of a block whose readings share an offset and a tilt
+_SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
+_SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
+
+
+@dataclass(frozen=True)
+class Ledger:
+    """What a model costs.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (N,)
+        Planes, best first: by worth, unless told otherwise.
+    worth, saved : ndarray, shape (N,)
+        Nats by which each plane's readings, in this order, are shorter on it than on none, and than
+        if each of them might be anything at all; negative.
+    curve : ndarray, shape (N + 1,)
+        Phi in nats if only the first 0 ... N planes in this order were there and the readings of
+        the others on none; the last is Phi of the model.
+    """
+
+    order: NDArray[np.intp]
+    worth: Array
+    saved: Array
+    curve: Array
+
+
+@dataclass(frozen=True)
+class GroupData:
+    """What groups take in nats.
+
+    Attributes
+    ----------
+    total : float
+        All of them.
+    worth, saved : ndarray, shape (N,)
+        By plane: what its groups take on it less what on none, and less what as anything at all.
+    leaving : ndarray, shape (N K + 1,)
+        By label: what groups in blocks with that label alone take more without it.
+    """
+
+    total: float
+    worth: Array
+    saved: Array
+    leaving: Array
+
+    def copy(self) -> GroupData:
+        """One more of the same, to be used up."""
+        return replace(self, leaving=self.leaving.copy())
+
+
+@dataclass(frozen=True)
+class Groups:
+    """Groups of a frame under some labels, and what their data depend on besides planes.
+
+    Attributes
+    ----------
+    moments, label, first
+        As `kernels.groups` writes them.
+    readings : ndarray of int, shape (N K + 1,)
+        Of every label.
+    sectors : Sectors
+        Labels are those of planes in sectors.
+    table : tuple
+        Variances by depth (shared, step, drift), and rows a metre.
+    sizes : tuple of float
+        Factors of the variances of a group's offset and tilt (`kernels.group_data`).
+    prior : tuple of float
+        Of groups on none.
+    nats : ndarray, shape (2, groups)
+        Room for the nats of every group on none and as labelled.
+    """
+
+    moments: Array
+    label: NDArray[np.uint16]
+    first: NDArray[np.int32]
+    readings: NDArray[np.int64]
+    sectors: Sectors
+    table: tuple[Array, Array, Array, float]
+    sizes: tuple[float, ...]
+    prior: tuple[float, ...]
+    nats: Array
+
+    def planes(self, affine: Array) -> Array:
+        """Planes by label as `kernels.group_data` takes them, shape (4, N K + 1)."""
+        by_label = np.zeros((4, len(affine) + 1))
+        count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
+        by_label[:3, 1:], by_label[3, 1:] = affine.T, np.sqrt(count) / kernels.UNIT
+        return by_label
+
+    def data(self, affine: Array) -> GroupData:
+        """What the groups take on planes, shape (N K, 3); overwrites `nats`."""
+        worth, saved, leaving = np.zeros((3, len(affine) + 1))
+        shared, step, drift, per_metre = self.table
+        alone, data = self.nats
+        total = loops.group_data(
+            self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
+            per_metre, self.sizes, self.prior, alone, data, worth, saved, leaving,
+        )  # fmt: skip
+        by_plane = self.sectors.summed
+        return GroupData(total, by_plane(worth[1:]), by_plane(saved[1:]), leaving)
+
+
+def ledger(
+    frame: Frame,
+    cells: Cells | None,
+    affine: Array,
+    labels: NDArray[np.integer],
+    range: float,
+    resolution: float,
+    pixel_size: tuple[float, float],
+    workspace: Workspace | None = None,
+) -> Ledger:
+    """Rank planes, with exact Phi of them all and of every shorter list of the best.
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings.
+    cells : Cells, optional
+        Of the frame; ``None`` if no cell has a plane.
+    affine : ndarray, shape (N K, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, of every plane in every sector.
+    labels : ndarray of int, shape (H, W')
+        In sectors: 0 for none, j for row j - 1.
+    range, resolution : float
+        R and eps in metres.
+    pixel_size : (float, float)
+        Of a pixel on the plane z = 1, in metres.
+    workspace : Workspace, optional
+        Memory to work in.
+
+    Returns
+    -------
+    Ledger
+    """
+    mask = np.ascontiguousarray(labels, np.uint16)
+    groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
+    return book_of(frame, mask, groups, groups.data(affine), range, resolution)
+
+
+def book_of(
+    frame: Frame,
+    labels: NDArray[np.uint16],
+    groups: Groups,
+    data: GroupData,
+    range: float,
+    resolution: float,
+    order: NDArray[np.intp] | None = None,
+) -> Ledger:
+    """`ledger` of what the groups of these labels took last, in any order; uses the data up."""
+    worth, saved, leaving, sectors = data.worth, data.saved, data.leaving, groups.sectors
+    planes = len(worth)
+    if order is None:
+        order = np.argsort(worth, kind="stable")
+    place = sectors.places(order, planes)
+    loops.groups_left(
+        groups.moments, groups.label, groups.first, place, groups.prior, groups.nats[1], leaving
+    )
+    curve = np.full(planes + 1, data.total)
+    # Planes are taken away from the last on.
+    curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
+    curve += np.arange(planes + 1) * plane_information(3, range, resolution)
+    mask = prefix_mask_information(
+        sectors.image(labels), sectors.image(frame.p), place, groups.readings
+    )
+    curve += mask[: planes + 1]
+    return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
+
+
+def groups_of(
+    frame: Frame,
+    cells: Cells | None,
+    labels: NDArray[np.uint16],
+    planes: int,
+    range: float,
+    resolution: float,
+    pixel_size: tuple[float, float],
+    workspace: Workspace | None = None,
+) -> Groups:
+    """Groups of a frame; arguments as of `ledger`, planes: the number of planes in sectors, N K."""
+    workspace = workspace or Workspace()
+    error = FrameError() if cells is None else cells.error
+    readings = np.zeros(planes + 1, np.int64)
+    moments, label, first = _groups(frame, cells, error, labels, resolution, readings, workspace)
+    # Random effects of groups: variances of what near readings share and of what drifts.
+    sizes = (
+        error.near,
+        error.drift * kernels.PLANE_RESIDUAL,
+        error.bent * TILT**2,
+        error.drift * kernels.PLANE_BEND[0] / (tiles.BLOCK / kernels.UNIT),
+        error.lateral,
+    )
+    coordinate = coordinate_information(range, resolution)
+    slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2
+    table = frame.table
+    return Groups(
+        moments=moments,
+        label=label,
+        first=first,
+        readings=readings,
+        sectors=frame.sectors,
+        table=(table.shared, table.step, table.drift, table.per_metre),
+        sizes=sizes,
+        prior=(slopes, _SURFACE * coordinate, coordinate),
+        nats=workspace.empty((2, moments.shape[1])),
+    )
+
+
+def _groups(
+    frame: Frame,
+    cells: Cells | None,
+    error: FrameError,
+    labels: NDArray[np.uint16],
+    resolution: float,
+    readings: NDArray[np.int64],
+    workspace: Workspace,
+) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32]]:
+    """Moments and labels of groups, where those of each block with several begin.
+
+    Adds to readings those of every label.
+    """
+    shape = _tiles(labels.shape, kernels.SIDE)
+    of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
+    cell = workspace.empty(shape, np.int32)
+    block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
+    work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
+    tiles.label_cells(labels, frame.p, cell, block, work)
+    several = int(np.count_nonzero(block == tiles.SEVERAL))
+    # Of the cells of a block, each with one label adds at most one group.
+    most = kernels.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
+    moments = workspace.empty((tiles.NORM + 1, block.size + most))
+    label = workspace.empty(block.size + most, np.uint16)
+    constant = float(np.log(2 * np.pi * error.white / resolution**2))
+    first = np.empty(several + 1, np.int32)
+    tiles.sum_groups(
+        labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, error.white, constant,
+        first, moments, label, readings,
+    )  # fmt: skip
+    _by_block(moments, first, block, frame, error.seen)
+    return moments, label, first
+
+
+def _by_block(
+    moments: Array,
+    first: NDArray[np.int32],
+    block: NDArray[np.int32],
+    frame: Frame,
+    seen: float,
+) -> None:
+    """Corrections of the moments of groups, the same in all a block.
+
+    So Phi of fewer planes, whose groups are larger, is that of the same data. What noise adds to
+    weighted means is taken off; and where readings are ranges, r = z / c, a step of eps is one of
+    c eps in z, c that of the block's mean direction.
+    """
+    sums = moments[:, : block.size]  # of all readings of a block, be they several groups
+    x, y, mean = (
+        np.divide(sums[e], sums[0], where=sums[0] > 0, out=np.ones(block.size)) for e in (1, 2, 6)
+    )
+    several, again = np.flatnonzero(block == tiles.SEVERAL), np.diff(first)
+    unbiased = 1.0 + seen * frame.table.noise_bias(mean)
+    unbiased = np.concatenate((unbiased, np.repeat(unbiased[several], again)))
+    moments[6:9, : first[-1]] *= unbiased
+    moments[9, : first[-1]] *= unbiased * unbiased
+    if frame.sectors.ratio is not None:
+        finer = 0.5 * np.log(frame.sectors.squared_range(x, y))  # -ln c
+        finer = np.concatenate((finer, np.repeat(finer[several], again)))
+        moments[tiles.NORM, : first[-1]] += moments[kernels.COUNT, : first[-1]] * finer
+
+
+def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:
+    return -(-shape[0] // side), -(-shape[1] // side)

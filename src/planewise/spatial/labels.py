@@ -1,0 +1,407 @@
+"""Labels of the spatial search: pixels near borders, planes once more, lines where planes meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import creases as crease_loops
+from planewise.kernels import labels as label_loops
+from planewise.kernels import units as unit_loops
+from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.observation import RayObservation
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells
+from planewise.spatial.frame import Frame
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+
+_DIFFERING = 1.0  # nats per neighbouring pixel with another label
+_PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
+_SWEEPS = 6
+_SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look
+_CREASE_REACH = 5  # pixels beside a border where the two planes are compared
+_CREASE_BAND = 4  # pixels about a border that are looked at
+_CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
+_CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
+_CREASE_FAR = 8.0  # pixels from the line of intersection
+_FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
+_FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
+
+
+def information_matrices(rows: Array) -> Array:
+    """P (N, 3, 3) of segment rows, which begin with its upper triangle."""
+    return np.asarray(rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
+
+
+def affine_planes(rows: Array) -> Array:
+    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
+    matrix = information_matrices(rows)
+    scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrix))
+    scaled = matrix * scale[:, :, None] * scale[:, None, :]
+    return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])
+
+
+@dataclass(frozen=True)
+class _Marks:
+    """Images with a margin of a pixel in which labels change (`kernels.labels`).
+
+    Attributes
+    ----------
+    label : ndarray of int16, shape (H + 2, M)
+        With `kernels.labels.NONE`.
+    state : ndarray of uint8, shape (H + 2, M)
+        Whether a pixel waits for a look, or is fixed.
+    busy, seen : ndarray of bool, shape (H + 2, M / CHUNK)
+        Chunks of a row that hold pixels that wait, and that held some or lay beside a change.
+    """
+
+    label: NDArray[np.int16]
+    state: NDArray[np.uint8]
+    busy: NDArray[np.bool_]
+    seen: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, shape: tuple[int, int], workspace: Workspace) -> _Marks:
+        """Arbitrary labels, every margin set."""
+        chunks = -(-(shape[1] + 1 + SIDE) // label_loops.CHUNK)
+        whole, parts = (shape[0] + 2, chunks * label_loops.CHUNK), (shape[0] + 2, chunks)
+        marks = cls(
+            label=workspace.empty(whole, np.int16),
+            state=workspace.empty(whole, np.uint8),
+            busy=workspace.empty(parts, np.bool_),
+            seen=workspace.empty(parts, np.bool_),
+        )
+        for edge in (0, -1):
+            marks.label[edge], marks.state[edge] = label_loops.NONE, label_loops.FIXED
+        marks.busy[:] = False
+        return marks
+
+
+def label_planes(
+    frame: Frame,
+    cells: Cells,
+    root: NDArray[np.int32],
+    accepted: NDArray[np.int64],
+    planes: Array,
+    owner: NDArray[np.int64],
+    observation: RayObservation,
+    workspace: Workspace | None = None,
+) -> tuple[Array, Labels]:
+    """Give every pixel near a border its label, refit the planes, put creases in their place.
+
+    Parameters
+    ----------
+    frame, cells
+        The readings.
+    root : ndarray of int, shape (units,)
+        Segment of every unit.
+    accepted, owner : ndarray of int
+        Segments that are part of a plane, and its row in `planes`, -1 for none.
+    planes : ndarray, shape (K, N, 13)
+        Rows of segments (`kernels.cells`) in the coordinates of every sector.
+    observation : RayObservation
+        For range and resolution.
+    workspace : Workspace, optional
+        Memory to work in; the labels returned are part of it.
+
+    Returns
+    -------
+    planes : ndarray, shape (N K, 13)
+        Rows of the refitted planes, those of one plane in all sectors together.
+    labels : ndarray of uint16, shape (H, W')
+        In sectors: 0 for none, j for row j - 1.
+    """
+    workspace = workspace or Workspace()
+    marks = _Marks.of(frame.w.shape, workspace)
+    labels: Labels = workspace.kept(frame.w.shape, np.uint16)
+    sectors = frame.sectors
+    segment = np.zeros(len(cells.rows), np.int16)
+    segment[accepted] = owner + 1
+    number = segment[root]
+    if sectors.count > 1:
+        number = (number > 0) * ((number - 1) * sectors.count + 1 + sector_of_units(cells, sectors))
+        number = number.astype(np.int16)
+    planes = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
+    null = float(np.log(observation.range / observation.resolution))
+    variance, slow = _variances(frame, cells)
+    _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
+    label_loops.without_margin(marks.label, labels)
+    planes = _refit(cells, labels, planes, sectors)
+    if _put_creases(frame, cells, planes, variance, slow, marks, labels, workspace):
+        label_loops.without_margin(marks.label, labels)
+    return planes, labels
+
+
+def _label_pixels(
+    frame: Frame,
+    cells: Cells,
+    number: NDArray[np.int16],
+    planes: Array,
+    variance: Array,
+    null: float,
+    marks: _Marks,
+    workspace: Workspace,
+) -> None:
+    """Labels of pixels, from those of units, `number`."""
+    rows, columns = cells.grid.shape
+    coarse = workspace.empty((rows + 2, columns + 2), np.int16)
+    apart = workspace.empty((rows, columns), np.bool_)
+    count, affine = cells.moments[:, COUNT], _with_none(affine_planes(planes))
+    label_loops.lay_out(
+        cells.grid, number, count, frame.p, SIDE, coarse, apart, marks.label, marks.state
+    )
+    label_loops.find_waiting(
+        coarse,
+        apart,
+        frame.w,
+        frame.p,
+        frame.x,
+        frame.y,
+        affine,
+        _SURE * cells.error.white * null,
+        SIDE,
+        marks.state,
+        marks.busy,
+    )
+    marks.seen[:] = marks.busy
+    label_loops.label_pixels(
+        marks.label.reshape(-1),
+        marks.state.reshape(-1),
+        marks.busy.reshape(-1),
+        marks.seen.reshape(-1),
+        marks.label.shape[1],
+        frame.w.reshape(-1),
+        frame.x.reshape(-1),
+        frame.y.reshape(-1),
+        frame.w.shape[1],
+        variance,
+        frame.table.per_metre,
+        affine,
+        _lateral(cells, affine),
+        null,
+        _DIFFERING,
+        _SWEEPS,
+    )
+
+
+def _put_creases(
+    frame: Frame,
+    cells: Cells,
+    planes: Array,
+    variance: Array,
+    slow: Array,
+    marks: _Marks,
+    labels: Labels,
+    workspace: Workspace,
+) -> bool:
+    """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
+    affine = _with_none(affine_planes(planes))
+    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
+    borders = workspace.empty((most, 3), np.int32)
+    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+    borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
+    crease = np.empty((len(affine), len(affine)), np.int32)
+    lines = np.empty((len(affine) * len(planes) // 2, 4))
+    images, per_metre = (frame.w, frame.x, frame.y), frame.table.per_metre
+    found = crease_loops.find_creases(
+        borders, labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, UNIT, crease, lines
+    )
+    if not found:
+        return False
+    offset = np.empty(found)
+    crease_loops.crease_offsets(
+        borders,
+        labels,
+        crease,
+        lines,
+        affine,
+        *images,
+        variance,
+        per_metre,
+        _lateral(cells, affine),
+        _CREASE_BAND,
+        _CREASE_SIGMA,
+        offset,
+    )
+    marks.state[:], marks.busy[:] = 0, False
+    crease_loops.snap_creases(
+        borders,
+        marks.label,
+        crease,
+        lines,
+        offset,
+        *images,
+        variance,
+        slow,
+        per_metre,
+        _CREASE_BAND,
+        _CREASE_HIDDEN,
+        _CREASE_FAR,
+        2 * _CREASE_BAND,
+        marks.state,
+        marks.busy,
+    )
+    return True
+
+
+def misfits(
+    frame: Frame, cells: Cells, affine: Array, labels: Labels, pixels: NDArray[np.intp]
+) -> Array:
+    """Half the squared residual in variances of some pixels' readings; infinite on no plane."""
+    w, x, y = (image.reshape(-1)[pixels] for image in (frame.w, frame.x, frame.y))
+    label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
+    planes = _with_none(affine)
+    t, lateral = planes[label], _lateral(cells, planes)[label]
+    with np.errstate(divide="ignore"):
+        row = np.minimum(frame.table.per_metre / w + 0.5, by_depth.size - 1).astype(np.intp)
+    residual = w - t[:, 0] - t[:, 1] * x - t[:, 2] * y
+    out = 0.5 * residual**2 / (by_depth[row] + lateral)
+    return np.where((label > 0) & (w > 0), out, np.inf)
+
+
+def relabelled(
+    frame: Frame,
+    cells: Cells,
+    affine: Array,
+    labels: Labels,
+    inside: NDArray[np.int64],
+    null: float,
+    reach: int,
+) -> Labels:
+    """Labels after sweeps over some pixels, and over those about them that change.
+
+    Parameters
+    ----------
+    frame, cells
+        The readings.
+    affine : ndarray, shape (N, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
+    inside : ndarray of int
+        Pixels, as places in the flattened image.
+    null : float
+        Nats of a reading on none.
+    reach : int
+        Pixels about the rectangle of `inside` where labels may change.
+    """
+    height, width = labels.shape
+    rows, columns = np.divmod(inside, width)
+    top, left = max(0, rows.min() - reach), max(0, columns.min() - reach)
+    bottom, right = min(height, rows.max() + reach + 1), min(width, columns.max() + reach + 1)
+    box = np.s_[top:bottom, left:right]
+    w, x, y = (np.ascontiguousarray(image[box]) for image in (frame.w, frame.x, frame.y))
+    there = frame.p[box] > 0
+    marks = _Marks.of(w.shape, Workspace())
+    marks.label[:], marks.state[:] = label_loops.NONE, label_loops.FIXED
+    marks.busy[:], marks.seen[:] = True, False
+    inner = np.s_[1 : w.shape[0] + 1, 1 : w.shape[1] + 1]
+    marks.label[inner] = np.where(there, labels[box], label_loops.NONE)
+    state = np.where(there, np.uint8(0), label_loops.FIXED)
+    state[rows - top, columns - left] = label_loops.WAITING
+    for edge, end in ((0, top > 0), (-1, bottom < height)):
+        state[edge] = label_loops.FIXED if end else state[edge]
+    for edge, end in ((0, left > 0), (-1, right < width)):
+        state[:, edge] = label_loops.FIXED if end else state[:, edge]
+    marks.state[inner] = state
+    planes = _with_none(affine)
+    label_loops.label_pixels(
+        marks.label.reshape(-1),
+        marks.state.reshape(-1),
+        marks.busy.reshape(-1),
+        marks.seen.reshape(-1),
+        marks.label.shape[1],
+        w.reshape(-1),
+        x.reshape(-1),
+        y.reshape(-1),
+        w.shape[1],
+        _variances(frame, cells)[0],
+        frame.table.per_metre,
+        planes,
+        _lateral(cells, planes),
+        null,
+        _DIFFERING,
+        _SWEEPS,
+    )
+    out = labels.copy()
+    label_loops.without_margin(marks.label, out[box])
+    return out
+
+
+def _with_none(affine: Array) -> Array:
+    """Planes by label: a row of zeros for none before them."""
+    return np.vstack((np.zeros((1, 3)), affine))
+
+
+def _variances(frame: Frame, cells: Cells) -> tuple[Array, Array]:
+    """Variance of a reading about its plane by depth, and the part of it that readings share."""
+    table, error = frame.table, cells.error
+    slow = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
+    return error.white * (table.white + table.step) + slow, slow
+
+
+def _lateral(cells: Cells, affine: Array) -> Array:
+    """Variance of w by an error of half a pixel across the image, for every plane."""
+    slope = affine[:, 1] ** 2 + affine[:, 2] ** 2
+    return np.asarray(cells.error.lateral / UNIT**2 * slope)
+
+
+def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
+    """Label of every unit that lies wholly inside one, 0 of the others."""
+    inside = np.empty(len(cells.rows), np.int32)
+    unit_loops.units_inside(labels, cells.grid, SIDE, inside)
+    return inside
+
+
+def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
+    """Sector that every unit lies in, shape (units,)."""
+    out = np.zeros(len(cells.rows), np.int32)
+    if sectors.count > 1:
+        there = cells.grid >= 0
+        of_cell = np.broadcast_to(sectors.of_cells(cells.grid.shape[1]), cells.grid.shape)
+        out[cells.grid[there]] = of_cell[there]
+    return out
+
+
+def _refit(cells: Cells, labels: Labels, planes: Array, sectors: Sectors) -> Array:
+    """Rows of the planes once more, from the units that lie wholly inside their label."""
+    sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
+    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
+    return np.where(enough[:, None], sectors.together(sums[1:]), planes)
+
+
+def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:
+    """Information (N, 3, 3) on planes, from the units that lie wholly inside their label.
+
+    Where these are few, from all readings as if they erred apart.
+    """
+    sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
+    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    out = information_matrices(sums[1:])
+    for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
+        mine = labels == j + 1
+        x = np.stack((np.ones(np.count_nonzero(mine)), frame.x[mine], frame.y[mine]))
+        out[j] = (x * (frame.p[mine] / cells.error.white)) @ x.T
+    return out
+
+
+def residual_correlation(cells: Cells, labels: Labels, affine: Array, sectors: Sectors) -> Array:
+    """Correlation of the residuals of cells side by side on every plane, shape (N,).
+
+    Residuals are those of mean inverse depth in standard deviations of the cell's own error. Where
+    the surface is a plane and the error white it is about 0; a surface that bends, or an error that
+    drifts, brings it towards 1. NaN with fewer than ten pairs of cells. affine (N K, 3): the planes
+    in every sector.
+    """
+    sums = np.empty((len(affine) + 1, 3))
+    inside = _units_inside(cells, labels)
+    unit_loops.correlate(cells.grid, cells.rows, inside, _with_none(affine), sums)
+    together, apart, pairs = sectors.summed(sums[1:]).T
+    told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
+    return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told))

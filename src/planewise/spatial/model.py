@@ -1,0 +1,133 @@
+"""From readings to a ranked model under the spatial objective."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from planewise.model import Curve, PlaneModel
+from planewise.observation import RayObservation
+from planewise.paper.describe import describe_labels
+from planewise.paper.evaluate import covariance_of_plane
+from planewise.partition.regions import Regions
+from planewise.spatial.cells import cells_of
+from planewise.spatial.describe import describe_image
+from planewise.spatial.frame import frame_of
+from planewise.spatial.solution import solve
+from planewise.stages import stage
+from planewise.workspace import Workspace
+
+_MANY = 100  # readings that could show a plane
+
+
+def spatial_model(
+    observation: RayObservation,
+    *,
+    instances: bool,
+    max_planes: int,
+    significance: float,
+    settings: Mapping[str, object],
+    workspace: Workspace | None = None,
+    regions: Regions | None = None,
+) -> PlaneModel:
+    """Find, rank and describe the planes of a depth image under the spatial objective.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        Of a depth image.
+    instances : bool
+        Keep coplanar surfaces that do not touch apart.
+    max_planes : int
+        Largest number of planes.
+    significance : float
+        Nats that a plane has to save beyond its costs.
+    settings : Mapping
+        Recorded in the model.
+    workspace : Workspace, optional
+        Memory to work in.
+    regions : Regions, optional
+        That suggest further planes.
+
+    Returns
+    -------
+    PlaneModel
+        With exact Phi of its planes and labels.
+
+    Raises
+    ------
+    ValueError
+        If there are regions, and the camera's image has several sectors.
+    """
+    workspace, size = workspace or Workspace(), observation.pixel_size
+    with stage("frame"):
+        frame = frame_of(observation, workspace)
+    if regions is not None and frame.sectors.column is not None:
+        raise ValueError(
+            "partition with objective='spatial' needs a pinhole camera; range images of a "
+            "SphericalCamera take it with objective='paper'"
+        )
+    with stage("cells"), workspace.stage():
+        cells = cells_of(frame, size, workspace)
+    solution = solve(
+        observation,
+        frame,
+        cells,
+        instances=instances,
+        max_planes=max_planes,
+        significance=significance,
+        workspace=workspace,
+    )
+    if regions is not None and cells is not None:
+        # Its compiled loops are loaded only where they are used.
+        from planewise.spatial.regions import with_regions
+
+        with stage("regions"):
+            solution = with_regions(
+                observation, frame, cells, solution, regions, instances=instances,
+                max_planes=max_planes, significance=significance, workspace=workspace,
+            )  # fmt: skip
+    found, book, best = solution.found, solution.book, solution.best
+    order = book.order[:best]
+    place = frame.sectors.places(order, len(book.order))
+    phi = solution.curve[: best + 1]
+
+    theta = frame.sectors.theta(solution.affine, order)
+    length = np.linalg.norm(theta, axis=1, keepdims=True)
+    rows = np.hstack((-theta / length, 1.0 / length))
+    covariances = covariance_of_plane(theta, found.covariance[order])
+    told = {
+        "information": book.saved[:best].tolist(),
+        "significance": found.significance[order].tolist(),
+        "residual_correlation": found.residual_correlation[order].tolist(),
+    }
+    with stage("describe"):
+        if frame.sectors.column is None:
+            area, affine = observation.camera.pixel_area(observation.shape), solution.affine[order]
+            planes, labels = describe_image(
+                frame, area, affine, rows, covariances, found.labels, place, **told
+            )
+        else:
+            labels = frame.sectors.image(place[found.labels])
+            planes = describe_labels(observation, rows, covariances, labels, **told)
+    reason = "no plane saves more than it costs" if not best else "no merge saves anything"
+    if cells is None and observation.count >= _MANY:
+        reason = (
+            "no cell of 3 x 3 pixels is filled with readings near a plane; "
+            "objective='paper' takes sparse depth"
+        )
+    if found.left_out:
+        reason = f"reached max_planes = {max_planes}"
+    return PlaneModel(
+        labels=labels,
+        planes=tuple(planes),
+        information=float(phi[-1]),
+        curve=Curve(information=solution.curve, chosen=best, reason=reason, moves=solution.moves),
+        readings=observation.count,
+        prefix=tuple(phi.tolist()),
+        search="joint",
+        objective="spatial",
+        note="" if best else reason,
+        settings=settings,
+    )

@@ -1,0 +1,61 @@
+"""Planes once more, from the groups that Phi is made of."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels.refits import refit_sums
+from planewise.spatial.information import GroupData, Groups
+from planewise.spatial.labels import affine_planes, information_matrices
+
+Array = NDArray[np.float64]
+
+_LEAST = 1e-6  # of the determinant of information with unit diagonal: less tells no plane
+
+
+def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
+    """Planes that describe their groups in fewer nats, labels as they are, and their data.
+
+    One step of expectation and maximisation: every group counts with the information on its plane
+    that its random offset and tilt leave, times the probability that it is on it. A plane whose
+    data would take more stays.
+
+    Parameters
+    ----------
+    groups : Groups
+        Of the labels.
+    affine : ndarray, shape (N K, 3)
+        (t0, t1, t2) of w = t0 + t1 x + t2 y, of every plane in every sector.
+
+    Returns
+    -------
+    affine : ndarray, shape (N K, 3)
+    data : GroupData
+        On these planes.
+    """
+    before = groups.data(affine)
+    sums = np.empty((len(affine) + 1, 9))
+    shared, step, drift, per_metre = groups.table
+    alone, nats = groups.nats
+    refit_sums(
+        groups.moments, groups.label[: groups.first[-1]], groups.planes(affine), shared, step,
+        drift, per_metre, groups.sizes, groups.prior[2], alone, nats, sums,
+    )  # fmt: skip
+    rows = groups.sectors.together(sums[1:])
+    told = _told(rows)
+    moved = affine.copy()
+    moved[told] = affine_planes(rows[told])
+    after = groups.data(moved)
+    worse = groups.sectors.repeated(after.worth > before.worth)
+    if not worse.any():
+        return moved, after
+    moved[worse] = affine[worse]
+    return moved, groups.data(moved)
+
+
+def _told(rows: Array) -> NDArray[np.bool_]:
+    """Whether sums of information determine a plane."""
+    matrix = information_matrices(rows)
+    size = np.einsum("nii->ni", matrix).prod(axis=1)
+    return np.asarray(np.linalg.det(matrix) > _LEAST * size)

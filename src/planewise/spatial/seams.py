@@ -1,0 +1,111 @@
+"""Seams between sectors: the cells of an image side by side, as if there were no sectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import borders
+from planewise.kernels import forms as comparing
+from planewise.kernels.cells import SIDE
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells
+
+Array = NDArray[np.float64]
+Grid = NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Neighbours:
+    """Which cells are beside each other.
+
+    Attributes
+    ----------
+    grid : ndarray of int32, shape (rows, columns)
+        Unit of every cell of the image, -1 where there is no plane, without gaps between sectors.
+    discords : ndarray, shape (2, rows, columns)
+        Across every side that two units of different segments share, to the right and below; -1 for
+        no such side.
+    sides : int
+        Number of those.
+    wraps : bool
+        Whether the last column is beside the first.
+    """
+
+    grid: Grid
+    discords: Array
+    sides: int
+    wraps: bool
+
+
+def neighbours(
+    cells: Cells,
+    grid: Grid,
+    of_unit: NDArray[np.int32],
+    discords: Array,
+    sides: int,
+    sectors: Sectors,
+) -> Neighbours:
+    """Put the sectors' cells side by side, with discords across the seams.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of the frame.
+    grid : ndarray of int32, shape (rows, columns)
+        Theirs, or only those that matter.
+    of_unit : ndarray of int32, shape (units,)
+        Segment of every unit.
+    discords : ndarray, shape (2, rows, columns)
+        Of the cells of all sectors and the gaps between them.
+    sides : int
+        Discords that are not -1.
+    sectors : Sectors
+        Of the frame.
+
+    Returns
+    -------
+    Neighbours
+    """
+    # Cells at the end that are too narrow for planes are left out: only squares reach into them.
+    first, last = sectors.start // SIDE, sectors.stop // SIDE
+    if sectors.count == 1 or (first == last).any():
+        return Neighbours(grid, discords, sides, False)
+    columns = np.concatenate([np.arange(*each) for each in zip(first, last, strict=True)])
+    grid, across = grid[:, columns], discords[:, :, columns]
+    ends = np.cumsum(last - first)
+    for k in range(sectors.count if sectors.wraps else sectors.count - 1):
+        beside = np.stack((grid[:, ends[k] - 1], grid[:, ends[k] % grid.shape[1]]), axis=1)
+        found, across[0, :, ends[k] - 1] = _discords(cells, of_unit, beside, sectors, k)
+        sides += found
+    return Neighbours(grid, across, sides, sectors.wraps)
+
+
+def _discords(
+    cells: Cells, of_unit: NDArray[np.int32], beside: Grid, sectors: Sectors, k: int
+) -> tuple[int, Array]:
+    """Discords (rows,) of units (rows, 2) across the seam behind sector k, and how many there are.
+
+    They are compared in the coordinates about the seam.
+    """
+    there = (beside >= 0).all(axis=1)
+    units = beside[there]
+    turn, other = sectors.seam(k), (k + 1) % sectors.count
+    forms = np.empty((2 * len(units), comparing.FORM))
+    for side, sector in enumerate((k, other)):
+        rows = sectors.turned(cells.rows[units[:, side]], sector, turn)
+        comparing.write_forms(rows, cells.drift[units[:, side]], forms[side::2])
+    pairs = np.arange(2 * len(units), dtype=np.int32).reshape(-1, 2)
+    # One pair a row of a grid, rows without a neighbour between them.
+    grid = np.full((2 * len(units), 2), -1, np.int32)
+    grid[::2] = pairs
+    out, none = np.empty((2, *grid.shape)), np.zeros(pairs.size, np.bool_)
+    unknown = np.empty((1, 1))
+    found = borders.border_discords(
+        grid, none, of_unit[units].reshape(-1), forms, unknown, unknown, out
+    )
+    discords = np.full(len(beside), -1.0)
+    discords[there] = out[0, ::2, 0]
+    return found, discords

@@ -1,0 +1,372 @@
+"""The spatial search: cells, agglomeration by information, labels near borders.
+
+A mask of connected surfaces is cheap to write down and neighbouring readings share their error, so
+neighbours are merged first: two segments become one where the evidence that they are one plane and
+the border that disappears outweigh their discord. A plane is accepted where it saves more against a
+smooth surface, of which every cell has its own plane, than its parameters and its border cost.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.information import plane_information
+from planewise.kernels import borders
+from planewise.kernels import forms as comparing
+from planewise.kernels import segments as merging
+from planewise.kernels.cells import COUNT, FREE, MISFIT
+from planewise.observation import RayObservation
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells
+from planewise.spatial.frame import Frame
+from planewise.spatial.labels import (
+    affine_planes,
+    information_matrices,
+    label_planes,
+    residual_correlation,
+    sector_of_units,
+)
+from planewise.spatial.seams import Neighbours, neighbours
+from planewise.spatial.segments import Segments
+from planewise.stages import stage
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+
+# Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
+_MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
+_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
+_PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its border
+_FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
+_SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
+_WHOLE = 64.0  # pixels of a cell whose error is its own
+_SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
+_LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
+_GAP_OFFSET = 0.3  # of its depth: where an unrelated plane seen through a gap may lie
+
+
+@dataclass(frozen=True)
+class Segmentation:
+    """Planes and labels found by the spatial search.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (N, 3, 3)
+        Of theta (`sectors`), the error that near readings share included.
+    labels : ndarray of uint16, shape (H, W')
+        In sectors: 0 for none, n K + k + 1 for plane n in sector k of K.
+    significance : ndarray, shape (N,)
+        Nats that each plane saves against a smooth surface, all its costs paid.
+    affine : ndarray, shape (N K, 3)
+        The same planes as w = t0 + t1 x + t2 y (`frame.Frame`) in every sector.
+    residual_correlation : ndarray, shape (N,)
+        Of cells side by side on each plane (`spatial.labels`).
+    left_out : int
+        Planes that pay but are more than was asked for.
+    """
+
+    covariance: Array
+    labels: Labels
+    significance: Array
+    affine: Array
+    residual_correlation: Array
+    left_out: int = 0
+
+
+def segment(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    *,
+    instances: bool = False,
+    max_planes: int | None = None,
+    significance: float = 0.0,
+    workspace: Workspace | None = None,
+) -> Segmentation:
+    """Find planes and labels under the spatial objective.
+
+    Parameters
+    ----------
+    observation : RayObservation
+        Of a depth image.
+    frame, cells
+        The same readings as images, and their cells.
+    instances : bool
+        Do not join coplanar segments seen through gaps: each is a surface of its own.
+    max_planes : int, optional
+        Keep the most significant ones only.
+    significance : float
+        Nats that a segment has to save beyond its costs.
+    workspace : Workspace, optional
+        Memory to work in.
+
+    Returns
+    -------
+    Segmentation
+    """
+    workspace = workspace or Workspace()
+    if cells is None:
+        return _nothing(frame.w.shape)
+    cost = plane_information(3, observation.range, observation.resolution)
+    with stage("segments"), workspace.stage():
+        segments, beside = _agglomerate(cells, frame.sectors, cost, workspace)
+        worth, accepted = _accept(beside, segments, cost, significance, workspace)
+        chosen, owner, planes = _join_through_gaps(
+            segments, worth, accepted, frame.sectors, instances
+        )
+        worth = worth[chosen]
+    count = planes.shape[1]
+    left_out = 0 if max_planes is None else max(0, count - max_planes)
+    if max_planes is not None and left_out:
+        planes, owner = _most_significant(planes, owner, worth, max_planes)
+    if not count:
+        return _nothing(frame.w.shape)
+    with stage("labels"), workspace.stage():
+        rows, labels = label_planes(
+            frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace
+        )
+    kept = owner >= 0
+    total = np.bincount(owner[kept], worth[kept], planes.shape[1])
+    found = _segmentation(cells, rows, labels, np.asarray(total), frame.sectors)
+    return replace(found, left_out=left_out)
+
+
+def planes_within(
+    cells: Cells,
+    sectors: Sectors,
+    inside: NDArray[np.bool_],
+    settled: NDArray[np.bool_],
+    cost: float,
+    significance: float,
+    workspace: Workspace,
+) -> list[tuple[NDArray[np.intp], Array, float]]:
+    """Planes that the search finds in a part of a frame, as if nothing else could be joined.
+
+    Parameters
+    ----------
+    cells : Cells
+        Of the frame, or of a rectangle of it.
+    sectors : Sectors
+        Of the frame; one.
+    inside : ndarray of bool, shape (units,)
+        Units that may be joined.
+    settled : ndarray of bool, shape (units,)
+        Others that are on planes already, which pay for the borders with them.
+    cost : float
+        3 ln(R / eps).
+    significance : float
+        Nats that a plane has to save beyond its costs.
+    workspace : Workspace
+        Memory to work in.
+
+    Returns
+    -------
+    list of (units, plane, worth)
+        Units of a plane, its (t0, t1, t2), and what it saves in nats; the best first.
+    """
+    grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
+    segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
+    worth, accepted = _accept(
+        replace(beside, grid=cells.grid), segments, cost, significance, workspace, settled & ~inside
+    )
+    mine = np.zeros(len(worth), np.bool_)
+    mine[segments.of_unit[inside]] = True
+    chosen = np.flatnonzero(mine & accepted)
+    return [
+        (
+            np.flatnonzero(segments.of_unit == k),
+            affine_planes(segments.rows[k : k + 1])[0],
+            float(worth[k]),
+        )
+        for k in chosen[np.argsort(-worth[chosen], kind="stable")]
+    ]
+
+
+def _agglomerate(
+    cells: Cells,
+    sectors: Sectors,
+    cost: float,
+    workspace: Workspace,
+    grid: NDArray[np.int32] | None = None,
+) -> tuple[Segments, Neighbours]:
+    """Merge neighbouring cells into segments; those of `grid` only, where it is given.
+
+    Returns which cells are neighbours, too.
+    """
+    count, grid = len(cells.rows), cells.grid if grid is None else grid
+    forms = workspace.empty((count, comparing.FORM))
+    comparing.write_forms(cells.rows, cells.drift, forms)
+    free = workspace.empty(count)
+    comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
+    free += _FITTED_AWAY
+    readings = cells.rows[:, COUNT].astype(np.intp)
+    free *= ((np.arange(readings.max() + 1) / _WHOLE) ** _SHARE_POWER)[readings]
+    segments = Segments(
+        rows=workspace.copy(cells.rows),
+        forms=workspace.copy(forms),
+        drift=cells.drift.copy(),
+        offset_prior=cells.offset_prior.copy(),
+        slope_prior=cells.slope_prior.copy(),
+        home=sector_of_units(cells, sectors),
+        of_unit=np.arange(count, dtype=np.int32),
+    )
+    segments.rows[:, FREE] = free
+    right = workspace.empty(cells.squares.shape)
+    below = workspace.empty(cells.squares.shape)
+    comparing.square_discords(cells.squares, forms, right, below)
+    root = np.empty(count, np.int32)
+    merging.join_blocks(
+        grid,
+        cells.whole,
+        right,
+        segments.rows,
+        segments.forms,
+        segments.drift,
+        _SAME,
+        _LEVELS,
+        root,
+    )
+    segments = segments.kept(root)
+    discords = workspace.empty((2, *cells.grid.shape))
+    sides = borders.border_discords(
+        cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
+    )
+    beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
+    ints, floats = merging.room(beside.sides, len(segments.rows))
+    root = root[: len(segments.rows)]
+    merging.agglomerate(
+        segments.of_cell(beside.grid, workspace),
+        beside.discords,
+        _MERGE_BORDER,
+        segments.rows,
+        segments.forms,
+        segments.drift,
+        segments.offset_prior,
+        segments.slope_prior,
+        segments.home,
+        sectors.turns,
+        beside.wraps,
+        cost,
+        root,
+        workspace.empty(ints, np.int32),
+        workspace.empty(floats),
+    )
+    return segments.kept(root), beside
+
+
+def _accept(
+    beside: Neighbours,
+    segments: Segments,
+    cost: float,
+    least: float,
+    workspace: Workspace,
+    settled: NDArray[np.bool_] | None = None,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """What each segment saves in nats, and which pay for being a plane.
+
+    Those that do not save as much as part of a plane, whose parameters are paid for. Segments of
+    `settled` units are planes, whatever they save.
+    """
+    rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
+    border = np.empty(len(rows))
+    ends = workspace.empty((2 * of_cell.size, 2), np.int32)
+    nats = workspace.empty(2 * of_cell.size)
+    found = borders.segment_borders(
+        of_cell, beside.discords, _PLANE_BORDER, beside.wraps, border, ends, nats
+    )
+    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    if settled is not None:
+        worth[segments.of_unit[settled]] = np.inf
+    accepted = np.empty(len(rows), np.bool_)
+    borders.accept(worth, ends[:found], nats[:found], least, accepted)
+    worth[~accepted] += _PLANE_COST * cost
+    return worth, accepted
+
+
+def _join_through_gaps(
+    segments: Segments,
+    worth: Array,
+    accepted: NDArray[np.bool_],
+    sectors: Sectors,
+    instances: bool,
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+    """Join segments of one plane that do not touch.
+
+    First accepted ones, then what is left over and saves anything as part of one of those planes.
+    Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
+    """
+    order = np.argsort(-worth, kind="stable")
+    chosen = order[accepted[order]]
+    home = segments.home[chosen]
+    planes, owner = sectors.everywhere(segments.rows[chosen], home), np.arange(len(chosen))
+    if instances or not len(chosen):
+        return chosen, owner, planes
+    drift = segments.drift[chosen]
+    forms = _forms(planes, drift)
+    slope_prior = segments.slope_prior[chosen]
+    merging.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
+    alive, owner = np.unique(owner, return_inverse=True)
+    planes = planes[:, alive]
+    rest = order[~accepted[order] & (worth[order] > 0.0)]
+    plane = np.empty(len(rest), np.int64)
+    others = sectors.everywhere(segments.rows[rest], segments.home[rest])
+    merging.find_planes(
+        np.concatenate((planes, others), axis=1),
+        np.concatenate((forms[:, alive], _forms(others, segments.drift[rest])), axis=1),
+        np.concatenate((home[alive], segments.home[rest])),
+        np.concatenate((slope_prior[alive], segments.slope_prior[rest])),
+        _GAP_OFFSET,
+        planes.shape[1],
+        plane,
+    )
+    part = plane >= 0
+    return np.concatenate((chosen, rest[part])), np.concatenate((owner, plane[part])), planes
+
+
+def _forms(rows: Array, drift: Array) -> Array:
+    """Forms (K, n, 12) of segment rows (K, n, 13)."""
+    out = np.empty((*rows.shape[:2], comparing.FORM))
+    for of_sector, forms in zip(rows, out, strict=True):
+        comparing.write_forms(of_sector, drift, forms)
+    return out
+
+
+def _most_significant(
+    planes: Array, owner: NDArray[np.int64], worth: Array, most: int
+) -> tuple[Array, NDArray[np.int64]]:
+    """The planes that save most, and owners with -1 for the others' segments."""
+    total = np.bincount(owner, worth, planes.shape[1])
+    keep = np.sort(np.argsort(-total, kind="stable")[:most])
+    place = np.full(planes.shape[1], -1)
+    place[keep] = np.arange(len(keep))
+    return planes[:, keep], place[owner]
+
+
+def _segmentation(
+    cells: Cells, planes: Array, labels: Labels, worth: Array, sectors: Sectors
+) -> Segmentation:
+    """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
+    affine = affine_planes(planes)
+    turn = sectors.turn[0]
+    information = information_matrices(planes[:: sectors.count])
+    return Segmentation(
+        covariance=turn @ np.linalg.inv(information) @ turn.T,
+        labels=labels,
+        significance=worth,
+        affine=affine,
+        residual_correlation=residual_correlation(cells, labels, affine, sectors),
+    )
+
+
+def _nothing(shape: tuple[int, ...]) -> Segmentation:
+    return Segmentation(
+        covariance=np.empty((0, 3, 3)),
+        labels=np.zeros(shape, np.uint16),
+        significance=np.empty(0),
+        affine=np.empty((0, 3)),
+        residual_correlation=np.empty(0),
+    )

@@ -1,0 +1,162 @@
+"""Planes and labels of a frame with exact Phi, and only those that pay for themselves by it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.information import plane_information
+from planewise.model import Move
+from planewise.observation import RayObservation
+from planewise.spatial.cells import Cells
+from planewise.spatial.frame import Frame
+from planewise.spatial.information import GroupData, Groups, Ledger, book_of, groups_of
+from planewise.spatial.refit import refitted
+from planewise.spatial.search import Segmentation, segment
+from planewise.stages import stage
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+
+_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
+_BENDS = 0.5  # correlation of residuals of cells side by side
+_SURE = 4.0  # times as much: no plane that saves more is cut
+
+
+@dataclass(frozen=True)
+class SpatialSolution:
+    """What a search found, and what it is worth.
+
+    Attributes
+    ----------
+    found : Segmentation
+        All planes found, and labels.
+    affine : ndarray, shape (N K, 3)
+        Its planes in every sector, refitted.
+    book : Ledger
+        Order and exact Phi of all planes found.
+    curve : ndarray, shape (M + 1,)
+        Phi with the best 0 ... M planes, of those whose readings are shorter on them.
+    moves : tuple of Move
+        What the search did.
+    """
+
+    found: Segmentation
+    affine: Array
+    book: Ledger
+    curve: Array
+    moves: tuple[Move, ...]
+
+    @property
+    def best(self) -> int:
+        """Number of planes that pay for themselves."""
+        return int(np.argmin(self.curve))
+
+    @property
+    def bends(self) -> bool:
+        """Whether a plane has residuals that are not white."""
+        return bool((self.found.residual_correlation > _BENDS).any())  # not where it is NaN
+
+    @property
+    def information(self) -> float:
+        """Phi in nats with these planes."""
+        return float(self.curve.min())
+
+
+def solve(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    *,
+    instances: bool,
+    max_planes: int,
+    significance: float,
+    workspace: Workspace,
+) -> SpatialSolution:
+    """Search, and search again closer where a plane turns out not to pay, or to bend.
+
+    A plane of readings with little but white noise is allowed to bend more than they say, for the
+    sake of mixed pixels and surfaces that are nearly flat. What was joined only for that, such as
+    two walls at 175 degrees, is shorter on none, or its residuals are correlated. Then readings are
+    taken at their word, if that makes Phi lower and residuals white; surfaces that bend all the way
+    would fall into as many planes as the noise lets one see.
+
+    Parameters
+    ----------
+    observation, frame, cells, instances, max_planes, significance, workspace
+        As `spatial.segment` takes them.
+    """
+
+    def look(cells: Cells | None) -> SpatialSolution:
+        found = segment(
+            observation,
+            frame,
+            cells,
+            instances=instances,
+            max_planes=max_planes,
+            significance=significance,
+            workspace=workspace,
+        )
+        with stage("ledger"), workspace.stage():
+            return judged(observation, frame, cells, found, workspace)
+
+    first = look(cells)
+    pays = first.best == len(first.book.order) and not first.bends
+    if pays or cells is None or not cells.bends_more_than_told:
+        return first
+    closer = look(replace(cells, drift=cells.told_drift))
+    return closer if closer.information < first.information and not closer.bends else first
+
+
+def judged(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells | None,
+    found: Segmentation,
+    workspace: Workspace,
+) -> SpatialSolution:
+    """Refit the planes, and cut what exact Phi says is shorter without.
+
+    Parameters
+    ----------
+    observation, frame, cells
+        The readings.
+    found : Segmentation
+        Of which planes and labels are judged.
+    workspace : Workspace
+        Memory to work in.
+    """
+    limits, labels = (observation.range, observation.resolution), found.labels
+    size = observation.pixel_size
+    groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
+    affine, data = refitted(groups, found.affine)
+    pays = _paying(frame, labels, groups, data, *limits)
+    order = np.lexsort((data.saved, ~pays))
+    book = book_of(frame, labels, groups, data, *limits, order)
+    curve = book.curve[: np.count_nonzero(pays) + 1]
+    moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
+    best = int(np.argmin(curve))
+    if best < len(order):
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+    return SpatialSolution(found, affine, book, curve, tuple(moves))
+
+
+def _paying(
+    frame: Frame,
+    labels: NDArray[np.uint16],
+    groups: Groups,
+    data: GroupData,
+    range: float,
+    resolution: float,
+) -> NDArray[np.bool_]:
+    """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
+    least = _LEAST * plane_information(3, range, resolution)
+    pays = np.asarray(data.worth < -least)
+    if (data.worth[pays] > -_SURE * least).any():
+        # Phi is lower without some of these, maybe: the last of all by worth.
+        book = book_of(frame, labels, groups, data.copy(), range, resolution)
+        best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
+        pays[book.order[best:]] = False
+    return pays
