@@ -47,9 +47,10 @@ $(RAY): $(READY) pyproject.toml
 test-ray: $(RAY)  ## pass the tests of the Ray engine, on a cluster of two nodes on this machine
 	$(BIN)/python -m pytest tests/test_batch_ray.py
 
-lint: $(READY)  ## style
+lint: $(READY)  ## style, and which way imports run
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo --no-cache
 
 types: $(READY)  ## types
 	$(BIN)/mypy
