@@ -197,8 +197,9 @@ def test_every_method_finds_a_corner_without_noise(method, corner):
     assert row["true_planes_found"] == 4
     assert row["normal_error_deg"] < 0.5
     assert row["distance_error_mm"] < 2
-    again = detect(method, frame)
-    assert np.array_equal(again.labels, found.labels)
+    if method != OPEN3D:  # its threads race for the best sample, whatever the seed
+        again = detect(method, frame)
+        assert np.array_equal(again.labels, found.labels)
 
 
 # Processes

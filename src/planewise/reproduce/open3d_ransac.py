@@ -37,7 +37,7 @@ def segment_plane(
         That one of the samples was pure: with the inliers of the best one so far it may end the
         search early. ``None`` means Open3D's own.
     seed : int
-        Of Open3D's samples, from now on.
+        Of Open3D's samples, from now on. On more than one thread its results still vary a little.
     """
     o3d = import_module("open3d")
     o3d.utility.random.seed(seed)
