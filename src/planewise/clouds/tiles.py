@@ -53,7 +53,7 @@ def tiled_cloud(
     tile_points: int,
     disk: Disk,
 ) -> Cloud | None:
-    """Sort points into cubes as `cloud.cloud_of` does, a tile at a time.
+    """Sort points into cubes as `clouds.cloud.cloud_of` does, a tile at a time.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def _splits(points: Points, grid: tuple[Array, float], workers: int, tile_points
 def _all_separations(
     points: Points, grid: tuple[Array, float], workers: int, tile_points: int, disk: Disk
 ) -> NDArray[np.int64]:
-    """`cloud.separations` of all keys: of every tile, and from each to the next."""
+    """`clouds.cloud.separations` of all keys: of every tile, and from each to the next."""
     counts = np.zeros(cloud_keys.LEVELS + 1, np.int64)
     before = np.empty(0, np.uint64)
     for tile in _sorted_tiles(points, grid, workers, tile_points, disk):

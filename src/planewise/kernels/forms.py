@@ -55,7 +55,7 @@ def _difference(  # type: ignore[no-untyped-def]
 
     They meet near the smaller one. C = P_0^-1 + P_1^-1 + Sigma_d, where Sigma_d is what an error
     that wanders like a random walk makes of the planes of two squares side by side, and of those
-    farther apart by a gap (`frame_error`).
+    farther apart by a gap (`spatial.frame_error`).
     """
     first = extent0 <= extent1  # is the smaller one
     extent, reach = min(extent0, extent1), max(extent0, extent1)

@@ -51,7 +51,7 @@ def unit_errors(  # type: ignore[no-untyped-def]
 ):
     """Variances of w that the error leaves in every unit, at its mean depth.
 
-    white_part, shared, drift, step (L,): `frame.ErrorTable`, the first two as the sensor says;
+    white_part, shared, drift, step (L,): of `spatial.frame.ErrorTable`, the first two as told;
     white: size of the white part in this frame; lateral: error across the image in pixels^2, steep
     (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (5, n): of the
     offset by what near readings share; of a slope by it; of the drift over 100 pixels; of the

@@ -1,4 +1,4 @@
-"""Loops over the units of a frame (`cells.Cells`) once pixels have labels.
+"""Loops over the units of a frame (`spatial.cells.Cells`) once pixels have labels.
 
 label (H, W): 0 for no plane; grid (rows, columns): unit of every cell of side x side pixels, -1 for
 none; rows (units, 13): their segments (`kernels.cells`); inside (units,): label of every unit whose

@@ -14,7 +14,7 @@ data are normal with the white variance of each reading, and
 A group labelled with a plane is a smooth surface of its own with probability 1/20: books on a table
 may be labelled as the table, which costs nats, but not without bound.
 
-Both are closed forms of the group's moments. The mask is the adaptive code of `mask_code`.
+Both are closed forms of the group's moments. The mask is the adaptive code of `spatial.mask_code`.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ class Segmentation:
     significance : ndarray, shape (N,)
         Nats that each plane saves against a smooth surface, all its costs paid.
     affine : ndarray, shape (N K, 3)
-        The same planes as w = t0 + t1 x + t2 y (`frame.Frame`) in every sector.
+        The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
         Of cells side by side on each plane (`spatial.labels`).
     left_out : int

@@ -22,7 +22,7 @@ class Segments:
     rows, forms : ndarray, shapes (n, 13) and (n, 12)
         What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
     drift, offset_prior, slope_prior : ndarray, shape (n,)
-        As of `cells.Cells`.
+        As of `spatial.cells.Cells`.
     home : ndarray of int32, shape (n,)
         Sector in whose coordinates each is.
     of_unit : ndarray of int32, shape (units,)

@@ -86,7 +86,7 @@ def solve(
     Parameters
     ----------
     observation, frame, cells, instances, max_planes, significance, workspace
-        As `spatial.segment` takes them.
+        As `spatial.search.segment` takes them.
     """
 
     def look(cells: Cells | None) -> SpatialSolution:
