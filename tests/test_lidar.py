@@ -149,10 +149,10 @@ def test_a_sliver_beyond_a_seam(seam, sliver):
     ("name", "least", "most"),
     [
         ("ouster-os1-128", 0.8, 0.35),
-        ("ouster-os1-64", 0.5, 0.55),
-        ("ouster-os1-32", 0.28, 0.8),
+        ("ouster-os1-64", 0.85, 0.25),
+        ("ouster-os1-32", 0.75, 0.3),
         ("velodyne-vls128", 0.85, 0.4),
-        ("velodyne-vlp16", 0.28, 1.0),
+        ("velodyne-vlp16", 0.75, 0.45),
     ],
 )
 def test_streets(name, least, most):

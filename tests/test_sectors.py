@@ -78,6 +78,18 @@ def test_margins_show_what_lies_beyond_a_seam(camera):
     assert not few.sectors(few.shape).margin.size
 
 
+def test_planes_cost_less_in_coarse_images():
+    """In proportion to the pixels, and their parameters at least."""
+    for rows, columns, fineness in ((128, 2048, 1.0), (128, 1024, 1.0), (64, 1024, 0.5)):
+        camera = pw.SphericalCamera.spinning(np.linspace(30, -30, rows), columns)
+        sectors = camera.sectors(camera.shape)
+        assert sectors.fineness == fineness
+        assert sectors.price(5.0, 30.0) == 150.0 * fineness
+        assert sectors.price(1.5, 30.0) == max(45.0 * fineness, 30.0)
+    pinhole = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
+    assert pinhole.sectors((30, 40)).price(3.0, 30.0) == 90.0
+
+
 def test_the_frame_has_depth_along_the_axis_of_each_sector(camera):
     rng = np.random.default_rng(1)
     ranges = rng.uniform(2, 9, camera.shape) * (rng.random(camera.shape) < 0.9)
