@@ -25,6 +25,7 @@ from planewise.spatial import labels as spatial_labels
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of
 from planewise.spatial.information import Ledger, ledger
+from planewise.spatial.marks import Marks
 from planewise.spatial.model import spatial_model
 from planewise.workspace import Workspace
 
@@ -261,7 +262,7 @@ def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: fl
     """Labels after the sweeps of the default search, over all pixels and until nothing changes."""
     frame, cells = judge.frame, judge.cells
     there = frame.p > 0
-    marks = spatial_labels._Marks.of(there.shape, Workspace())
+    marks = Marks.of(there.shape, Workspace())
     inside = np.s_[1 : there.shape[0] + 1, 1 : there.shape[1] + 1]
     marks.label[:], marks.state[:], marks.busy[:] = label_loops.NONE, label_loops.FIXED, True
     marks.label[inside] = np.where(there, now.labels, label_loops.NONE)

@@ -124,18 +124,39 @@ def test_where_the_image_begins_does_not_matter(columns):
         assert other.distance == pytest.approx(plane.distance, abs=0.01)
 
 
+@pytest.mark.parametrize("seam", [84, 0])
+@pytest.mark.parametrize("sliver", [1, 2, -1, -2])
+def test_a_sliver_beyond_a_seam(seam, sliver):
+    """A board that ends a column or two beyond a seam: as found as its border elsewhere."""
+    ranges, _ = room(CAMERA, np.random.default_rng(4))
+    sectors = CAMERA.sectors(CAMERA.shape)
+    assert seam in sectors.column[sectors.start]
+    first = seam - sliver if sliver > 0 else seam - sliver - 40
+    board = np.arange(first, first + 40) % 512
+    away = -2.0 / (CAMERA.rays(CAMERA.shape)[:, board] @ -CAMERA.rays(CAMERA.shape)[24, board[20]])
+    noise = 0.02 * np.random.default_rng(5).standard_normal(away.shape)
+    ranges[10:40, board] = (away + noise)[10:40]
+    labels = pw.detect_planes(ranges, CAMERA, SENSOR).labels
+    label = np.bincount(labels[10:40, board].ravel()).argmax()
+    assert (labels[10:40, board] == label).mean() > 0.995
+    edges = (seam + np.array([-1, 0])) % 512
+    on = np.isin(edges, board)
+    assert (labels[10:40, edges] == label)[:, on].mean() > 0.98
+    assert (labels[:, np.setdiff1d(np.arange(512), board)] == label).sum() <= 3
+
+
 @pytest.mark.parametrize(
     ("name", "least", "most"),
     [
         ("ouster-os1-128", 0.8, 0.35),
-        ("ouster-os1-64", 0.5, 0.55),
-        ("ouster-os1-32", 0.28, 0.8),
+        ("ouster-os1-64", 0.85, 0.25),
+        ("ouster-os1-32", 0.75, 0.3),
         ("velodyne-vls128", 0.85, 0.4),
-        ("velodyne-vlp16", 0.28, 1.0),
+        ("velodyne-vlp16", 0.75, 0.45),
     ],
 )
 def test_streets(name, least, most):
-    """Planes found, of 16 beams and more; what is missed are small faces of few rows."""
+    """Planes found, of 16 beams and more."""
     hits, true, wrong = 0, 0, 0
     for seed in range(3):
         scene = pw.scenes.street(seed, camera=cameras.PRESETS[name])

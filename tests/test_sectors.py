@@ -48,15 +48,46 @@ def test_sectors_lie_side_by_side(camera):
 def test_inverse_depth_is_affine_in_every_sector(camera):
     """w = theta . (u, v, 1) turned: for any plane, in all pixels that see it."""
     sectors, rng = camera.sectors(camera.shape), np.random.default_rng(0)
-    inside = sectors.column >= 0
-    of_column = np.searchsorted(sectors.start, np.flatnonzero(inside), side="right") - 1
-    rays = camera.rays(camera.shape)
+    shown = sectors.column.copy()
+    shown[sectors.margin] = sectors.column[sectors.beyond]
+    inside = np.flatnonzero(shown >= 0)
+    rays = camera.rays(camera.shape)[:, shown[inside]]
     for theta in rng.normal(size=(5, 3)):
-        affine = sectors.affine(theta[None])[of_column]
+        affine = sectors.affine(theta[None])[sectors.of_columns(inside)]
         x, y, c = (a[:, inside].astype(float) for a in (sectors.x, sectors.y, sectors.ratio))
         w = affine[:, 0] + affine[:, 1] * x + affine[:, 2] * y
         assert_allclose(w * c, rays @ theta, atol=1e-5)
         assert_allclose(sectors.theta(sectors.affine(theta[None]), [0])[0], theta, rtol=1e-9)
+
+
+def test_margins_show_what_lies_beyond_a_seam(camera):
+    """Some columns on either side of each seam, in order, as if there were no seam."""
+    sectors, width = camera.sectors(camera.shape), camera.shape[1]
+    seams = sectors.count if sectors.wraps else sectors.count - 1
+    assert sectors.margin.size == sectors.beyond.size
+    assert sectors.margin.size % (2 * max(seams, 1)) == 0
+    assert (sectors.margin.size > 0) == (seams > 0)
+    assert (sectors.column[sectors.margin] == -1).all()
+    shown = sectors.column.copy()
+    shown[sectors.margin] = sectors.column[sectors.beyond]
+    for k in range(sectors.count):
+        beside = np.flatnonzero((shown >= 0) & (sectors.of_columns(np.arange(shown.size)) == k))
+        assert (np.diff(beside) == 1).all()
+        assert set(np.diff(shown[beside]) % width) == {1}
+    few = pw.SphericalCamera.spinning([10, 0, -10], columns=9)
+    assert not few.sectors(few.shape).margin.size
+
+
+def test_planes_cost_less_in_coarse_images():
+    """In proportion to the pixels, and their parameters at least."""
+    for rows, columns, fineness in ((128, 2048, 1.0), (128, 1024, 1.0), (64, 1024, 0.5)):
+        camera = pw.SphericalCamera.spinning(np.linspace(30, -30, rows), columns)
+        sectors = camera.sectors(camera.shape)
+        assert sectors.fineness == fineness
+        assert sectors.price(5.0, 30.0) == 150.0 * fineness
+        assert sectors.price(1.5, 30.0) == max(45.0 * fineness, 30.0)
+    pinhole = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
+    assert pinhole.sectors((30, 40)).price(3.0, 30.0) == 90.0
 
 
 def test_the_frame_has_depth_along_the_axis_of_each_sector(camera):
@@ -67,7 +98,11 @@ def test_the_frame_has_depth_along_the_axis_of_each_sector(camera):
     there = sectors.image(frame.p) > 0
     assert_array_equal(there, ranges > 0)
     assert not frame.p[:, sectors.column < 0].any()
-    assert not frame.w[:, sectors.column < 0].any()
+    gap = np.setdiff1d(np.flatnonzero(sectors.column < 0), sectors.margin)
+    assert not frame.w[:, gap].any()
+    inverse_range = frame.w * sectors.ratio
+    beyond = inverse_range[:, sectors.beyond]
+    assert_allclose(inverse_range[:, sectors.margin], beyond, rtol=1e-6)
     c = sectors.image(sectors.ratio)[there]
     assert_allclose(1 / sectors.image(frame.w)[there], c * ranges[there], rtol=1e-5)
     # sigma_z = c sigma_range; w = 1 / z

@@ -7,14 +7,15 @@ planes are affine, so a panorama is cut into upright sectors. Within one, about 
 
 with (x, y) the gnomonic projection, which is what a pinhole camera looking there would see. Sectors
 lie side by side with gaps without readings between them, wide enough for no loop over neighbours to
-see from one into the next. What is known of a plane, P and P t of a row (`kernels.cells`), is
-carried from one sector to another exactly: theta = turn t, and P is a sum over d d', d the unit
-direction of a reading.
+see from one into the next; margins in the gaps show what lies beyond a seam in the coordinates of
+the sector beside them, where pixels get their labels. What is known of a plane, P and P t of a row
+(`kernels.cells`), is carried from one sector to another exactly: theta = turn t, and P is a sum
+over d d', d the unit direction of a reading.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
@@ -30,9 +31,16 @@ Scalar = TypeVar("Scalar", bound=np.generic)
 SQUARE = 2 * SIDE  # pixels of a square of cells
 BLOCK = 3 * SQUARE  # columns in which squares and groups begin together
 GAP = 4 * SQUARE  # columns between sectors: the farthest that cells in a row lie apart
+_MARGIN = 9  # columns beyond a seam that are shown in a gap ...
+_FAR = np.radians(10.0)  # ... and how wide they are at most
+_FULL = 1 << 17  # pixels of a range image in which planes cost what they do in a depth image
 _WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
 _UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
 _ROW = [0, 1, 2, 4, 5, 8]  # and back
+
+
+def _no_columns() -> NDArray[np.intp]:
+    return np.empty(0, np.intp)
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,8 @@ class Sectors:
         c = z / range, 1 in gaps; ``None`` where depth is z.
     wraps : bool
         Whether the last sector is beside the first one.
+    margin, beyond : ndarray of int
+        Columns of margins, and the columns that they show.
     """
 
     x: Image
@@ -69,6 +79,8 @@ class Sectors:
     stop: NDArray[np.intp]
     ratio: Image | None = None
     wraps: bool = False
+    margin: NDArray[np.intp] = field(default_factory=_no_columns)
+    beyond: NDArray[np.intp] = field(default_factory=_no_columns)
 
     @property
     def count(self) -> int:
@@ -82,8 +94,26 @@ class Sectors:
             return 1.0
         return float(np.sqrt(np.mean(np.square(self.ratio[:, self.column >= 0], dtype=np.float64))))
 
+    @cached_property
+    def fineness(self) -> float:
+        """Pixels of a range image against those of a fine one, at most 1; 1 for depth images.
+
+        What only looks like a plane saves nats in proportion to the readings that see it, as planes
+        do: so does what a plane has to save beyond its parameters (`price`).
+        """
+        if self.column is None:
+            return 1.0
+        return min(1.0, len(self.x) * np.count_nonzero(self.column >= 0) / _FULL)
+
+    def price(self, factor: float, parameters: float) -> float:
+        """Nats that a plane has to save: `factor` times its parameters in a fine image."""
+        return max(1.0, factor * self.fineness) * parameters
+
     def spread(self, w: Image, p: Image) -> tuple[Image, Image]:
-        """Inverse depth and its precision in sectors, from inverse range and precision (H, W)."""
+        """Inverse depth and its precision in sectors, from inverse range and precision (H, W).
+
+        Margins have inverse depth, but precision 0: their readings count where they are.
+        """
         if self.column is None or self.ratio is None:
             return w, p
         there = self.column >= 0
@@ -91,6 +121,8 @@ class Sectors:
         out_w /= self.ratio
         out_p *= self.ratio * self.ratio
         out_w[:, ~there] = out_p[:, ~there] = 0.0
+        inverse_range = out_w[:, self.beyond] * self.ratio[:, self.beyond]
+        out_w[:, self.margin] = inverse_range / self.ratio[:, self.margin]
         return out_w, out_p
 
     def image(self, sectors: NDArray[Scalar]) -> NDArray[Scalar]:
@@ -99,10 +131,10 @@ class Sectors:
             return sectors
         return np.ascontiguousarray(sectors[:, self.column >= 0])
 
-    def of_cells(self, columns: int) -> NDArray[np.int32]:
-        """Sector of every column of cells."""
-        last = np.arange(columns) * SIDE
-        return np.asarray(np.searchsorted(self.start, last, side="right") - 1, np.int32)
+    def of_columns(self, columns: NDArray[np.intp]) -> NDArray[np.int32]:
+        """Sector of some columns, those of margins included."""
+        before = np.searchsorted(self.start - _MARGIN, columns, side="right")
+        return np.asarray(before - 1, np.int32)
 
     def turned(self, rows: Array, source: NDArray[np.integer] | int, turn: Array) -> Array:
         """Rows (..., at least 9) of segments in other coordinates.
@@ -237,32 +269,33 @@ def of_panorama(
     Sectors
     """
     along, width = azimuth.mean(axis=0), azimuth.shape[1]
-    span = abs(along[-1] - along[0]) * width / (width - 1)
-    count = max(1, int(np.ceil(span / _WIDEST)))
-    # Whole squares, but for columns so far apart that few make a sector.
-    whole = SQUARE if 2 * SQUARE * span < _WIDEST * width else 1
-    edges = whole * np.rint(np.linspace(0, width / whole, count + 1)).astype(np.intp)
-    edges[-1] = width
-    edges = np.unique(np.minimum(edges, width))
+    edges = _edges(width, abs(along[-1] - along[0]) * width / (width - 1))
     count = len(edges) - 1
+    wraps &= count > 1
     pitch = -(-(int(np.diff(edges).max()) + GAP) // BLOCK) * BLOCK
-    start = pitch * np.arange(count)
+    start = pitch * np.arange(count) + (BLOCK if wraps else 0)
     stop = start + np.diff(edges)
-    column = np.full(int(stop[-1]), -1)
+    margin, beyond = _margins(start, stop, min(_MARGIN, int(_FAR / pixel_size[0])), wraps)
+    column = np.full(max(int(stop[-1]), margin.max(initial=-1) + 1), -1)
+    for k in range(count):
+        column[start[k] : stop[k]] = np.arange(edges[k], edges[k + 1])
+    shown = column.copy()
+    shown[margin] = column[beyond]
+
     x, y = np.zeros((2, len(azimuth), column.size), np.float32)
     ratio = np.ones(x.shape, np.float32)
     turn = np.empty((count, 3, 3))
     sense = np.sign(along[-1] - along[0])  # x grows along a row ...
     fall = np.sign(elevation[-1, 0] - elevation[0, 0])  # ... and y down a column
     for k in range(count):
-        at, source = slice(start[k], stop[k]), slice(edges[k], edges[k + 1])
         middle = 0.5 * (along[edges[k]] + along[edges[k + 1] - 1])
-        column[at] = np.arange(edges[k], edges[k + 1])
-        apart = azimuth[:, source] - middle
-        x[:, at] = sense * np.tan(apart) / (UNIT * pixel_size[0])
-        y[:, at] = fall * np.tan(elevation[:, source]) / np.cos(apart) / (UNIT * pixel_size[1])
-        ratio[:, at] = np.cos(elevation[:, source]) * np.cos(apart)
         turn[k] = looking(middle, sense, fall) @ turn_to_theta(pixel_size)
+        at = np.arange(max(start[k] - _MARGIN, 0), min(stop[k] + _MARGIN, column.size))
+        at = at[shown[at] >= 0]
+        apart, level = azimuth[:, shown[at]] - middle, elevation[:, shown[at]]
+        x[:, at] = sense * np.tan(apart) / (UNIT * pixel_size[0])
+        y[:, at] = fall * np.tan(level) / np.cos(apart) / (UNIT * pixel_size[1])
+        ratio[:, at] = np.cos(level) * np.cos(apart)
     return Sectors(
         x=x,
         y=y,
@@ -273,8 +306,33 @@ def of_panorama(
         start=start,
         stop=stop,
         ratio=ratio,
-        wraps=wraps and count > 1,
+        wraps=wraps,
+        margin=margin,
+        beyond=beyond,
     )
+
+
+def _edges(width: int, span: float) -> NDArray[np.intp]:
+    """First column of every sector of an image that spans so many radians, and its width.
+
+    Sectors are whole squares, but for columns so far apart that few make a sector.
+    """
+    count = max(1, int(np.ceil(span / _WIDEST)))
+    whole = SQUARE if 2 * SQUARE * span < _WIDEST * width else 1
+    edges = whole * np.rint(np.linspace(0, width / whole, count + 1)).astype(np.intp)
+    edges[-1] = width
+    return np.unique(np.minimum(edges, width))
+
+
+def _margins(
+    start: NDArray[np.intp], stop: NDArray[np.intp], size: int, wraps: bool
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Columns beside both ends of every seam, and those that they show."""
+    left = np.arange(len(start) if wraps else len(start) - 1)
+    right, place = (left + 1) % len(start), np.arange(size)
+    before, behind = stop[left, None] - 1 - place, start[right, None] + place
+    margin = stop[left, None] + place, start[right, None] - 1 - place
+    return np.concatenate(margin, axis=None), np.concatenate((behind, before), axis=None)
 
 
 def looking(azimuth: float, sense: float, fall: float) -> Array:

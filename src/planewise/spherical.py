@@ -18,16 +18,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise import angles
+
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
 
 Array = NDArray[np.float64]
 
-_STEEPEST = 75.0  # degrees of elevation: beyond it, sectors are stretched too far
-_STAGGER = 2.0  # columns by which rows beside each other may be out of step
-_FARTHEST = 20.0  # degrees that a row may be off its columns
 _FULL_TURN = 1.5  # columns that may be missing from one
-_UNEVEN = 4.0  # times the usual step that columns may be apart
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +66,7 @@ class SphericalCamera:
 
     def __post_init__(self) -> None:
         for name in ("elevation", "azimuth", "azimuth_offset"):
-            object.__setattr__(self, name, _degrees(name, getattr(self, name)))
+            object.__setattr__(self, name, angles.degrees(name, getattr(self, name)))
         if len(self.elevation) < 2 or len(self.azimuth) < 2:
             raise ValueError(
                 "camera: elevation and azimuth must have at least 2 angles each, "
@@ -79,30 +77,11 @@ class SphericalCamera:
                 f"camera: azimuth_offset must have one angle for each of {len(self.elevation)} "
                 f"rows, got {len(self.azimuth_offset)}"
             )
-        _check_elevation(np.array(self.elevation))
-        step = np.diff(self._continuous())
-        usual = float(np.median(np.abs(step)))
-        if not (np.all(step > 0) or np.all(step < 0)) or np.abs(step).max() > _UNEVEN * usual:
-            raise ValueError(
-                "camera: azimuth must rise or fall from column to column by about the same angle, "
-                f"got steps from {step.min():g} to {step.max():g} degrees"
-            )
-        if np.abs(step).sum() > 360.0:
-            raise ValueError(
-                f"camera: azimuth must go round once at most, got {np.abs(step).sum():g} degrees"
-            )
-        farthest = np.abs(self.azimuth_offset).max(initial=0.0)
-        if farthest > _FARTHEST:
-            raise ValueError(
-                f"camera: azimuth_offset must lie within {_FARTHEST:g} degrees, got {farthest:g}; "
-                "what all rows share belongs to azimuth"
-            )
-        out_of_step = np.abs(np.diff(self.azimuth_offset)).max(initial=0.0) / usual
-        if out_of_step > _STAGGER:
-            raise ValueError(
-                f"camera: azimuth_offset puts rows {out_of_step:.1f} columns out of step, at most "
-                f"{_STAGGER:g} will do; destagger the image, then give what is left of the offsets"
-            )
+        angles.check_elevation(np.array(self.elevation))
+        along = self._continuous()
+        angles.check_azimuth(along)
+        usual = float(np.median(np.abs(np.diff(along))))
+        angles.check_offset(np.array(self.azimuth_offset), usual)
 
     @classmethod
     def spinning(
@@ -215,8 +194,8 @@ class SphericalCamera:
         ndarray, shape (..., 3)
         """
         column, row = np.moveaxis(np.asarray(pixels, np.float64), -1, 0)
-        azimuth = _between(self._continuous(), column)
-        elevation = np.radians(_between(np.array(self.elevation), row))
+        azimuth = angles.between(self._continuous(), column)
+        elevation = np.radians(angles.between(np.array(self.elevation), row))
         if self.azimuth_offset:
             azimuth = azimuth + np.interp(row, np.arange(self.shape[0]), self.azimuth_offset)
         azimuth, flat = np.radians(azimuth), np.cos(elevation)
@@ -270,7 +249,7 @@ class SphericalCamera:
             level = np.degrees(np.arctan2(z, np.hypot(x, y)))
             around = np.degrees(np.arctan2(y, x))
         there = np.isfinite(array).all(axis=1) & (np.abs(array).max(axis=1, initial=0.0) > 0)
-        row = _nearest(np.array(self.elevation), np.where(there, level, 0.0))
+        row = angles.nearest(np.array(self.elevation), np.where(there, level, 0.0))
         if self.azimuth_offset:
             around = around - np.take(self.azimuth_offset, row)
         along = self._continuous()
@@ -278,7 +257,7 @@ class SphericalCamera:
         step = (along[-1] - along[0]) / (len(along) - 1)
         first, sign = along[0] - 0.5 * step, np.sign(step)
         turn = first + sign * np.mod(sign * (np.where(there, around, along[0]) - first), 360.0)
-        column = _nearest(along, turn)
+        column = angles.nearest(along, turn)
         inside = there & (row >= 0) & (column >= 0)
         return np.where(inside[:, None], np.stack((row, column), axis=1), -1)
 
@@ -339,56 +318,6 @@ class SphericalCamera:
         )
 
 
-def _degrees(name: str, values: Sequence[float]) -> tuple[float, ...]:
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"camera: {name} must be angles in degrees, got {values!r}") from None
-    if array.ndim != 1 or not np.isfinite(array).all():
-        raise ValueError(
-            f"camera: {name} must be a row of finite angles in degrees, got shape {array.shape}"
-            + ("" if np.isfinite(array).all() else " with angles that are not finite")
-        )
-    return tuple(array.tolist())
-
-
-def _check_elevation(elevation: Array) -> None:
-    step = np.diff(elevation)
-    if not (np.all(step > 0) or np.all(step < 0)):
-        at = int(np.argmax(np.sign(step) != np.sign(elevation[-1] - elevation[0])))
-        raise ValueError(
-            "camera: elevation must rise or fall from row to row, got "
-            f"{elevation[at]:g} and {elevation[at + 1]:g} degrees in rows {at} and {at + 1}; "
-            "sort the beams, and the rows of the image with them"
-        )
-    if np.abs(elevation).max() > _STEEPEST:
-        raise ValueError(
-            f"camera: elevation must lie within {_STEEPEST:g} degrees of the horizon, got "
-            f"{elevation[np.argmax(np.abs(elevation))]:g}; are the angles in degrees?"
-        )
-
-
-def _edges(angles: Array) -> Array:
-    """Half-way between angles in order, and as far beyond the outermost: one more of them."""
-    half = 0.5 * np.diff(angles)
-    return np.concatenate(([angles[0] - half[0]], angles[:-1] + half, [angles[-1] + half[-1]]))
-
-
-def _between(angles: Array, place: Array) -> Array:
-    """Angles at places between their indices, and up to half-way beyond the ends."""
-    edges, last = _edges(angles), angles.size - 1
-    places = np.concatenate(([-0.5], np.arange(angles.size), [last + 0.5]))
-    return np.interp(place, places, np.concatenate((edges[:1], angles, edges[-1:])))
-
-
-def _nearest(angles: Array, wanted: Array) -> NDArray[np.intp]:
-    """Index of the nearest of angles that rise or fall, -1 beyond both ends."""
-    edges = _edges(angles)
-    sign = 1.0 if edges[-1] > edges[0] else -1.0
-    place = np.searchsorted(sign * edges, sign * wanted, side="right") - 1
-    return np.where(place < angles.size, place, -1)
-
-
 @lru_cache(maxsize=4)
 def _ray_rows(camera: SphericalCamera) -> Array:
     azimuth, elevation = camera._angles()
@@ -401,8 +330,8 @@ def _ray_rows(camera: SphericalCamera) -> Array:
 
 @lru_cache(maxsize=4)
 def _pixel_area(camera: SphericalCamera) -> Array:
-    around = np.abs(np.diff(_edges(np.radians(camera._continuous()))))
-    up = np.abs(np.diff(np.sin(_edges(np.radians(camera.elevation)))))
+    around = np.abs(np.diff(angles.edges_of(np.radians(camera._continuous()))))
+    up = np.abs(np.diff(np.sin(angles.edges_of(np.radians(camera.elevation)))))
     area = up[:, None] * around
     area.flags.writeable = False
     return np.asarray(area)

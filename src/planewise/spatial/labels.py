@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,6 +13,7 @@ from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
+from planewise.spatial.marks import Marks
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -44,42 +43,6 @@ def affine_planes(rows: Array) -> Array:
     scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrix))
     scaled = matrix * scale[:, :, None] * scale[:, None, :]
     return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])
-
-
-@dataclass(frozen=True)
-class _Marks:
-    """Images with a margin of a pixel in which labels change (`kernels.labels`).
-
-    Attributes
-    ----------
-    label : ndarray of int16, shape (H + 2, M)
-        With `kernels.labels.NONE`.
-    state : ndarray of uint8, shape (H + 2, M)
-        Whether a pixel waits for a look, or is fixed.
-    busy, seen : ndarray of bool, shape (H + 2, M / CHUNK)
-        Chunks of a row that hold pixels that wait, and that held some or lay beside a change.
-    """
-
-    label: NDArray[np.int16]
-    state: NDArray[np.uint8]
-    busy: NDArray[np.bool_]
-    seen: NDArray[np.bool_]
-
-    @classmethod
-    def of(cls, shape: tuple[int, int], workspace: Workspace) -> _Marks:
-        """Arbitrary labels, every margin set."""
-        chunks = -(-(shape[1] + 1 + SIDE) // label_loops.CHUNK)
-        whole, parts = (shape[0] + 2, chunks * label_loops.CHUNK), (shape[0] + 2, chunks)
-        marks = cls(
-            label=workspace.empty(whole, np.int16),
-            state=workspace.empty(whole, np.uint8),
-            busy=workspace.empty(parts, np.bool_),
-            seen=workspace.empty(parts, np.bool_),
-        )
-        for edge in (0, -1):
-            marks.label[edge], marks.state[edge] = label_loops.NONE, label_loops.FIXED
-        marks.busy[:] = False
-        return marks
 
 
 def label_planes(
@@ -117,7 +80,7 @@ def label_planes(
         In sectors: 0 for none, j for row j - 1.
     """
     workspace = workspace or Workspace()
-    marks = _Marks.of(frame.w.shape, workspace)
+    marks = Marks.of(frame.w.shape, workspace)
     labels: Labels = workspace.kept(frame.w.shape, np.uint16)
     sectors = frame.sectors
     segment = np.zeros(len(cells.rows), np.int16)
@@ -144,7 +107,7 @@ def _label_pixels(
     planes: Array,
     variance: Array,
     null: float,
-    marks: _Marks,
+    marks: Marks,
     workspace: Workspace,
 ) -> None:
     """Labels of pixels, from those of units, `number`."""
@@ -168,6 +131,7 @@ def _label_pixels(
         marks.state,
         marks.busy,
     )
+    marks.show_beyond(frame.sectors)
     marks.seen[:] = marks.busy
     label_loops.label_pixels(
         marks.label.reshape(-1),
@@ -187,6 +151,7 @@ def _label_pixels(
         _DIFFERING,
         _SWEEPS,
     )
+    marks.hide_beyond(frame.sectors)
 
 
 def _put_creases(
@@ -195,7 +160,7 @@ def _put_creases(
     planes: Array,
     variance: Array,
     slow: Array,
-    marks: _Marks,
+    marks: Marks,
     labels: Labels,
     workspace: Workspace,
 ) -> bool:
@@ -297,7 +262,7 @@ def relabelled(
     box = np.s_[top:bottom, left:right]
     w, x, y = (np.ascontiguousarray(image[box]) for image in (frame.w, frame.x, frame.y))
     there = frame.p[box] > 0
-    marks = _Marks.of(w.shape, Workspace())
+    marks = Marks.of(w.shape, Workspace())
     marks.label[:], marks.state[:] = label_loops.NONE, label_loops.FIXED
     marks.busy[:], marks.seen[:] = True, False
     inner = np.s_[1 : w.shape[0] + 1, 1 : w.shape[1] + 1]
@@ -363,7 +328,8 @@ def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
     out = np.zeros(len(cells.rows), np.int32)
     if sectors.count > 1:
         there = cells.grid >= 0
-        of_cell = np.broadcast_to(sectors.of_cells(cells.grid.shape[1]), cells.grid.shape)
+        of_column = sectors.of_columns(SIDE * np.arange(cells.grid.shape[1]))
+        of_cell = np.broadcast_to(of_column, cells.grid.shape)
         out[cells.grid[there]] = of_cell[there]
     return out
 

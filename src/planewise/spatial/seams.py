@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels import borders
 from planewise.kernels import forms as comparing
 from planewise.kernels.cells import SIDE
 from planewise.sectors import Sectors
@@ -78,34 +77,27 @@ def neighbours(
     ends = np.cumsum(last - first)
     for k in range(sectors.count if sectors.wraps else sectors.count - 1):
         beside = np.stack((grid[:, ends[k] - 1], grid[:, ends[k] % grid.shape[1]]), axis=1)
-        found, across[0, :, ends[k] - 1] = _discords(cells, of_unit, beside, sectors, k)
-        sides += found
+        across[0, :, ends[k] - 1] = found = _discords(cells, of_unit, beside, sectors, k)
+        sides += int(np.count_nonzero(found >= 0))
     return Neighbours(grid, across, sides, sectors.wraps)
 
 
 def _discords(
     cells: Cells, of_unit: NDArray[np.int32], beside: Grid, sectors: Sectors, k: int
-) -> tuple[int, Array]:
-    """Discords (rows,) of units (rows, 2) across the seam behind sector k, and how many there are.
+) -> Array:
+    """Discords (rows,) of units (rows, 2) across the seam behind sector k; -1 for no such side.
 
     They are compared in the coordinates about the seam.
     """
-    there = (beside >= 0).all(axis=1)
-    units = beside[there]
-    turn, other = sectors.seam(k), (k + 1) % sectors.count
-    forms = np.empty((2 * len(units), comparing.FORM))
-    for side, sector in enumerate((k, other)):
-        rows = sectors.turned(cells.rows[units[:, side]], sector, turn)
-        comparing.write_forms(rows, cells.drift[units[:, side]], forms[side::2])
-    pairs = np.arange(2 * len(units), dtype=np.int32).reshape(-1, 2)
-    # One pair a row of a grid, rows without a neighbour between them.
-    grid = np.full((2 * len(units), 2), -1, np.int32)
-    grid[::2] = pairs
-    out, none = np.empty((2, *grid.shape)), np.zeros(pairs.size, np.bool_)
-    unknown = np.empty((1, 1))
-    found = borders.border_discords(
-        grid, none, of_unit[units].reshape(-1), forms, unknown, unknown, out
+    rows = np.flatnonzero(
+        (beside >= 0).all(axis=1) & (of_unit[beside[:, 0]] != of_unit[beside[:, 1]])
     )
+    forms = np.empty((2, len(rows), comparing.FORM))
+    for side, sector in enumerate((k, (k + 1) % sectors.count)):
+        units = beside[rows, side]
+        about_seam = sectors.turned(cells.rows[units], sector, sectors.seam(k))
+        comparing.write_forms(about_seam, cells.drift[units], forms[side])
     discords = np.full(len(beside), -1.0)
-    discords[there] = out[0, ::2, 0]
-    return found, discords
+    for row, left, right in zip(rows, *forms, strict=True):
+        discords[row] = comparing.compare_forms(left, right, 0.0, 0.0)[0]
+    return discords

@@ -40,7 +40,7 @@ Labels = NDArray[np.uint16]
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
-_PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save besides its border
+_PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
@@ -114,7 +114,8 @@ def segment(
     cost = plane_information(3, observation.range, observation.resolution)
     with stage("segments"), workspace.stage():
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace)
-        worth, accepted = _accept(beside, segments, cost, significance, workspace)
+        price = frame.sectors.price(_PLANE_COST, cost)
+        worth, accepted = _accept(beside, segments, price, significance, workspace)
         chosen, owner, planes = _join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
@@ -170,9 +171,8 @@ def planes_within(
     """
     grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
     segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
-    worth, accepted = _accept(
-        replace(beside, grid=cells.grid), segments, cost, significance, workspace, settled & ~inside
-    )
+    price, beside = sectors.price(_PLANE_COST, cost), replace(beside, grid=cells.grid)
+    worth, accepted = _accept(beside, segments, price, significance, workspace, settled & ~inside)
     mine = np.zeros(len(worth), np.bool_)
     mine[segments.of_unit[inside]] = True
     chosen = np.flatnonzero(mine & accepted)
@@ -261,15 +261,15 @@ def _agglomerate(
 def _accept(
     beside: Neighbours,
     segments: Segments,
-    cost: float,
+    price: float,
     least: float,
     workspace: Workspace,
     settled: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What each segment saves in nats, and which pay for being a plane.
 
-    Those that do not save as much as part of a plane, whose parameters are paid for. Segments of
-    `settled` units are planes, whatever they save.
+    A plane has to save `price` besides its border, but what does not is worth what it saves as part
+    of a plane that is paid for. Segments of `settled` units are planes, whatever they save.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
@@ -278,12 +278,12 @@ def _accept(
     found = borders.segment_borders(
         of_cell, beside.discords, _PLANE_BORDER, beside.wraps, border, ends, nats
     )
-    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - price - border
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
-    worth[~accepted] += _PLANE_COST * cost
+    worth[~accepted] += price
     return worth, accepted
 
 

@@ -13,6 +13,7 @@ from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.information import GroupData, Groups, Ledger, book_of, groups_of
+from planewise.spatial.joining import joined
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
 from planewise.stages import stage
@@ -100,6 +101,8 @@ def solve(
             workspace=workspace,
         )
         with stage("ledger"), workspace.stage():
+            if frame.sectors.column is not None and cells is not None and not instances:
+                found = joined(observation, frame, cells, found, workspace)
             return judged(observation, frame, cells, found, workspace)
 
     first = look(cells)
@@ -152,7 +155,7 @@ def _paying(
     resolution: float,
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
-    least = _LEAST * plane_information(3, range, resolution)
+    least = frame.sectors.price(_LEAST, plane_information(3, range, resolution))
     pays = np.asarray(data.worth < -least)
     if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of all by worth.

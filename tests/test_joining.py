@@ -1,0 +1,40 @@
+"""Planes of range images that turn out to be one."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import planewise as pw
+from planewise.spatial import solution
+from planewise.spatial.joining import _parts
+from tests.test_lidar import CAMERA, SENSOR, room
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
+    """What no longer stands apart lowers Phi; surfaces that do not touch stay, if wanted."""
+    ranges, truth = room(CAMERA, np.random.default_rng(seed))
+    model = pw.detect_planes(ranges, CAMERA, SENSOR)
+    surfaces = pw.detect_planes(ranges, CAMERA, SENSOR, instances=True)
+    monkeypatch.setattr(solution, "joined", lambda *given: given[3])
+    apart = pw.detect_planes(ranges, CAMERA, SENSOR)
+    assert len(model) == 6 < len(apart) <= len(surfaces)
+    assert model.information < apart.information - 2 * 3 * np.log(60 / 0.002)
+    for label in range(1, 7):
+        mine = truth == label
+        share = np.bincount(model.labels[mine], minlength=7)[1:].max() / mine.sum()
+        assert share > 0.97
+    # The same readings are on planes; only whose they are has changed.
+    assert_array_equal(model.labels > 0, apart.labels > 0)
+
+
+def test_what_saves_most_is_joined_first():
+    inf = np.inf
+    assert_array_equal(_parts(np.full((3, 3), inf)), [0, 1, 2])
+    # 1 and 2 are both part of 0; what 1 saved on 2 does not count once it is gone.
+    more = np.array([[inf, 5.0, inf], [-9.0, inf, -4.0], [-3.0, 2.0, inf]])
+    assert_array_equal(_parts(more), [0, 0, 0])
+    # Part of what is part of another.
+    chain = np.array([[inf, -2.0, inf], [inf, inf, -1.0], [inf, inf, inf]])
+    assert_array_equal(_parts(chain), [2, 2, 2])
+    assert _parts(np.empty((0, 0))).size == 0
