@@ -69,6 +69,15 @@ def test_planes_are_described(model):
         assert abs(plane.residual_correlation) < 0.5
 
 
+def test_information_is_what_points_save_against_outliers(model):
+    # Of white noise: -ln of the density, times eps, less ln(R / eps); two coordinates cancel.
+    each = 0.5 * np.log(2 * np.pi * np.e * (SIGMA / 0.001) ** 2) - np.log(10 / 0.001)
+    for plane in model.planes:
+        assert plane.mean_information == pytest.approx(each, rel=0.06)
+        # Against a smooth surface, which explains most of it, they save less.
+        assert plane.significance < -0.5 * plane.information
+
+
 def test_phi_of_fewer_planes_and_the_curve(model):
     assert model.information == model.curve[model.curve.chosen] == min(model.curve)
     assert len(model.prefix) == 7

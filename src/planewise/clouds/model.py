@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 from planewise.clouds import few as cloud_few
 from planewise.clouds.cells import CloudError, cells_of, residual_correlation
 from planewise.clouds.cloud import Cloud, cloud_of
-from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, refitted
+from planewise.clouds.information import (
+    CloudGroups,
+    CloudLedger,
+    data_of,
+    groups_of,
+    ledger,
+    mask_of,
+    refitted,
+)
 from planewise.clouds.labels import label_points
 from planewise.clouds.rows import covariance, planes_of, quadratic
 from planewise.clouds.segments import segments_of
@@ -206,7 +214,7 @@ def ranked_model(
     max_planes: int,
     settings: Mapping[str, object],
 ) -> PlaneModel:
-    """Refit the planes to their points, keep those that pay by exact Phi, best first."""
+    """Refit the planes to their points, keep those that pay by exact Phi, best first: as images."""
     cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
     areas, labels = found.rows[:, AREA], found.labels
     with stage("ledger"):
@@ -214,13 +222,13 @@ def ranked_model(
         data = data_of(cloud, groups, planes_of(found.rows), areas, error, *limits)
         rows = _determined(refitted(cloud, groups, *data, areas, error), found.rows)
         alone, now = data_of(cloud, groups, planes_of(rows), areas, error, *limits)
-        book = ledger(cloud, labels, groups, alone, now, len(rows), *limits)
-    best = int(np.argmin(book.curve))
+        book, curve = _ranked(cloud, labels, groups, alone, now, len(rows), limits)
+    best = int(np.argmin(curve))
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
     if best < len(rows):
         # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
-    order, phi = book.order[:best], book.curve[: best + 1]
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+    order, phi = book.order[:best], curve[: best + 1]
     with stage("describe"):
         place = np.zeros(len(rows) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
@@ -229,7 +237,7 @@ def ranked_model(
         for first, last in cloud.runs():
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.order.rows[part]] = place[labels[part]]
-        planes = _described(found, groups, rows, book.worth, order)
+        planes = _described(found, groups, rows, book.saved, order)
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
     if not len(rows):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
@@ -239,7 +247,7 @@ def ranked_model(
         labels=ranked,
         planes=planes,
         information=float(phi[-1]),
-        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        curve=Curve(information=curve, chosen=best, reason=reason, moves=tuple(moves)),
         readings=len(cloud.local),
         prefix=tuple(phi.tolist()),
         search="joint",
@@ -247,6 +255,28 @@ def ranked_model(
         note="" if best else reason,
         settings=settings,
     )
+
+
+def _ranked(
+    cloud: Cloud,
+    labels: NDArray[np.uint16],
+    groups: CloudGroups,
+    alone: Array,
+    data: Array,
+    planes: int,
+    limits: tuple[float, float],
+) -> tuple[CloudLedger, Array]:
+    """All planes as the paper ranks them, those that do not pay last; the curve of those that do.
+
+    Those pay without which Phi would not fall, the one that is worth least first.
+    """
+    mask = mask_of(cloud, labels, planes)
+    by_worth = ledger(cloud, mask, groups, alone, data, *limits)
+    pays = np.zeros(planes, np.bool_)
+    pays[by_worth.order[: np.argmin(by_worth.curve)]] = True
+    order = np.lexsort((by_worth.saved, ~pays))
+    book = ledger(cloud, mask, groups, alone, data, *limits, order)
+    return book, book.curve[: np.count_nonzero(pays) + 1]
 
 
 def _determined(rows: Array, before: Array) -> Array:
@@ -258,7 +288,7 @@ def _determined(rows: Array, before: Array) -> Array:
 
 
 def _described(
-    found: CloudPlanes, groups: CloudGroups, rows: Array, worth: Array, order: NDArray[np.intp]
+    found: CloudPlanes, groups: CloudGroups, rows: Array, saved: Array, order: NDArray[np.intp]
 ) -> tuple[Plane, ...]:
     """Planes in this order, in the frame of the input."""
     cloud, n = found.cloud, len(rows)
@@ -277,14 +307,14 @@ def _described(
         sums += [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
     centroid = sums.T / np.maximum(count, 1.0)[:, None]
     planes = []
-    for rank, j in enumerate(order):
+    for j in order:
         distance = float(local[j, 3] - local[j, :3] @ cloud.centre)
         sign = -1.0 if distance < 0 else 1.0
         planes.append(
             Plane(
                 normal=sign * local[j, :3],
                 distance=sign * distance,
-                information=float(worth[rank]),
+                information=float(saved[j]),
                 count=int(count[j]),
                 rms=float(np.sqrt(max(squares[j], 0.0) / max(count[j], 1.0))),
                 centroid=centroid[j] + cloud.centre,
