@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.cloud import cloud_of
-from planewise.cloud_cells import cells_of
+from planewise.clouds.cells import cells_of
+from planewise.clouds.cloud import cloud_of
 
 SIGMA = 0.01
 SENSOR = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA)

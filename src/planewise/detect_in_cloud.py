@@ -12,6 +12,7 @@ from planewise.clouds.memory import Disk
 from planewise.detect import detect_planes_in_points
 from planewise.files.cloud import open_cloud
 from planewise.model import PlaneModel
+from planewise.noise import AUTO
 from planewise.options import Options, Seed
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_cloud import CloudFile, PointCloud
@@ -118,12 +119,17 @@ def _find_in_tiles(
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import found_in, nothing_in, ranked_model
+    from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
     from planewise.observation import checked_points
 
-    points = checked_points(points, sensor)
+    points = checked_points(points)
     workers, settings = options.threads or threads.available(), options.describe()
     most = options.max_planes or MAX_PLANES
+    if sensor.noise == AUTO:
+        with stage("noise"):
+            estimate = cloud_noise(points, sensor, origin, workers, disk)
+        sensor, settings["noise"] = estimate.sensor(sensor), estimate.describe()
     with stage("observe"):
         cloud = tiled_cloud(points, sensor, origin, workers, tile_points, disk)
     if cloud is None:

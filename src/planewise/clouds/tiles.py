@@ -29,7 +29,7 @@ from planewise.clouds.cloud import (
     write_about,
 )
 from planewise.clouds.memory import Disk
-from planewise.clouds.order import Order, extent_of, radix_sort
+from planewise.clouds.order import Order, extent_in_blocks, radix_sort
 from planewise.kernels import cloud_keys
 from planewise.kernels.cloud_rows import ROW
 from planewise.sensor import Sensor
@@ -75,7 +75,7 @@ def tiled_cloud(
     Cloud or None
         ``None`` if fewer than three points are finite.
     """
-    low, high, count = _extent(points, workers, disk)
+    low, high, count = extent_in_blocks(points, workers, disk)
     if count < 3:
         return None
     seen_from = np.zeros(3) if origin is None else origin
@@ -142,16 +142,6 @@ def _blocks(
             yield from _blocks(cubes, starts, most, begin, end, level - 1)
         else:
             yield begin, end
-
-
-def _extent(points: Points, workers: int, disk: Disk) -> tuple[Array, Array, int]:
-    low, high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
-    for first in range(0, len(points), _BLOCK):
-        part = extent_of(points[first : first + _BLOCK], workers)
-        low, high = np.minimum(low, part[0]), np.maximum(high, part[1])
-        count += part[2]
-        disk.release()
-    return low, high, count
 
 
 def _finest(reach: float, side: float) -> float:

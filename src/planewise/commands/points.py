@@ -14,6 +14,7 @@ from planewise.commands.command_line import OUTLINES_HELP, check_numbers, option
 from planewise.errors import PlanewiseError
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
+from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface
 from planewise.point_cloud import CloudFile, PointCloud, extent
 from planewise.results.image import OUTLINE_FILES
@@ -45,11 +46,13 @@ def points(
         ),
     ],
     sigma: Annotated[
-        float | None,
-        optional(
-            "Standard deviation of a point from its surface, in metres; 0.01 is a centimetre."
+        str,
+        typer.Option(
+            metavar="auto|METRES",
+            help="Standard deviation of a point from its surface; 0.01 is a centimetre. 'auto': "
+            "estimated from the points.",
         ),
-    ] = None,
+    ] = _AUTO,
     origin: Annotated[
         str | None,
         optional(
@@ -87,13 +90,7 @@ def points(
     """
     with reported():
         check_numbers(None, seed)
-        if sigma is None:
-            raise PlanewiseError(
-                "sigma: give --sigma, the standard deviation of a point from its surface in "
-                "metres, such as 0.01; points alone do not tell it"
-            )
-        if not 0 < sigma < float("inf"):
-            raise PlanewiseError(f"sigma must be a positive number of metres, got {sigma}")
+        noise = _noise(sigma)
         place = None if origin is None else _check_origin(origin)
 
         from planewise.clouds.memory import Disk, Memory
@@ -115,7 +112,7 @@ def points(
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
             stood = None if origin is None else _origin(place, read)
-            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=sigma)
+            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=noise)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
@@ -138,7 +135,24 @@ def points(
                 memory=memory,
             )
         terminal.show_planes(model)
+        if isinstance(told := model.settings.get("noise"), dict):
+            terminal.say(f"sigma = {told['noise']}, {told['source']}")
         terminal.show_summary(model, seconds, output)
+
+
+def _noise(text: str) -> float | Auto:
+    """Standard deviation that is asked for."""
+    if text == _AUTO:
+        return AUTO
+    try:
+        sigma = float(text)
+    except ValueError:
+        sigma = 0.0
+    if not 0 < sigma < float("inf"):
+        raise PlanewiseError(
+            f"sigma must be a positive number of metres, such as 0.01, or '{_AUTO}', got '{text}'"
+        )
+    return sigma
 
 
 def _tile_points(text: str, file: CloudFile) -> int:
