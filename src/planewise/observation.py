@@ -412,6 +412,20 @@ def checked_points(points: ArrayLike) -> NDArray[np.floating]:
     return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
 
 
+def checked_sigma(sigma: ArrayLike | None, count: int) -> Array | None:
+    """Standard deviations of so many points as an array."""
+    if sigma is None:
+        return None
+    errors = np.asarray(sigma, np.float64)
+    if errors.shape != (count,):
+        raise ValueError(
+            f"sigma must hold one number a point: expected shape {(count,)}, got {errors.shape}"
+        )
+    if count and not (errors.min() > 0 and errors.max() < np.inf):  # NaN is neither
+        raise ValueError("sigma must be positive and finite (metres)")
+    return errors
+
+
 def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
     """Where the scanner stood as an array, for points of a shape."""
     if origin is None:
@@ -422,6 +436,6 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
             f"origin must be one place or one a point: expected shape (3,) or {shape}, "
             f"got {place.shape}"
         )
-    if not np.isfinite(place).all():
+    if place.size and not (-np.inf < place.min() and place.max() < np.inf):  # NaN is neither
         raise ValueError("origin must be finite (metres)")
     return place

@@ -16,6 +16,7 @@ from planewise.observation import (
     PointObservation,
     RayObservation,
     checked_origin,
+    checked_sigma,
 )
 from planewise.options import Options
 from planewise.paper.evaluate import MAX_PLANES, evaluator
@@ -161,15 +162,7 @@ def find_in_cloud(
     options : Options
         How to search.
     """
-    errors = None if sigma is None else np.asarray(sigma, np.float64)
-    if errors is not None:
-        if errors.shape != points.shape[:1]:
-            raise ValueError(
-                f"sigma must hold one number a point: expected shape {points.shape[:1]}, "
-                f"got {errors.shape}"
-            )
-        if not (np.isfinite(errors).all() and (errors > 0).all()):
-            raise ValueError("sigma must be positive and finite (metres)")
+    errors = checked_sigma(sigma, len(points))
     seen_from = checked_origin(origin, points.shape)
     compilation.announce()
     # Its compiled loops are loaded only where they are used.

@@ -263,7 +263,7 @@ def _typical(
 ) -> float:
     """Standard deviation of most points."""
     if sigma is not None:
-        return float(np.median(sigma))
+        return float(np.median(sigma[:: 1 + len(sigma) // _PART]))
     if _is_constant(sensor):
         return float(sensor.sigma(np.zeros(1))[0])
     step = 1 + len(points) // 10_000
