@@ -134,7 +134,7 @@ def _find_in_tiles(
 ) -> PlaneModel:
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
-    from planewise.clouds.model import found_in, nothing_in, ranked_model
+    from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart
     from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
 
@@ -151,6 +151,8 @@ def _find_in_tiles(
         finite = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), finite, sensor, settings)
     found = found_in(cloud, sensor, options.instances, options.significance, most)
+    if options.instances:
+        found = told_apart(found, most)
     return ranked_model(len(points), found, sensor, most, settings)
 
 

@@ -20,6 +20,7 @@ from planewise.clouds.information import (
     mask_of,
     refitted,
 )
+from planewise.clouds.instances import apart
 from planewise.clouds.labels import label_points
 from planewise.clouds.rows import covariance, planes_of, quadratic
 from planewise.clouds.segments import segments_of
@@ -131,6 +132,8 @@ def cloud_model(
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
+    if instances:
+        found = told_apart(found, max_planes)
     return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
@@ -175,6 +178,33 @@ def found_in(
     return CloudPlanes(
         cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out
     )
+
+
+def told_apart(found: CloudPlanes, max_planes: int) -> CloudPlanes:
+    """Planes and labels by surfaces that touch; of more than `max_planes`, the largest."""
+    with stage("instances"):
+        labels, row = apart(found.cloud, found.labels, found.rows)
+    if len(row) == len(found.rows):
+        return found
+    count = np.zeros(len(row) + 1)
+    for first, last in found.cloud.runs():
+        part = labels[found.cloud.starts[first] : found.cloud.starts[last]]
+        count += np.bincount(part, minlength=len(row) + 1)
+    share = count[1:] / np.bincount(row, count[1:])[row]
+    rows = found.rows[row]
+    rows[:, COUNT] *= share
+    rows[:, AREA] *= share
+    significance, correlation = found.significance[row] * share, found.correlation[row]
+    left_out = found.left_out + max(0, len(row) - max_planes)
+    if len(row) > max_planes:
+        keep = np.sort(np.argsort(-significance, kind="stable")[:max_planes])
+        place = np.zeros(len(row) + 1, np.uint16)
+        place[keep + 1] = np.arange(1, len(keep) + 1)
+        for first, last in found.cloud.runs():
+            inside = slice(found.cloud.starts[first], found.cloud.starts[last])
+            labels[inside] = place[labels[inside]]
+        rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
+    return CloudPlanes(found.cloud, labels, rows, found.error, significance, correlation, left_out)
 
 
 def _from_few(
