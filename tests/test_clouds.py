@@ -339,8 +339,20 @@ def test_most_of_a_building_is_found():
     np.add.at(table, (made.labels, found.labels), 1)
     sizes = table.sum(axis=1)[1:]
     union = sizes[:, None] + table.sum(axis=0)[None, 1:] - table[1:, 1:]
-    overlap = (table[1:, 1:] / union).max(axis=1)
-    assert (overlap[sizes > 500] > 0.5).mean() > 0.8
+    overlap = table[1:, 1:] / union
+    assert (overlap.max(axis=1)[sizes > 150] > 0.5).mean() > 0.95
+    assert (overlap.max(axis=0) > 0.5).mean() > 0.95
+
+
+def test_what_does_not_pay_goes_and_what_is_worth_less_but_pays_stays():
+    made = building(200_000, sigma=0.03)
+    sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.03)
+    found = pw.detect_planes_in_points(made.points, sensor)
+    assert found.information == min(found.curve)
+    moves = found.curve.moves
+    assert [move.kind for move in moves] == ["agglomerate", "cut"]
+    assert len(found) == moves[1].planes < moves[0].planes
+    assert moves[1].information < moves[0].information
 
 
 def wandering(rng, side=8.0, n=512):

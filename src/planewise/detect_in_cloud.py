@@ -150,9 +150,9 @@ def _find_in_tiles(
     if cloud is None:
         finite = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), finite, sensor, settings)
-    found = found_in(cloud, sensor, options.instances, options.significance, most)
+    found = found_in(cloud, sensor, options.significance, most)
     if options.instances:
-        found = told_apart(found, most)
+        found = told_apart(found, options.significance, most)
     return ranked_model(len(points), found, sensor, most, settings)
 
 

@@ -49,8 +49,7 @@ def apart(cloud: Cloud, labels: Labels, rows: Array) -> tuple[Labels, NDArray[np
     grid = cloud.memory.empty(int(begins[-1]), np.int32)
     grid[:] = 0
     cells = axes, low, 1.0 / side, shape[:, 0], begins
-    for first, last in cloud.runs():
-        kernels.occupy(*where, *cells, first, last, grid)
+    cloud.over_cubes(lambda first, last: kernels.occupy(*where, *cells, first, last, grid))
     number = np.ones(len(axes), np.int64)
     for j in np.flatnonzero(shape[:, 0]):
         number[j] = kernels.pieces(grid[begins[j] : begins[j + 1]], shape[j, 1], shape[j, 0])

@@ -47,6 +47,8 @@ from planewise.stages import stage
 
 Array = NDArray[np.float64]
 
+_ROUNDING = 1e-9  # of Phi
+
 
 @dataclass(frozen=True)
 class CloudPlanes:
@@ -126,21 +128,20 @@ def cloud_model(
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)
-    found = found_in(cloud, sensor, instances, significance, max_planes)
+    found = found_in(cloud, sensor, significance, max_planes)
     if few:
         with stage("few"):
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
     if instances:
-        found = told_apart(found, max_planes)
+        found = told_apart(found, significance, max_planes)
     return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
 def found_in(
     cloud: Cloud,
     sensor: Sensor,
-    instances: bool,
     significance: float,
     max_planes: int,
 ) -> CloudPlanes:
@@ -157,7 +158,6 @@ def found_in(
             cells,
             plane_information(3, sensor.range, sensor.resolution),
             sensor.range,
-            instances=instances,
             significance=significance,
             max_planes=max_planes,
             workers=cloud.workers,
@@ -180,8 +180,11 @@ def found_in(
     )
 
 
-def told_apart(found: CloudPlanes, max_planes: int) -> CloudPlanes:
-    """Planes and labels by surfaces that touch; of more than `max_planes`, the largest."""
+def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
+    """Planes and labels by surfaces that touch; what a plane saves is shared by its points.
+
+    Those that save no more than `least` are left out, and of more than `max_planes` the last.
+    """
     with stage("instances"):
         labels, row = apart(found.cloud, found.labels, found.rows)
     if len(row) == len(found.rows):
@@ -190,21 +193,25 @@ def told_apart(found: CloudPlanes, max_planes: int) -> CloudPlanes:
     for first, last in found.cloud.runs():
         part = labels[found.cloud.starts[first] : found.cloud.starts[last]]
         count += np.bincount(part, minlength=len(row) + 1)
-    share = count[1:] / np.bincount(row, count[1:])[row]
+    share = count[1:] / np.maximum(np.bincount(row, count[1:])[row], 1.0)
     rows = found.rows[row]
     rows[:, COUNT] *= share
     rows[:, AREA] *= share
     significance, correlation = found.significance[row] * share, found.correlation[row]
-    left_out = found.left_out + max(0, len(row) - max_planes)
-    if len(row) > max_planes:
-        keep = np.sort(np.argsort(-significance, kind="stable")[:max_planes])
+    keep = np.argsort(-significance, kind="stable")
+    keep = keep[significance[keep] > least] if least else keep
+    left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
+    if len(keep) < len(row):
         place = np.zeros(len(row) + 1, np.uint16)
         place[keep + 1] = np.arange(1, len(keep) + 1)
         for first, last in found.cloud.runs():
             inside = slice(found.cloud.starts[first], found.cloud.starts[last])
             labels[inside] = place[labels[inside]]
         rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
-    return CloudPlanes(found.cloud, labels, rows, found.error, significance, correlation, left_out)
+    return CloudPlanes(
+        found.cloud, labels, rows, found.error, significance, correlation,
+        found.left_out + left_out,
+    )  # fmt: skip
 
 
 def _from_few(
@@ -298,15 +305,24 @@ def _ranked(
 ) -> tuple[CloudLedger, Array]:
     """All planes as the paper ranks them, those that do not pay last; the curve of those that do.
 
-    Those pay without which Phi would not fall, the one that is worth least first.
+    Those pay with which Phi falls when they come after all that are worth more.
     """
     mask = mask_of(cloud, labels, planes)
     by_worth = ledger(cloud, mask, groups, alone, data, *limits)
-    pays = np.zeros(planes, np.bool_)
-    pays[by_worth.order[: np.argmin(by_worth.curve)]] = True
-    order = np.lexsort((by_worth.saved, ~pays))
-    book = ledger(cloud, mask, groups, alone, data, *limits, order)
-    return book, book.curve[: np.count_nonzero(pays) + 1]
+
+    def keeping(pays: NDArray[np.intp]) -> tuple[CloudLedger, Array]:
+        rest = np.ones(planes, np.bool_)
+        rest[pays] = False
+        order = np.lexsort((by_worth.saved, rest))
+        book = ledger(cloud, mask, groups, alone, data, *limits, order)
+        return book, book.curve[: len(pays) + 1]
+
+    best = int(np.argmin(by_worth.curve))
+    book, curve = keeping(by_worth.order[np.diff(by_worth.curve) < 0])
+    if by_worth.curve[best] < curve.min() - _ROUNDING * abs(curve[0]):
+        # Some pay only together with others that are cut.
+        book, curve = keeping(by_worth.order[:best])
+    return book, curve
 
 
 def _determined(rows: Array, before: Array) -> Array:

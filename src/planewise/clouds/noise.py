@@ -6,7 +6,7 @@ counts whose flat cubes hold most points. Edges, clutter and bent surfaces only 
 so the estimate comes from below, as that of depth images (`noise_estimate`).
 
 Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
-or along its lines. Then sigma is doubled while Phi falls, for models with different noise can be
+or along its lines. Then sigma is doubled until Phi rises, for models with different noise can be
 compared by it.
 """
 
@@ -188,17 +188,18 @@ def _factor(
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import cloud_model
 
-    factor, lowest = 1.0, math.inf
+    best, lowest = 0, math.inf
     for power in range(_DOUBLED + 1):
         model = cloud_model(
             points, replace(sensor, noise=noise.scaled(2.0**power)), None, origin,
             instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
             workers=workers, rng=np.random.default_rng(0),
         )  # fmt: skip
-        if not model.information < lowest:
+        if model.information < lowest:
+            best, lowest = power, model.information
+        elif power > best + 1:  # risen twice
             break
-        factor, lowest = 2.0**power, model.information
-    return factor
+    return 2.0**best
 
 
 def _assumed(sensor: Sensor, reach: float) -> CloudNoise:
