@@ -57,7 +57,7 @@ _AT_ONCE = 1_000_000  # points whose keys are held at a time
 _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
-_SURE = 0.5  # share of the cubes that are flat, above which noise is that of all
+_SURE = 0.6  # share of the cubes that are flat, above which noise is that of all
 _DOUBLED = 4  # times at most
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
@@ -195,10 +195,9 @@ def _factor(
             instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
             workers=workers, rng=np.random.default_rng(0),
         )  # fmt: skip
-        if model.information < lowest:
-            best, lowest = power, model.information
-        elif power > best + 1:  # risen twice
+        if not model.information < lowest:
             break
+        best, lowest = power, model.information
     return 2.0**best
 
 
