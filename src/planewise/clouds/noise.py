@@ -3,7 +3,7 @@
 Cubes of an octree, of every size, say how far their points lie from a plane. Those that are smaller
 than the noise tell none, and the larger a cube, the more often an edge goes through it: the size
 counts whose flat cubes hold most points. Edges, clutter and bent surfaces only make cubes rougher,
-so the estimate comes from below, as that of depth images (`noise_estimate`).
+so the estimate comes from below, as that of depth images (`calibration.estimate`).
 
 Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
 or along its lines. Then sigma is doubled until Phi rises, for models with different noise can be
