@@ -3,6 +3,7 @@
     python -m benchmarks.clouds speed       # seconds, processor seconds and memory by size
     python -m benchmarks.clouds building    # F1 and time at 200,000 points, all methods
     python -m benchmarks.clouds roofs       # F1 by group, all methods
+    python -m benchmarks.clouds noise       # noise="auto" against sigma told
     python -m benchmarks.clouds pictures    # of scans without labels, into OUT/
 
 F1 is that of planes at IoU 0.5, planes of fewer than 50 points (roofs: all count) left out. Others
@@ -20,6 +21,7 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,13 +31,14 @@ import planewise as pw
 from benchmarks.building import building
 from benchmarks.cloud_rivals import CloudMethod, Scan, methods
 from benchmarks.frames import DATA
-from planewise.metrics import Detection, evaluate
+from planewise.metrics.scores import Detection, evaluate
 from planewise.stages import recorded
 
 _SIZES = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
 _SENSOR = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.01)
 _AIRBORNE = 0.05  # standard deviation of airborne points, metres: one setting for all sets
 _PICTURED = {"lidar": (100.0, 0.01, 0.03), "clouds_indoor": (10.0, 0.001, 0.01)}
+_WHAT = ("speed", "one", "building", "roofs", "noise", "pictures")
 _DRAWN = 60_000  # points of a picture
 _VIEWS = ((0.0, 90.0), (35.0, 30.0), (125.0, 25.0))  # azimuth and elevation in degrees
 
@@ -155,16 +158,66 @@ def _roof_row(method: CloudMethod, scans: list[tuple[str, Scan]], groups: list[s
     return f"| {method.name} | {method.setting} | {means} | {spent:.1f} |"
 
 
-def pictures(out: Path) -> None:
-    out.mkdir(parents=True, exist_ok=True)
+def noise(seeds: int, size: int) -> None:
+    """What noise="auto" makes of sigma and F1, and of scans without labels."""
+    print("| | sigma | told / sigma | F1 | F1 auto | planes | planes auto | time, of the same |")
+    print("|---|---|---|---|---|---|---|---|")
+    pw.detect_planes_in_points(building(20_000).points, replace(_SENSOR, noise="auto"))
+    for sigma in (0.002, 0.01, 0.03):
+        made = [building(size, sigma=sigma, seed=seed) for seed in range(seeds)]
+        scans = [Scan("", b.points, b.labels.astype(np.int64), sigma, 20.0) for b in made]
+        print(_noise_row("building", scans, 50))
+    roofs = defaultdict(list)
+    for group, scan in roof_scans():
+        roofs[group].append(scan)
+    for group, scans in roofs.items():
+        print(_noise_row(f"roofs, {group}", scans, 1))
+    print("\n| | said | told | planes | planes auto | on a plane | on a plane, auto |")
+    print("|---|---|---|---|---|---|---|")
+    for name, points, sensor in unlabelled():
+        said = pw.detect_planes_in_points(points, sensor)
+        auto = pw.detect_planes_in_points(points, replace(sensor, noise="auto"))
+        told = auto.settings["noise"]["noise"]  # type: ignore[index]
+        on = " | ".join(f"{(each.labels > 0).mean():.2f}" for each in (said, auto))
+        print(f"| {name} | {sensor.noise} | {told} | {len(said)} | {len(auto)} | {on} |")
+
+
+def _noise_row(name: str, scans: list[Scan], smallest: int) -> str:
+    ratios, rows = [], []
+    for scan in scans:
+        row: list[float] = []
+        known = pw.Sensor(max_depth=scan.range, resolution=scan.resolution, noise=scan.sigma)
+        for sensor in (known, replace(known, noise="auto")):
+            start = time.perf_counter()
+            model = pw.detect_planes_in_points(scan.points, sensor, instances=True)
+            seconds = time.perf_counter() - start
+            row += [f1(model.labels.astype(np.int64), scan.truth, smallest).f1, len(model), seconds]
+        rows.append(row)
+        told = pw.estimate_cloud_noise(scan.points, sensor).noise
+        ratios.append(told.constant / scan.sigma)
+    said, planes, spent, auto, more, longer = np.mean(rows, axis=0)
+    between = f"{min(ratios):.2f} ... {max(ratios):.2f}"
+    return (
+        f"| {name} | {scans[0].sigma:g} | {between} | {said:.2f} | {auto:.2f} | {planes:.0f} | "
+        f"{more:.0f} | {longer / spent:.1f} |"
+    )
+
+
+def unlabelled() -> Iterator[tuple[str, NDArray[np.float64], pw.Sensor]]:
+    """Scans without labels: name, points and a sensor that somebody chose."""
     for kind, (extent, resolution, sigma) in _PICTURED.items():
         sensor = pw.Sensor(max_depth=extent, resolution=resolution, noise=sigma)
         for path in sorted((DATA / kind).glob("*.npz")):
             with np.load(path) as data:
-                points = data["points"].astype(np.float64)
-            model = pw.detect_planes_in_points(points, sensor)
-            draw(points, model.labels, out / f"{path.stem}.png", f"{path.stem}: {len(model)}")
-            print(f"{path.stem}: {len(points)} points, {len(model)} planes", flush=True)
+                yield path.stem, data["points"].astype(np.float64), sensor
+
+
+def pictures(out: Path) -> None:
+    out.mkdir(parents=True, exist_ok=True)
+    for name, points, sensor in unlabelled():
+        model = pw.detect_planes_in_points(points, sensor)
+        draw(points, model.labels, out / f"{name}.png", f"{name}: {len(model)}")
+        print(f"{name}: {len(points)} points, {len(model)} planes", flush=True)
 
 
 def draw(points: NDArray[np.float64], labels: NDArray[np.uint16], path: Path, title: str) -> None:
@@ -196,7 +249,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("what", choices=("speed", "one", "building", "roofs", "pictures"))
+    parser.add_argument("what", choices=_WHAT)
     parser.add_argument("--size", type=int, default=200_000)
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--points", type=Path, help="of `one`")
@@ -210,6 +263,8 @@ def main() -> None:
         in_building(given.seeds, given.size)
     elif given.what == "roofs":
         on_roofs()
+    elif given.what == "noise":
+        noise(given.seeds, given.size)
     else:
         pictures(given.out)
 

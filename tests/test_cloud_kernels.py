@@ -417,11 +417,13 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
     lengths = np.empty(4)
     changes = np.zeros((4, nats.CODES), np.int64)
     alike, previous, middle = np.zeros(4, np.int64), 0, len(cloud.cubes) // 2
-    for part in ((0, middle), (middle, len(cloud.cubes))):
-        previous = nats.count_mask(
-            labels, cloud.starts, cloud.about, place, *part, previous, alike, changes
+    edges = [np.empty((len(labels), 6), np.int32) for _ in range(2)]
+    for k, part in enumerate(((0, middle), (middle, len(cloud.cubes)))):
+        found, previous = nats.mask_edges(
+            labels, cloud.starts, cloud.about, *part, previous, alike, edges[k]
         )
-    nats.mask_lengths(alike, changes, lengths)
+        edges[k] = edges[k][:found]
+    nats.mask_lengths(np.concatenate(edges), alike, place, changes, lengths)
     ranked = place[labels]
     for n in range(4):
         expected = coded(cloud, np.where(ranked <= n, ranked, 0), n)
@@ -439,10 +441,12 @@ def test_what_groups_have_more_without_a_plane(cloud):
         return data_of(cloud, groups_of(cloud, left, error), planes, np.ones(3), error, *limits)[1]
 
     groups = groups_of(cloud, labels, error)
-    _, data = data_of(cloud, groups, planes, np.ones(3), error, *limits)
+    alone, data = data_of(cloud, groups, planes, np.ones(3), error, *limits)
     leaving = np.zeros(4)
     prior = (1.0, math.log(1e4), math.log(1e4))
-    nats.groups_left(groups.rows, groups.label, groups.places, place, 0.001, prior, data, leaving)
+    nats.groups_left(
+        groups.rows, groups.label, groups.places, place, 0.001, prior, alone, data, leaving
+    )
     behind = leaving[[3, 1, 2]]  # in the order of their places
     for kept in range(4):
         assert data.sum() + behind[kept:].sum() == pytest.approx(total(kept).sum(), rel=1e-6)

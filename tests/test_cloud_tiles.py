@@ -71,10 +71,49 @@ def test_tiles_with_rays_far_points_and_rows_that_are_none():
     assert not whole.labels[5:8].any()
 
 
+@pytest.mark.parametrize("kind", [np.float32, np.float64])
+def test_tiles_with_a_sigma_and_a_scanner_for_every_point(tmp_path, kind):
+    points = POINTS[:60_000].astype(kind)
+    rng = np.random.default_rng(0)
+    sigma = rng.uniform(0.008, 0.012, len(points))
+    places = np.array([[2.5, 2.0, 1.4], [7.7, 2.0, 1.4], [2.5, 6.2, 4.5]])
+    scan = ((points[:, None] - places) ** 2).sum(axis=2).argmin(axis=1)
+    cloud = pw.PointCloud(points=points)
+    whole = pw.detect_planes_in_points(points, SENSOR, sigma=sigma, max_planes=200)
+    np.save(tmp_path / "sigma.npy", sigma)
+    mapped = np.load(tmp_path / "sigma.npy", mmap_mode="r")
+    found = detect_planes_in_cloud(cloud, SENSOR, sigma=mapped, tile_points=9_000, max_planes=200)
+    same(found, whole)
+    whole = pw.detect_planes_in_points(points, SENSOR, origin=places[scan])
+    same(
+        detect_planes_in_cloud(cloud, SENSOR, origin=places[scan], tile_points=9_000),
+        whole,
+    )
+    both = {"sigma": sigma, "origin": places[scan]}
+    whole = pw.detect_planes_in_points(points, SENSOR, **both)
+    same(detect_planes_in_cloud(cloud, SENSOR, **both, tile_points=9_000), whole)
+    # What a file says of its scans.
+    path = tmp_path / "scans.npz"
+    np.savez(path, points=points, scan=scan, origins=places)
+    whole = pw.detect_planes_in_points(points, SENSOR, origin=places[scan])
+    for size in (9_000, 10**6):
+        same(detect_planes_in_cloud(path, SENSOR, origin="file", tile_points=size), whole)
+
+
+def test_scans_that_the_file_does_not_know():
+    cloud = pw.PointCloud(
+        points=POINTS[:100], scan=np.full(100, 2, np.int32), origins=np.zeros((2, 3))
+    )
+    with pytest.raises(PlanewiseError, match=r"name scans 2 to 2, but the file says of 2"):
+        detect_planes_in_cloud(cloud, SENSOR, origin="file")
+    with pytest.raises(PlanewiseError, match="does not say where its scanner stood"):
+        detect_planes_in_cloud(pw.PointCloud(points=POINTS[:100]), SENSOR, origin="file")
+
+
 def test_sorted_tiles_are_the_sorted_cloud():
     points = np.random.default_rng(0).permutation(POINTS)[:60_000]
     whole = cloud_of(points, SENSOR, None, 2)
-    tiled = tiled_cloud(points, SENSOR, None, 2, 7_000, Disk())
+    tiled = tiled_cloud(points, SENSOR, None, None, 2, 7_000, Disk())
     assert len(tiled.parts) > 4
     for name in ("local", "starts", "cubes", "about", "nodes", "variance"):
         assert_array_equal(getattr(tiled, name), getattr(whole, name), err_msg=name)
@@ -154,8 +193,11 @@ def test_equal_points_stay_in_one_tile():
     ("wrong", "message"),
     [
         ({"tile_points": 0}, "tile_points must be at least 1"),
-        ({"origin": (0, 0)}, "origin must be three"),
-        ({"origin": (0, 0, np.nan)}, "origin must be three"),
+        ({"origin": (0, 0)}, "origin must be one place or one a point"),
+        ({"origin": (0, 0, np.nan)}, "origin must be finite"),
+        ({"origin": "here"}, "origin must be coordinates or 'file', got 'here'"),
+        ({"sigma": np.ones(3)}, "sigma must hold one number a point"),
+        ({"sigma": np.full(100, np.nan)}, "sigma must be positive and finite"),
         ({"max_planes": 0}, "max_planes must lie"),
     ],
 )
@@ -243,6 +285,21 @@ def test_the_command_writes_the_same_in_tiles(tmp_path):
     planes = plyfile.PlyData.read(tmp_path / "tiled" / "labelled.ply")["vertex"]["plane"]
     assert_array_equal(planes, laspy.read(tmp_path / "tiled" / "labelled.las")["plane"])
     assert sorted(each.name for each in tmp_path.iterdir()) == ["building.las", "tiled", "whole"]
+
+
+def test_the_command_takes_the_scans_of_a_file_in_tiles(tmp_path):
+    path, points = tmp_path / "scans.npz", POINTS[:20_000]
+    places = np.array([[2.5, 2.0, 1.4], [7.7, 2.0, 1.4]])
+    scan = (points[:, 0] > 5).astype(np.int32)
+    np.savez(path, points=points, scan=scan, origins=places)
+    for name, tiles in (("whole", "auto"), ("tiled", "5000")):
+        code, text = run(
+            "points", path, "--origin", "file", "--tiles", tiles, "-o", tmp_path / name
+        )
+        assert code == 0, text
+        assert "m, estimated" in text
+    whole, tiled = ((tmp_path / n / "labelled.ply").read_bytes() for n in ("whole", "tiled"))
+    assert whole == tiled
 
 
 def test_wrong_tiles_and_damaged_files_leave_nothing(tmp_path):

@@ -13,7 +13,7 @@ from planewise import noise, scenes
 from planewise.calibration.cells import _harmonics, blurred, noise_cells
 from planewise.calibration.fit import fit_polynomial
 from planewise.kernels import noise as kernels
-from planewise.metrics import evaluate
+from planewise.metrics.scores import evaluate
 
 from .conftest import render
 
@@ -209,8 +209,8 @@ def test_the_estimate_is_recorded_and_repeatable():
 
 
 def test_without_a_depth_image_there_is_no_estimate():
-    with pytest.raises(ValueError, match=r"needs a depth image.*noise=0.005"):
-        pw.detect_planes_in_points(np.ones((9, 3)), AUTO)
+    with pytest.raises(ValueError, match=r"needs a depth image or points.*noise=0.005"):
+        pw.detect_planes_in_points(np.ones((9, 2)), AUTO)
     with pytest.raises(ValueError, match="estimated from a depth image"):
         AUTO.sigma([1.0])
     with pytest.raises(ValueError, match="or 'auto', got 'automatic'"):

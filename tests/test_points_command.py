@@ -200,7 +200,7 @@ def test_unusual_clouds(tmp_path, out, name):
 
 
 BAD = {
-    "no sigma": ((), "sigma: give --sigma"),
+    "sigma of words": (("--sigma", "small"), "or 'auto', got 'small'"),
     "sigma zero": (("--sigma", 0), "sigma"),
     "sigma nan": (("--sigma", "nan"), "sigma"),
     "origin of two": (("--sigma", 0.01, "--origin", "1,2"), "origin"),

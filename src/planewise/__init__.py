@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from planewise import batch, datasets, partition
     from planewise.calibration.calibrate import calibrate
     from planewise.calibration.estimate import NoiseEstimate, estimate_noise
+    from planewise.clouds.noise import CloudNoise, estimate_cloud_noise
     from planewise.detect import Detector, detect_planes, detect_planes_in_points
     from planewise.detect_in_cloud import detect_planes_in_cloud
     from planewise.files.cloud import open_cloud, read_cloud
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Camera",
+    "CloudNoise",
     "Curve",
     "Detector",
     "Move",
@@ -64,6 +66,7 @@ __all__ = [
     "detect_planes",
     "detect_planes_in_cloud",
     "detect_planes_in_points",
+    "estimate_cloud_noise",
     "estimate_noise",
     "find",
     "information",
@@ -87,6 +90,7 @@ _LAZY = {
     **dict.fromkeys(("NoiseEstimate", "estimate_noise"), "calibration.estimate"),
     "calibrate": "calibration.calibrate",
     "NormalReassignment": "paper.reassign",
+    **dict.fromkeys(("CloudNoise", "estimate_cloud_noise"), "clouds.noise"),
     "PointCloud": "point_cloud",
     **dict.fromkeys(("open_cloud", "read_cloud"), "files.cloud"),
     "outline_image": "outlines.image",

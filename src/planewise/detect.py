@@ -125,7 +125,8 @@ def detect_planes_in_points(
         cloud of floating-point numbers in C order is searched where it lies, without a copy.
     sensor : Sensor
         `max_depth` is R, the extent a coordinate may take; noise is normal to the plane, evaluated
-        at the distance from the origin of the coordinates. Depth limits do not apply.
+        at the distance from the origin of the coordinates, or "auto": estimated from the points, in
+        space (`planewise.estimate_cloud_noise`). Depth limits do not apply.
     sigma : array_like, shape (k,), optional
         Standard deviation of every point in metres, in place of the sensor's noise (spatial
         objective).
@@ -168,7 +169,7 @@ def detect_planes_in_points(
         rng=rng,
         threads=threads,
     )
-    array = checked_points(points, sensor)
+    array = checked_points(points)
     options = options.resolved(spatial=array.shape[1] == 3)
     if options.objective == SPATIAL:
         if array.shape[1] != 3:

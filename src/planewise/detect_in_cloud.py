@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
-from planewise.clouds.memory import Disk
+from planewise.clouds.memory import Disk, Memory
 from planewise.detect import detect_planes_in_points
+from planewise.errors import PlanewiseError
 from planewise.files.cloud import open_cloud
 from planewise.model import PlaneModel
+from planewise.noise import AUTO
+from planewise.observation import checked_origin, checked_points, checked_sigma
 from planewise.options import Options, Seed
 from planewise.paper.evaluate import MAX_PLANES
-from planewise.point_cloud import CloudFile, PointCloud
+from planewise.point_cloud import BLOCK, CloudFile, PointCloud
 from planewise.sensor import Sensor
 from planewise.stages import stage
 
 TILE_POINTS = 4_000_000
 """Points of a tile unless another number is asked for."""
+
+FROM_FILE = "file"
+"""In place of an origin: where the file says that its scanners stood."""
 
 _LARGEST = 2**32 - 1  # points
 
@@ -28,7 +35,8 @@ def detect_planes_in_cloud(
     cloud: str | Path | CloudFile | PointCloud,
     sensor: Sensor,
     *,
-    origin: ArrayLike | None = None,
+    sigma: ArrayLike | None = None,
+    origin: ArrayLike | Literal["file"] | None = None,
     tile_points: int = TILE_POINTS,
     folder: str | Path | None = None,
     instances: bool = False,
@@ -47,9 +55,12 @@ def detect_planes_in_cloud(
         File, or points that lie on a disk (`points_on_disk`).
     sensor : Sensor
         As in `detect_planes_in_points`.
-    origin : array_like, shape (3,), optional
-        Where the scanner stood, relative to the cloud's offset: noise is then along the rays from
-        there.
+    sigma : array_like, shape (k,), optional
+        Standard deviation of every point in metres, in place of the sensor's noise. An array that
+        is mapped from a file (``numpy.load(path, mmap_mode="r")``) is not read as a whole.
+    origin : array_like, shape (3,) or (k, 3), or "file", optional
+        Where the scanner stood, for all points or each, relative to the cloud's offset: noise is
+        then along the rays from there. "file": what the file says, of every scan.
     tile_points : int
         Points of a tile. A cloud of no more is searched in memory.
     folder : path, optional
@@ -80,9 +91,6 @@ def detect_planes_in_cloud(
     ).resolved(spatial=True)
     if tile_points < 1:
         raise ValueError(f"tile_points must be at least 1, got {tile_points}")
-    place = None if origin is None else np.asarray(origin, np.float64)
-    if place is not None and not (place.shape == (3,) and np.isfinite(place).all()):
-        raise ValueError(f"origin must be three finite numbers (metres), got {origin!r}")
     if isinstance(cloud, str | Path):
         cloud = open_cloud(cloud)
     if folder is None and isinstance(cloud, CloudFile):
@@ -91,10 +99,18 @@ def detect_planes_in_cloud(
     if isinstance(cloud, CloudFile):
         cloud = points_on_disk(cloud, disk)
     points = cloud.points
+    errors = checked_sigma(sigma, len(points))
+    if isinstance(origin, str):
+        if origin != FROM_FILE:
+            raise ValueError(f"origin must be coordinates or {FROM_FILE!r}, got {origin!r}")
+        place: NDArray[np.float64] | None = origins_of(cloud, disk)
+    else:
+        place = checked_origin(origin, points.shape)
     if len(points) <= tile_points:
         return detect_planes_in_points(
             points,
             sensor,
+            sigma=errors,
             origin=place,
             instances=instances,
             significance=significance,
@@ -104,12 +120,13 @@ def detect_planes_in_cloud(
         )
     if len(points) > _LARGEST:
         raise ValueError(f"cloud must have at most {_LARGEST:,} points, got {len(points):,}")
-    return _find_in_tiles(points, sensor, place, options, tile_points, disk)
+    return _find_in_tiles(points, sensor, errors, place, options, tile_points, disk)
 
 
 def _find_in_tiles(
     points: NDArray[np.floating],
     sensor: Sensor,
+    sigma: NDArray[np.float64] | None,
     origin: NDArray[np.float64] | None,
     options: Options,
     tile_points: int,
@@ -117,24 +134,30 @@ def _find_in_tiles(
 ) -> PlaneModel:
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
-    from planewise.clouds.model import found_in, nothing_in, ranked_model
+    from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart
+    from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
-    from planewise.observation import checked_points
 
-    points = checked_points(points, sensor)
+    points = checked_points(points)
     workers, settings = options.threads or threads.available(), options.describe()
     most = options.max_planes or MAX_PLANES
+    if sensor.noise == AUTO and sigma is None:
+        with stage("noise"):
+            estimate = cloud_noise(points, sensor, origin, workers, disk)
+        sensor, settings["noise"] = estimate.sensor(sensor), estimate.describe()
     with stage("observe"):
-        cloud = tiled_cloud(points, sensor, origin, workers, tile_points, disk)
+        cloud = tiled_cloud(points, sensor, sigma, origin, workers, tile_points, disk)
     if cloud is None:
         finite = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), finite, sensor, settings)
-    found = found_in(cloud, sensor, options.instances, options.significance, most)
+    found = found_in(cloud, sensor, options.significance, most)
+    if options.instances:
+        found = told_apart(found, options.significance, most)
     return ranked_model(len(points), found, sensor, most, settings)
 
 
 def points_on_disk(file: CloudFile, disk: Disk) -> PointCloud:
-    """Copy the points of a file, and their intensities, to a disk.
+    """Copy the points of a file, their intensities and scans, to a disk.
 
     Parameters
     ----------
@@ -146,10 +169,10 @@ def points_on_disk(file: CloudFile, disk: Disk) -> PointCloud:
     Returns
     -------
     PointCloud
-        Without colours, labels and scans.
+        Without colours and labels.
     """
-    points, intensity = None, disk.growing(np.float32)
-    count, shining = 0, 0
+    points, intensity, scan = None, disk.growing(np.float32), disk.growing(np.int32)
+    count, shining, scanned = 0, 0, 0
     for block in file.chunks():
         if points is None:
             points = disk.growing(block.points.dtype, 3)
@@ -158,9 +181,38 @@ def points_on_disk(file: CloudFile, disk: Disk) -> PointCloud:
         if block.intensity is not None:
             intensity.append(block.intensity)
             shining += len(block)
+        if block.scan is not None:
+            scan.append(block.scan)
+            scanned += len(block)
     return PointCloud(
         points=np.empty((0, 3)) if points is None else points.array(),
         offset=file.offset,
         intensity=intensity.array() if shining == count > 0 else None,
+        scan=scan.array() if scanned == count > 0 else None,
         origins=file.origins,
     )
+
+
+def origins_of(cloud: PointCloud, memory: Memory) -> NDArray[np.float64]:
+    """Where the scanner of a cloud stood, relative to its offset: shape (3,), or (k, 3) for scans.
+
+    Raises
+    ------
+    PlanewiseError
+        If the cloud does not say it.
+    """
+    if cloud.origins is None or not len(cloud.origins):
+        raise PlanewiseError("origin: the file does not say where its scanner stood; give x,y,z")
+    if len(cloud.origins) == 1 or cloud.scan is None:
+        return np.asarray(cloud.origins[0], np.float64)
+    out: NDArray[np.float64] = memory.empty((len(cloud), 3))
+    for first in range(0, len(cloud), BLOCK):
+        scan = cloud.scan[first : first + BLOCK]
+        if scan.min() < 0 or scan.max() >= len(cloud.origins):
+            raise PlanewiseError(
+                f"origin: points name scans {scan.min()} to {scan.max()}, but the file says of "
+                f"{len(cloud.origins)} where they stood"
+            )
+        out[first : first + BLOCK] = cloud.origins[scan]
+        memory.release()
+    return out

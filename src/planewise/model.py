@@ -22,8 +22,8 @@ class Plane:
     distance : float
         Metres from the origin.
     information : float
-        Nats that its readings save against being outliers, ln(R / eps) each on a ray (of clouds
-        under the spatial objective, against a smooth surface); negative, the lower the better.
+        Nats that its readings save against being outliers, ln(R / eps) each on a ray, n ln(R / eps)
+        in n dimensions; negative, the lower the better.
     count : int
         Readings on it.
     rms : float

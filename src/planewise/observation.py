@@ -25,6 +25,7 @@ from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
     from planewise.calibration.estimate import NoiseEstimate
+    from planewise.clouds.noise import CloudNoise
 
 Array = NDArray[np.float64]
 
@@ -238,12 +239,15 @@ class PointObservation(Observation):
         Standard deviation of each point, normal to the plane, in metres.
     rows : ndarray of int, shape (k,)
         Where each point stood in the input.
+    estimate : CloudNoise, optional
+        Where `errors` come from, if they were estimated from these points.
     """
 
     points: Array
     origin: Array
     errors: Array
     rows: NDArray[np.int64]
+    estimate: CloudNoise | None = None
 
     @property
     def sigma(self) -> Array:
@@ -350,7 +354,8 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         Metres, n >= 2; rows that are not finite are no reading. Any origin.
     sensor : Sensor
         Its range is R, the extent a coordinate may take; its noise is evaluated at the distance of
-        each point from the origin of the coordinates. Its depth limits do not apply.
+        each point from the origin of the coordinates; "auto" is estimated from the points, in
+        space (`planewise.estimate_cloud_noise`). Its depth limits do not apply.
 
     Returns
     -------
@@ -360,10 +365,21 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     Raises
     ------
     ValueError
-        If `points` is not a 2-D array of numbers with two or more columns, or the noise is "auto",
-        which needs a depth image.
+        If `points` is not a 2-D array of numbers with two or more columns, or the noise is "auto"
+        and they have not three.
     """
-    array = checked_points(points, sensor).astype(np.float64)
+    array, estimate = checked_points(points), None
+    if sensor.noise == AUTO:
+        from planewise.clouds.noise import estimate_cloud_noise
+
+        if array.shape[1] != 3:
+            raise ValueError(
+                "noise='auto' needs a depth image or points of shape (k, 3), "
+                f"got {array.shape}; give it as metres, such as noise=0.005"
+            )
+        estimate = estimate_cloud_noise(array, sensor)
+        sensor = estimate.sensor(sensor)
+    array = array.astype(np.float64)
     index = np.flatnonzero(np.isfinite(array).all(axis=1))
     valid = array[index]
     origin = valid.mean(axis=0) if index.size else np.zeros(array.shape[1])
@@ -375,10 +391,11 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         resolution=sensor.resolution,
         points=np.ascontiguousarray((valid - origin).T),
         origin=origin,
+        estimate=estimate,
     )
 
 
-def checked_points(points: ArrayLike, sensor: Sensor) -> NDArray[np.floating]:
+def checked_points(points: ArrayLike) -> NDArray[np.floating]:
     """Points as an array of floating-point numbers, the same one where they are.
 
     Raises
@@ -386,11 +403,6 @@ def checked_points(points: ArrayLike, sensor: Sensor) -> NDArray[np.floating]:
     ValueError
         As `observe_points`.
     """
-    if sensor.noise == AUTO:
-        raise ValueError(
-            "noise='auto' needs a depth image, whose cells show the noise; for points give it as "
-            "metres, such as noise=0.005, or as a function of the distance"
-        )
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
         raise ValueError(
@@ -398,3 +410,32 @@ def checked_points(points: ArrayLike, sensor: Sensor) -> NDArray[np.floating]:
             f"got shape {array.shape} of {array.dtype}"
         )
     return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
+
+
+def checked_sigma(sigma: ArrayLike | None, count: int) -> Array | None:
+    """Standard deviations of so many points as an array."""
+    if sigma is None:
+        return None
+    errors = np.asarray(sigma, np.float64)
+    if errors.shape != (count,):
+        raise ValueError(
+            f"sigma must hold one number a point: expected shape {(count,)}, got {errors.shape}"
+        )
+    if count and not (errors.min() > 0 and errors.max() < np.inf):  # NaN is neither
+        raise ValueError("sigma must be positive and finite (metres)")
+    return errors
+
+
+def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    """Where the scanner stood as an array, for points of a shape."""
+    if origin is None:
+        return None
+    place = np.asarray(origin, np.float64)
+    if place.shape not in ((3,), shape):
+        raise ValueError(
+            f"origin must be one place or one a point: expected shape (3,) or {shape}, "
+            f"got {place.shape}"
+        )
+    if place.size and not (-np.inf < place.min() and place.max() < np.inf):  # NaN is neither
+        raise ValueError("origin must be finite (metres)")
+    return place

@@ -9,8 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.model import Curve, PlaneModel
+from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
-from planewise.observation import Observation, RayObservation
+from planewise.observation import (
+    Observation,
+    PointObservation,
+    RayObservation,
+    checked_origin,
+    checked_sigma,
+)
 from planewise.options import Options
 from planewise.paper.evaluate import MAX_PLANES, evaluator
 from planewise.paper.joint import joint_search
@@ -155,38 +162,29 @@ def find_in_cloud(
     options : Options
         How to search.
     """
-    errors = None if sigma is None else np.asarray(sigma, np.float64)
-    if errors is not None:
-        if errors.shape != points.shape[:1]:
-            raise ValueError(
-                f"sigma must hold one number a point: expected shape {points.shape[:1]}, "
-                f"got {errors.shape}"
-            )
-        if not (np.isfinite(errors).all() and (errors > 0).all()):
-            raise ValueError("sigma must be positive and finite (metres)")
-    seen_from = None if origin is None else np.asarray(origin, np.float64)
-    if seen_from is not None:
-        if seen_from.shape not in ((3,), points.shape):
-            raise ValueError(
-                "origin must be one place or one a point: expected shape (3,) or "
-                f"{points.shape}, got {seen_from.shape}"
-            )
-        if not np.isfinite(seen_from).all():
-            raise ValueError("origin must be finite (metres)")
+    errors = checked_sigma(sigma, len(points))
+    seen_from = checked_origin(origin, points.shape)
     compilation.announce()
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import cloud_model
+    from planewise.clouds.noise import cloud_noise
 
+    points, settings = np.ascontiguousarray(points), options.describe()
+    workers = options.threads or threads.available()
+    if sensor.noise == AUTO and errors is None:
+        with stage("noise"):
+            estimate = cloud_noise(points, sensor, seen_from, workers)
+        sensor, settings["noise"] = estimate.sensor(sensor), estimate.describe()
     return cloud_model(
-        np.ascontiguousarray(points),
+        points,
         sensor,
         errors,
         seen_from,
         instances=options.instances,
         max_planes=options.max_planes or MAX_PLANES,
         significance=options.significance,
-        settings=options.describe(),
-        workers=options.threads or threads.available(),
+        settings=settings,
+        workers=workers,
         rng=np.random.default_rng(options.rng),
     )
 
@@ -204,7 +202,10 @@ def _regions(observation: Observation, options: Options, rgb: ArrayLike | None) 
 def _settings(observation: Observation, options: Options) -> dict[str, object]:
     """What the model was made with; a noise that was estimated included."""
     out = options.describe()
-    if isinstance(observation, RayObservation) and observation.estimate is not None:
+    if (
+        isinstance(observation, RayObservation | PointObservation)
+        and observation.estimate is not None
+    ):
         out["noise"] = observation.estimate.describe()
     return out
 

@@ -24,7 +24,7 @@ class Sensor:
     noise : callable, float or "auto"
         sigma(z) in metres for an array of depths in metres (see `planewise.noise`), one number
         in metres for every depth, or "auto": estimated, with the parts, from each depth image
-        (`planewise.estimate_noise`).
+        (`planewise.estimate_noise`), or from each cloud (`planewise.estimate_cloud_noise`).
     min_depth : float
         Smallest depth it reports, in metres; readings below are "no reading".
     parts : ErrorParts, optional
@@ -104,8 +104,8 @@ class Sensor:
         """
         if self.noise == AUTO:
             raise ValueError(
-                "noise='auto' is estimated from a depth image and not known without one; see "
-                "planewise.estimate_noise, or give the noise as metres or a function of depth"
+                "noise='auto' is estimated from a depth image or a cloud and not known without; "
+                "see planewise.estimate_noise, or give the noise as metres or a function of depth"
             )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)

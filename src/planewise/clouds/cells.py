@@ -23,7 +23,7 @@ SHARED = 0.09  # of the white variance: what the points of a cell share, for cub
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
-_QUARTILE_CHI2_3 = 1.2125
+_DRIFTING, _CHI2_3 = 0.1, 0.5844  # share of the pairs that tells the drift; that quantile of chi^2
 _SAMPLE = 2_000  # pairs
 _CUBES = 40_000  # that stand for a cloud
 _LEVELS = 5  # sizes of cells at which the drift is looked for
@@ -32,7 +32,7 @@ _BISECTED = (1e-4, 1e4)
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 _AT_ONCE = 1_000_000  # cells or pairs whose residuals are looked at together
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
-_LEAST_DRIFT = 0.1  # of the white variance, over 16 cells
+_LEAST_DRIFT = 0.01  # of the white variance, over 16 cells
 HIGHEST = 8  # levels above the least cubes at which cells are looked for
 _LEAST_PART = 2_000  # cubes that are worth a thread
 _ABSORBED = 2  # times that loose cubes beside cells become part of them
@@ -212,13 +212,18 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
 
 
 def _bisected(rows: Array, ends: NDArray[np.int64], unit: float) -> float:
-    """Drift at which the quartile of the pairs' discords is that of chi^2, or 0."""
+    """Drift at which a quantile of the pairs' discords is that of chi^2, or 0.
+
+    A low one, for edges go through many cubes, and one that so many pairs are sure of.
+    """
     discords = np.empty(len(ends))
+    unsure = 2.0 * math.sqrt(_DRIFTING * (1.0 - _DRIFTING) / len(ends))
+    share = max(_DRIFTING - unsure, 0.0)
     low, high = _BISECTED
     for step in range(_BISECTIONS + 1):
         factor = math.sqrt(low * high) if step else 0.0
         kernels.pair_discords(rows, ends, factor * unit, discords)
-        above = float(np.quantile(discords, 0.25)) > _QUARTILE_CHI2_3
+        above = float(np.quantile(discords, share)) > _CHI2_3
         if not step and not above:
             return 0.0
         if step:

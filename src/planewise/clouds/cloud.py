@@ -172,18 +172,25 @@ def grid_about(
     origin: Array,
 ) -> tuple[Array, float, float]:
     """Middle and reach of the grid of points between low and high, and their typical sigma."""
-    centre = 0.5 * (low + high)
-    reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     typical = _typical(points, sensor, sigma, origin)
     farthest = max(
         sensor.range, float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
     )
+    return *middle_of(points, low, high, farthest), typical
+
+
+def middle_of(
+    points: NDArray[np.floating], low: Array, high: Array, farthest: float
+) -> tuple[Array, float]:
+    """Middle of points between low and high, and how far they reach, at most `farthest`."""
+    centre = 0.5 * (low + high)
+    reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
         some = points[:: 1 + len(points) // _PART]
         there = np.isfinite(some).all(axis=1)
         centre, reach = np.median(some[there], axis=0).astype(np.float64), farthest
-    return centre, reach, typical
+    return centre, reach
 
 
 def summed(
@@ -256,7 +263,7 @@ def _typical(
 ) -> float:
     """Standard deviation of most points."""
     if sigma is not None:
-        return float(np.median(sigma))
+        return float(np.median(sigma[:: 1 + len(sigma) // _PART]))
     if _is_constant(sensor):
         return float(sensor.sigma(np.zeros(1))[0])
     step = 1 + len(points) // 10_000

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudError
 from planewise.clouds.cloud import STEEPEST, Cloud
-from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, refitted
+from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, mask_of, refitted
 from planewise.clouds.rows import planes_of
 from planewise.information import coordinate_information
 from planewise.kernels import cloud_labels as kernels
@@ -98,7 +98,8 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     labels, rows = place[labels], rows[told]
     groups = groups_of(cloud, labels, error)
     alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, *limits)
-    book = ledger(cloud, labels, groups, alone, data, len(rows), *limits)
+    mask = mask_of(cloud, labels, len(rows))
+    book = ledger(cloud, mask, groups, alone, data, *limits)
     best = int(np.argmin(book.curve))
     place = np.zeros(len(rows) + 1, np.uint16)
     place[book.order[:best] + 1] = np.arange(1, best + 1)

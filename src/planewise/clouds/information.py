@@ -28,6 +28,7 @@ Labels = NDArray[np.uint16]
 
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 _LEAST_PART = 2_000  # groups that are worth a thread
+_AT_ONCE = 50_000  # cubes whose labels are looked at together
 
 
 @dataclass(frozen=True)
@@ -51,11 +52,45 @@ class CloudGroups:
 
 @dataclass(frozen=True)
 class CloudLedger:
-    """What a model costs: planes by worth, and Phi with the best 0 ... N of them."""
+    """What a model costs.
+
+    Attributes
+    ----------
+    order : ndarray of int, shape (N,)
+        Planes, best first: by worth, unless told otherwise.
+    worth, saved : ndarray, shape (N,)
+        Nats by which the points of each row are shorter on its plane than on none, and than if each
+        of them might be anything at all; negative.
+    curve : ndarray, shape (N + 1,)
+        Phi with the first 0 ... N planes in this order, the points of the others on none.
+    """
 
     order: NDArray[np.intp]
     worth: Array
+    saved: Array
     curve: Array
+
+
+@dataclass(frozen=True)
+class Mask:
+    """Labels as a mask code sees them (`kernels.cloud_information.mask_edges`).
+
+    Attributes
+    ----------
+    edges : ndarray of int32, shape (m, 6)
+        Labels of neighbours already coded and of the point, where they differ, and how often.
+    alike : ndarray of int, shape (N + 1,)
+        Points of every label that have the one of all their neighbours.
+    """
+
+    edges: NDArray[np.int32]
+    alike: NDArray[np.int64]
+
+    def nats(self, place: NDArray[np.int64]) -> Array:
+        """Of the first 0 ... N planes, shape (N + 1,), that place (N + 1,) puts in order."""
+        lengths, changes = np.empty(len(place)), np.zeros((len(place), kernels.CODES), np.int64)
+        kernels.mask_lengths(self.edges, self.alike, place, changes, lengths)
+        return lengths
 
 
 def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
@@ -112,45 +147,57 @@ def refitted(
     return rows
 
 
+def mask_of(cloud: Cloud, labels: Labels, planes: int) -> Mask:
+    """Mask of the sorted points with these labels, 1 ... planes and 0."""
+    alike, previous = np.zeros(planes + 1, np.int64), 0
+    all_edges = [np.empty((0, 6), np.int32)]
+    for begin, end in cloud.runs():
+        for first in range(begin, end, _AT_ONCE):
+            last = min(first + _AT_ONCE, end)
+            edges = np.empty((cloud.starts[last] - cloud.starts[first], 6), np.int32)
+            found, previous = kernels.mask_edges(
+                labels, cloud.starts, cloud.about, first, last, previous, alike, edges
+            )
+            all_edges.append(edges[:found].copy())
+    return Mask(np.concatenate(all_edges), alike)
+
+
 def ledger(
     cloud: Cloud,
-    labels: Labels,
+    mask: Mask,
     groups: CloudGroups,
     alone: Array,
     data: Array,
-    planes: int,
     range: float,
     resolution: float,
+    order: NDArray[np.intp] | None = None,
 ) -> CloudLedger:
-    """Rank planes, with exact Phi of them all and of every shorter list of the best."""
-    worth, leaving = np.zeros((2, planes + 1))
-    total = 0.0
+    """Rank planes, by worth or in a given order, with Phi of them all and of the best of them."""
+    planes, total = len(mask.alike) - 1, 0.0
+    worth, saved, leaving = np.zeros((3, planes + 1))
+    anything = coordinate_information(range, resolution)
     for begin, end in cloud.runs():
         g = slice(groups.places[begin], groups.places[end])
-        total += kernels.sum_nats(groups.label[g], alone[g], data[g], worth)
-    worth = worth[1:]
-    order = np.argsort(worth, kind="stable")
+        total += kernels.sum_nats(
+            groups.rows[g], groups.label[g], alone[g], data[g], anything, worth, saved
+        )
+    if order is None:
+        order = np.argsort(worth[1:], kind="stable")
     place = np.zeros(planes + 1, np.int64)
     place[order + 1] = np.arange(1, planes + 1)
     for begin, end in cloud.runs():
         kernels.groups_left(
             groups.rows, groups.label, groups.places[begin : end + 1], place, resolution,
-            _prior(range, resolution), data, leaving,
+            _prior(range, resolution), alone, data, leaving,
         )  # fmt: skip
     curve = np.full(planes + 1, total)
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
     if not cloud.on_rays:
-        curve += 2.0 * len(labels) * coordinate_information(range, resolution)
-    lengths, changes = np.empty(planes + 1), np.zeros((planes + 1, kernels.CODES), np.int64)
-    alike, previous = np.zeros(planes + 1, np.int64), 0
-    for begin, end in cloud.runs():
-        previous = kernels.count_mask(
-            labels, cloud.starts, cloud.about, place, begin, end, previous, alike, changes
-        )
-    kernels.mask_lengths(alike, changes, lengths)
-    return CloudLedger(order=order, worth=worth[order], curve=curve + lengths)
+        curve += 2.0 * len(cloud.local) * anything
+    curve += mask.nats(place)
+    return CloudLedger(order=order, worth=worth[1:], saved=saved[1:], curve=curve)
 
 
 def _prior(range: float, resolution: float) -> tuple[float, float, float]:

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 from planewise.clouds import few as cloud_few
 from planewise.clouds.cells import CloudError, cells_of, residual_correlation
 from planewise.clouds.cloud import Cloud, cloud_of
-from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, refitted
+from planewise.clouds.information import (
+    CloudGroups,
+    CloudLedger,
+    data_of,
+    groups_of,
+    ledger,
+    mask_of,
+    refitted,
+)
+from planewise.clouds.instances import apart
 from planewise.clouds.labels import label_points
 from planewise.clouds.rows import covariance, planes_of, quadratic
 from planewise.clouds.segments import segments_of
@@ -37,6 +46,8 @@ from planewise.sensor import Sensor
 from planewise.stages import stage
 
 Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # of Phi
 
 
 @dataclass(frozen=True)
@@ -117,19 +128,20 @@ def cloud_model(
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)
-    found = found_in(cloud, sensor, instances, significance, max_planes)
+    found = found_in(cloud, sensor, significance, max_planes)
     if few:
         with stage("few"):
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
+    if instances:
+        found = told_apart(found, significance, max_planes)
     return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
 def found_in(
     cloud: Cloud,
     sensor: Sensor,
-    instances: bool,
     significance: float,
     max_planes: int,
 ) -> CloudPlanes:
@@ -146,7 +158,6 @@ def found_in(
             cells,
             plane_information(3, sensor.range, sensor.resolution),
             sensor.range,
-            instances=instances,
             significance=significance,
             max_planes=max_planes,
             workers=cloud.workers,
@@ -167,6 +178,40 @@ def found_in(
     return CloudPlanes(
         cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out
     )
+
+
+def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
+    """Planes and labels by surfaces that touch; what a plane saves is shared by its points.
+
+    Those that save no more than `least` are left out, and of more than `max_planes` the last.
+    """
+    with stage("instances"):
+        labels, row = apart(found.cloud, found.labels, found.rows)
+    if len(row) == len(found.rows):
+        return found
+    count = np.zeros(len(row) + 1)
+    for first, last in found.cloud.runs():
+        part = labels[found.cloud.starts[first] : found.cloud.starts[last]]
+        count += np.bincount(part, minlength=len(row) + 1)
+    share = count[1:] / np.maximum(np.bincount(row, count[1:])[row], 1.0)
+    rows = found.rows[row]
+    rows[:, COUNT] *= share
+    rows[:, AREA] *= share
+    significance, correlation = found.significance[row] * share, found.correlation[row]
+    keep = np.argsort(-significance, kind="stable")
+    keep = keep[significance[keep] > least] if least else keep
+    left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
+    if len(keep) < len(row):
+        place = np.zeros(len(row) + 1, np.uint16)
+        place[keep + 1] = np.arange(1, len(keep) + 1)
+        for first, last in found.cloud.runs():
+            inside = slice(found.cloud.starts[first], found.cloud.starts[last])
+            labels[inside] = place[labels[inside]]
+        rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
+    return CloudPlanes(
+        found.cloud, labels, rows, found.error, significance, correlation,
+        found.left_out + left_out,
+    )  # fmt: skip
 
 
 def _from_few(
@@ -206,7 +251,7 @@ def ranked_model(
     max_planes: int,
     settings: Mapping[str, object],
 ) -> PlaneModel:
-    """Refit the planes to their points, keep those that pay by exact Phi, best first."""
+    """Refit the planes to their points, keep those that pay by exact Phi, best first: as images."""
     cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
     areas, labels = found.rows[:, AREA], found.labels
     with stage("ledger"):
@@ -214,13 +259,13 @@ def ranked_model(
         data = data_of(cloud, groups, planes_of(found.rows), areas, error, *limits)
         rows = _determined(refitted(cloud, groups, *data, areas, error), found.rows)
         alone, now = data_of(cloud, groups, planes_of(rows), areas, error, *limits)
-        book = ledger(cloud, labels, groups, alone, now, len(rows), *limits)
-    best = int(np.argmin(book.curve))
+        book, curve = _ranked(cloud, labels, groups, alone, now, len(rows), limits)
+    best = int(np.argmin(curve))
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
     if best < len(rows):
         # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(book.curve[best])))
-    order, phi = book.order[:best], book.curve[: best + 1]
+        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+    order, phi = book.order[:best], curve[: best + 1]
     with stage("describe"):
         place = np.zeros(len(rows) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
@@ -229,7 +274,7 @@ def ranked_model(
         for first, last in cloud.runs():
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.order.rows[part]] = place[labels[part]]
-        planes = _described(found, groups, rows, book.worth, order)
+        planes = _described(found, groups, rows, book.saved, order)
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
     if not len(rows):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
@@ -239,7 +284,7 @@ def ranked_model(
         labels=ranked,
         planes=planes,
         information=float(phi[-1]),
-        curve=Curve(information=book.curve, chosen=best, reason=reason, moves=tuple(moves)),
+        curve=Curve(information=curve, chosen=best, reason=reason, moves=tuple(moves)),
         readings=len(cloud.local),
         prefix=tuple(phi.tolist()),
         search="joint",
@@ -247,6 +292,37 @@ def ranked_model(
         note="" if best else reason,
         settings=settings,
     )
+
+
+def _ranked(
+    cloud: Cloud,
+    labels: NDArray[np.uint16],
+    groups: CloudGroups,
+    alone: Array,
+    data: Array,
+    planes: int,
+    limits: tuple[float, float],
+) -> tuple[CloudLedger, Array]:
+    """All planes as the paper ranks them, those that do not pay last; the curve of those that do.
+
+    Those pay with which Phi falls when they come after all that are worth more.
+    """
+    mask = mask_of(cloud, labels, planes)
+    by_worth = ledger(cloud, mask, groups, alone, data, *limits)
+
+    def keeping(pays: NDArray[np.intp]) -> tuple[CloudLedger, Array]:
+        rest = np.ones(planes, np.bool_)
+        rest[pays] = False
+        order = np.lexsort((by_worth.saved, rest))
+        book = ledger(cloud, mask, groups, alone, data, *limits, order)
+        return book, book.curve[: len(pays) + 1]
+
+    best = int(np.argmin(by_worth.curve))
+    book, curve = keeping(by_worth.order[np.diff(by_worth.curve) < 0])
+    if by_worth.curve[best] < curve.min() - _ROUNDING * abs(curve[0]):
+        # Some pay only together with others that are cut.
+        book, curve = keeping(by_worth.order[:best])
+    return book, curve
 
 
 def _determined(rows: Array, before: Array) -> Array:
@@ -258,7 +334,7 @@ def _determined(rows: Array, before: Array) -> Array:
 
 
 def _described(
-    found: CloudPlanes, groups: CloudGroups, rows: Array, worth: Array, order: NDArray[np.intp]
+    found: CloudPlanes, groups: CloudGroups, rows: Array, saved: Array, order: NDArray[np.intp]
 ) -> tuple[Plane, ...]:
     """Planes in this order, in the frame of the input."""
     cloud, n = found.cloud, len(rows)
@@ -277,14 +353,14 @@ def _described(
         sums += [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
     centroid = sums.T / np.maximum(count, 1.0)[:, None]
     planes = []
-    for rank, j in enumerate(order):
+    for j in order:
         distance = float(local[j, 3] - local[j, :3] @ cloud.centre)
         sign = -1.0 if distance < 0 else 1.0
         planes.append(
             Plane(
                 normal=sign * local[j, :3],
                 distance=sign * distance,
-                information=float(worth[rank]),
+                information=float(saved[j]),
                 count=int(count[j]),
                 rms=float(np.sqrt(max(squares[j], 0.0) / max(count[j], 1.0))),
                 centroid=centroid[j] + cloud.centre,

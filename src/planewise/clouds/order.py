@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
+from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_keys as kernels
 
 Array = NDArray[np.float64]
 Keys = NDArray[np.uint64]
 
 _LEAST_PART = 50_000  # points that are worth a thread
+_BLOCK = 1_000_000  # points that are looked at together
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,19 @@ def extent_of(points: NDArray[np.floating], workers: int) -> tuple[Array, Array,
 
     threads.over_chunks(look, workers, workers)
     return low.min(axis=0), high.max(axis=0), int(count.sum())
+
+
+def extent_in_blocks(
+    points: NDArray[np.floating], workers: int, memory: Memory
+) -> tuple[Array, Array, int]:
+    """`extent_of`, a million points at a time."""
+    low, high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
+    for first in range(0, len(points), _BLOCK):
+        part = extent_of(points[first : first + _BLOCK], workers)
+        low, high = np.minimum(low, part[0]), np.maximum(high, part[1])
+        count += part[2]
+        memory.release()
+    return low, high, count
 
 
 def order_of(

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 # Nats per point of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
-_PLANE_COST = 1.0  # times 3 ln(R / eps): what a plane has to save besides its border
+_PLANE_COST = 0.6  # times 3 ln(R / eps): what a plane has to save besides its border
 _GAP_OFFSET = 0.05  # of the range: where an unrelated plane seen through a gap may lie
 _LEAST_PART = 5_000  # pairs that are worth a thread
 PAIRS_AT_ONCE = 12_000_000  # of cells that merge together; some 1.3 GB
@@ -55,7 +55,6 @@ def segments_of(
     cost: float,
     range: float,
     *,
-    instances: bool,
     significance: float,
     max_planes: int,
     workers: int,
@@ -71,8 +70,6 @@ def segments_of(
         Nats of the parameters of a plane.
     range : float
         R in metres.
-    instances : bool
-        Keep coplanar segments that do not touch apart.
     significance : float
         Nats that a plane has to save beyond its costs.
     max_planes : int
@@ -90,7 +87,7 @@ def segments_of(
     chosen = order[accepted[order]]
     owner[chosen] = np.arange(len(chosen))
     planes = rows[chosen]
-    if len(chosen) and not instances:
+    if len(chosen):
         rest = order[~accepted[order] & (worth[order] + _PLANE_COST * cost > 0)]
         planes = _joined_through_gaps(planes, rows, chosen, rest, drift, range, owner)
     kept = owner >= 0

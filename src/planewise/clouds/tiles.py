@@ -8,9 +8,10 @@ cloud in one piece. Only the merging of cells looks at all of them at once: see
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +30,7 @@ from planewise.clouds.cloud import (
     write_about,
 )
 from planewise.clouds.memory import Disk
-from planewise.clouds.order import Order, extent_of, radix_sort
+from planewise.clouds.order import Order, extent_in_blocks, radix_sort
 from planewise.kernels import cloud_keys
 from planewise.kernels.cloud_rows import ROW
 from planewise.sensor import Sensor
@@ -42,12 +43,13 @@ Points = NDArray[np.floating]
 _SAMPLE = 200_000  # points that stand for the cloud, at most
 _BLOCK = 1_000_000  # points that are looked at together
 _LEAST_PART = 50_000  # points that are worth a thread
-_MOST_TILES = 400  # files that are open at a time, two of each
+_MOST_TILES = 180  # whose files are open at a time, two to five of each
 
 
 def tiled_cloud(
     points: Points,
     sensor: Sensor,
+    sigma: Array | None,
     origin: Array | None,
     workers: int,
     tile_points: int,
@@ -61,7 +63,9 @@ def tiled_cloud(
         On the disk.
     sensor : Sensor
         Its noise is evaluated at the distance from the origin of the coordinates, or at the range.
-    origin : ndarray, shape (3,), optional
+    sigma : ndarray, shape (k,), optional
+        Standard deviations of the points, in place of the sensor's.
+    origin : ndarray, shape (3,) or (k, 3), optional
         Where the scanner stood.
     workers : int
         Threads.
@@ -75,11 +79,11 @@ def tiled_cloud(
     Cloud or None
         ``None`` if fewer than three points are finite.
     """
-    low, high, count = _extent(points, workers, disk)
+    low, high, count = extent_in_blocks(points, workers, disk)
     if count < 3:
         return None
     seen_from = np.zeros(3) if origin is None else origin
-    centre, reach, typical = grid_about(points, low, high, sensor, None, seen_from)
+    centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
 
     grid = centre, _finest(reach, 4.0 * typical)
     counts = _all_separations(points, grid, workers, tile_points, disk)
@@ -90,9 +94,18 @@ def tiled_cloud(
     keys, rows = disk.growing(np.uint64), disk.growing(np.uint32)
     local, nodes = disk.growing(np.float32, 3), disk.growing(np.float64, ROW)
     variance = disk.growing(np.float64)
-    for tile in _sorted_tiles(points, grid, workers, tile_points, disk, gather=True):
-        order = Order(tile.keys, tile.order, *grid)
-        begins, inside, moments, noise = summed(tile.points, order, sensor, None, origin, workers)
+    of_each = None if origin is None or origin.ndim == 1 else origin
+    columns = [each for each in (points, sigma, of_each) if each is not None]
+    for tile in _sorted_tiles(points, grid, workers, tile_points, disk, columns):
+        order, mine = Order(tile.keys, tile.order, *grid), list(tile.columns)
+        begins, inside, moments, noise = summed(
+            mine.pop(0),
+            order,
+            sensor,
+            None if sigma is None else mine.pop(0),
+            origin if of_each is None else mine.pop(0),
+            workers,
+        )
         starts.append(begins[1:] + total)
         total += len(tile.keys)
         cubes.append(tile.keys[begins[:-1]] >> np.uint64(SHIFT))
@@ -144,16 +157,6 @@ def _blocks(
             yield begin, end
 
 
-def _extent(points: Points, workers: int, disk: Disk) -> tuple[Array, Array, int]:
-    low, high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
-    for first in range(0, len(points), _BLOCK):
-        part = extent_of(points[first : first + _BLOCK], workers)
-        low, high = np.minimum(low, part[0]), np.maximum(high, part[1])
-        count += part[2]
-        disk.release()
-    return low, high, count
-
-
 def _finest(reach: float, side: float) -> float:
     """Side of the finest cubes: larger where the grid would not reach."""
     return max(side, 2.0 * reach / (1 << cloud_keys.LEVELS) * (1 + 1e-6))
@@ -172,12 +175,15 @@ def _keys_of(points: Points, grid: tuple[Array, float], workers: int) -> Keys:
 
 @dataclass(frozen=True)
 class _Tile:
-    """Points of a run of cubes: their sorted keys, where each stood among rows, and those rows."""
+    """Points of a run of cubes: their sorted keys, where each stood among rows, and those rows.
+
+    columns: what is known of the points besides, in the order of rows.
+    """
 
     keys: Keys
     order: NDArray[np.uint32]
     rows: NDArray[np.uint32]
-    points: Points
+    columns: list[NDArray[Any]]
 
 
 def _sorted_tiles(
@@ -186,14 +192,14 @@ def _sorted_tiles(
     workers: int,
     tile_points: int,
     disk: Disk,
-    *,
-    gather: bool = False,
+    columns: Sequence[NDArray[Any]] = (),
 ) -> Iterator[_Tile]:
-    """Sort the finite points, about `tile_points` at a time; with their coordinates if wanted."""
+    """Sort the finite points, about `tile_points` at a time, with their rows of some arrays."""
     between = _splits(points, grid, workers, tile_points)
     disk.release()
     tiles = [
-        (disk.growing(np.uint64), disk.growing(np.uint32), disk.growing(points.dtype, 3))
+        [disk.growing(np.uint64), disk.growing(np.uint32)]
+        + [disk.growing(each.dtype, 0 if each.ndim == 1 else each.shape[1]) for each in columns]
         for _ in range(len(between) + 1)
     ]
     for first in range(0, len(points), _BLOCK):
@@ -208,14 +214,14 @@ def _sorted_tiles(
             mine = rows[begin:end]
             tile[0].append(keys[mine])
             tile[1].append((mine + first).astype(np.uint32))
-            if gather:
-                tile[2].append(block[mine])
+            for grown, each in zip(tile[2:], columns, strict=True):
+                grown.append(each[first : first + _BLOCK][mine])
         disk.release()
     while tiles:
-        of_keys, of_rows, of_points = (each.taken() for each in tiles.pop(0))
+        of_keys, of_rows, *rest = (each.taken() for each in tiles.pop(0))
         if len(of_keys):
             sorted_keys, place = radix_sort(of_keys, workers)
-            yield _Tile(sorted_keys, place, of_rows, of_points)
+            yield _Tile(sorted_keys, place, of_rows, rest)
 
 
 def _splits(points: Points, grid: tuple[Array, float], workers: int, tile_points: int) -> Keys:

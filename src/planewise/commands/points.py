@@ -9,11 +9,13 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
 from planewise.commands.command_line import OUTLINES_HELP, check_numbers, optional, reported
 from planewise.errors import PlanewiseError
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
+from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface
 from planewise.point_cloud import CloudFile, PointCloud, extent
 from planewise.results.image import OUTLINE_FILES
@@ -21,7 +23,7 @@ from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
 
 _LARGEST = 1e8  # metres that points may lie apart
-_FROM_FILE = "file"
+_FROM_FILE = "file"  # as of `detect_planes_in_cloud`
 _AUTO = "auto"
 _NEEDED = 200  # bytes of memory that a point takes in one piece
 _SHORTEST_LINE = 20  # bytes of a point in a text file
@@ -45,11 +47,13 @@ def points(
         ),
     ],
     sigma: Annotated[
-        float | None,
-        optional(
-            "Standard deviation of a point from its surface, in metres; 0.01 is a centimetre."
+        str,
+        typer.Option(
+            metavar="auto|METRES",
+            help="Standard deviation of a point from its surface; 0.01 is a centimetre. 'auto': "
+            "estimated from the points.",
         ),
-    ] = None,
+    ] = _AUTO,
     origin: Annotated[
         str | None,
         optional(
@@ -87,16 +91,9 @@ def points(
     """
     with reported():
         check_numbers(None, seed)
-        if sigma is None:
-            raise PlanewiseError(
-                "sigma: give --sigma, the standard deviation of a point from its surface in "
-                "metres, such as 0.01; points alone do not tell it"
-            )
-        if not 0 < sigma < float("inf"):
-            raise PlanewiseError(f"sigma must be a positive number of metres, got {sigma}")
+        noise = _noise(sigma)
         place = None if origin is None else _check_origin(origin)
 
-        from planewise.clouds.memory import Disk, Memory
         from planewise.detect_in_cloud import points_on_disk
         from planewise.files.cloud import open_cloud
         from planewise.results.cloud import CLOUD_FILES, las_name, write_cloud_results
@@ -109,13 +106,11 @@ def points(
             )
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
-        if tile_points and origin == _FROM_FILE and file.origins is not None:
-            _check_one_origin(len(file.origins))
         with output_folder(output) as folder:
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
-            stood = None if origin is None else _origin(place, read)
-            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=sigma)
+            stood = None if origin is None else _origin(place, read, memory)
+            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=noise)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
@@ -138,7 +133,24 @@ def points(
                 memory=memory,
             )
         terminal.show_planes(model)
+        if isinstance(told := model.settings.get("noise"), dict):
+            terminal.say(f"sigma = {told['noise']}, {told['source']}")
         terminal.show_summary(model, seconds, output)
+
+
+def _noise(text: str) -> float | Auto:
+    """Standard deviation that is asked for."""
+    if text == _AUTO:
+        return AUTO
+    try:
+        sigma = float(text)
+    except ValueError:
+        sigma = 0.0
+    if not 0 < sigma < float("inf"):
+        raise PlanewiseError(
+            f"sigma must be a positive number of metres, such as 0.01, or '{_AUTO}', got '{text}'"
+        )
+    return sigma
 
 
 def _tile_points(text: str, file: CloudFile) -> int:
@@ -177,25 +189,13 @@ def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
     return place
 
 
-def _check_one_origin(scans: int) -> None:
-    if scans > 1:
-        raise PlanewiseError(
-            f"origin: the file has {scans} scans, and a cloud in tiles one place of a scanner; "
-            "leave --origin out, or search the scans one by one"
-        )
-
-
 def _origin(
-    place: np.ndarray[Any, np.dtype[np.float64]] | None, cloud: PointCloud
+    place: np.ndarray[Any, np.dtype[np.float64]] | None, cloud: PointCloud, memory: Memory
 ) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Where the scanner stood, relative to the cloud's offset: (3,), or (k, 3) for many scans."""
-    if place is not None:
-        return np.asarray(place - cloud.offset)
-    if cloud.origins is None:
-        raise PlanewiseError("origin: the file does not say where its scanner stood; give x,y,z")
-    if len(cloud.origins) == 1 or cloud.scan is None:
-        return np.asarray(cloud.origins[0])
-    return np.asarray(cloud.origins[cloud.scan])
+    from planewise.detect_in_cloud import origins_of
+
+    return origins_of(cloud, memory) if place is None else np.asarray(place - cloud.offset)
 
 
 def _extent(cloud: PointCloud, resolution: float) -> float:

@@ -31,6 +31,7 @@ from planewise.kernels.jit import compiled, in_order, internal
 from planewise.kernels.masks import ALIKE, CONTEXTS, SYMBOLS, _add_change, _length
 
 BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
+_LATELY = 8192  # neighbourhoods of different labels that are remembered
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 
 
@@ -115,17 +116,23 @@ def group_data(  # type: ignore[no-untyped-def]
 
 
 @in_order
-def sum_nats(label, alone, data, worth):  # type: ignore[no-untyped-def]
-    """Add data - alone to worth (N + 1,); returns the sum of data."""
+def sum_nats(groups, label, alone, data, anything, worth, saved):  # type: ignore[no-untyped-def]
+    """Add data - alone to worth (N + 1,), and to saved (N + 1,) data less `anything` a point.
+
+    Returns the sum of data.
+    """
     total = 0.0
     for g in range(label.size):
         total += data[g]
         worth[label[g]] += data[g] - alone[g]
+        saved[label[g]] += data[g] - groups[g, COUNT] * anything
     return total
 
 
 @compiled
-def groups_left(groups, label, places, place, resolution, prior, data, leaving):  # type: ignore[no-untyped-def]
+def groups_left(  # type: ignore[no-untyped-def]
+    groups, label, places, place, resolution, prior, alone, data, leaving
+):  # fmt: skip
     """Add what groups have more when their plane goes, after those behind it.
 
     Points of a plane that is gone join those on none in their cube, so place (N + 1,), 1 ... N of
@@ -133,6 +140,10 @@ def groups_left(groups, label, places, place, resolution, prior, data, leaving):
     """
     row, work = np.empty(ROW), np.empty(ROW)
     for cube in range(places.size - 1):
+        g = places[cube]
+        if places[cube + 1] - g == 1:
+            leaving[label[g]] += alone[g] - data[g]
+            continue
         paid, there = 0.0, False
         for g in range(places[cube], places[cube + 1]):
             if label[g] == 0:
@@ -164,44 +175,74 @@ def groups_left(groups, label, places, place, resolution, prior, data, leaving):
 
 
 @in_order
-def count_mask(labels, starts, about, place, first, last, previous, alike, changes):  # type: ignore[no-untyped-def]
-    """Count the symbols of the labels in cubes[first:last], by the planes from which they are so.
+def mask_edges(labels, starts, about, first, last, previous, alike, edges):  # type: ignore[no-untyped-def]
+    """Find the points of cubes[first:last] that have not the label of all their neighbours.
 
     The code of `kernels.masks` in Morton order. Neighbours already coded: the point before, and the
     last ones in the cubes before this one along the three axes of the grid (where one is empty, the
-    point before). place (N + 1,): 1 ... N of every label, 0 for none; previous: place of the point
-    before. Adds to alike (N + 1,) and changes (N + 1, CODES), which begin as zeros; returns the
-    place of the last point.
+    point before). previous: label of the point before. Adds the others to alike (N + 1,), by label.
+    Writes edges (., 6): the labels of neighbours and point, and how often they come; those that
+    came lately once. Returns how many rows there are, and the label of the last point.
     """
+    found = 0
+    lately = np.full(_LATELY, -1, np.int64)
     beside = np.empty(3, np.int64)
     for cube in range(first, last):
         for axis in range(3):
             at = about[cube, BEFORE[axis]]
-            beside[axis] = place[labels[starts[at + 1] - 1]] if at >= 0 else -1
+            beside[axis] = labels[starts[at + 1] - 1] if at >= 0 else -1
         for i in range(starts[cube], starts[cube + 1]):
-            raw = np.int64(place[labels[i]])
+            raw = np.int64(labels[i])
             x = beside[0] if beside[0] >= 0 else previous
             y = beside[1] if beside[1] >= 0 else previous
             z = beside[2] if beside[2] >= 0 else previous
             if previous == raw and x == raw and y == raw and z == raw:
                 alike[raw] += 1
             else:
-                _add_change(changes, previous, x, y, z, raw)
+                slot = (previous + 7 * x + 61 * y + 509 * z + 1021 * raw) % _LATELY
+                edge = edges[lately[slot]]
+                if (
+                    lately[slot] >= 0
+                    and edge[0] == previous
+                    and edge[1] == x
+                    and edge[2] == y
+                    and edge[3] == z
+                    and edge[4] == raw
+                ):
+                    edge[5] += 1
+                else:
+                    edge = edges[found]
+                    edge[0], edge[1], edge[2], edge[3], edge[4] = previous, x, y, z, raw
+                    edge[5] = 1
+                    lately[slot] = found
+                    found += 1
             previous = raw
-    return previous
+    return found, previous
 
 
 @in_order
-def mask_lengths(alike, changes, lengths):  # type: ignore[no-untyped-def]
+def mask_lengths(edges, alike, place, changes, lengths):  # type: ignore[no-untyped-def]
     """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
 
-    alike, changes: what `count_mask` counted; changes is overwritten. Writes lengths (N + 1,).
+    edges, alike: `mask_edges`; place (N + 1,): 1 ... N of every label in that order, 0 for none;
+    changes (N + 1, CODES): zeros to count the symbols in, by the planes from which they are so.
+    Writes lengths (N + 1,).
     """
-    for rank in range(alike.size):
-        changes[0, 0] += alike[rank]
-        if rank > 0:
-            changes[rank, 0] -= alike[rank]
-            changes[rank, ALIKE] += alike[rank]
+    for e in range(edges.shape[0]):
+        _add_change(
+            changes,
+            np.int64(place[edges[e, 0]]),
+            np.int64(place[edges[e, 1]]),
+            np.int64(place[edges[e, 2]]),
+            np.int64(place[edges[e, 3]]),
+            np.int64(place[edges[e, 4]]),
+            edges[e, 5],
+        )
+    for label in range(alike.size):
+        changes[0, 0] += alike[label]
+        if place[label] > 0:
+            changes[place[label], 0] -= alike[label]
+            changes[place[label], ALIKE] += alike[label]
     for n in range(lengths.size):
         if n > 0:
             for k in range(changes.shape[1]):

@@ -38,11 +38,14 @@ def _code(left, above, right, corner, label):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _add_change(changes, left, above, right, corner, label):  # type: ignore[no-untyped-def]
-    """Add what a label is coded as, to changes (N + 1, .) from one number of planes to the next."""
+def _add_change(changes, left, above, right, corner, label, times):  # type: ignore[no-untyped-def]
+    """Add what a label is coded as, to changes (N + 1, .) from one number of planes to the next.
+
+    times: that it comes with these neighbours.
+    """
     end = np.int64(changes.shape[0])
     n, code = np.int64(0), 0
-    changes[0, 0] += 1
+    changes[0, 0] += times
     while True:
         # From one of the labels to the next higher one, labels above it are 0.
         following = end
@@ -51,7 +54,7 @@ def _add_change(changes, left, above, right, corner, label):  # type: ignore[no-
         if following == end:
             break
         n = following
-        changes[n, code] -= 1
+        changes[n, code] -= times
         code = _code(
             left if left <= n else 0,
             above if above <= n else 0,
@@ -59,7 +62,7 @@ def _add_change(changes, left, above, right, corner, label):  # type: ignore[no-
             corner if corner <= n else 0,
             label if label <= n else 0,
         )
-        changes[n, code] += 1
+        changes[n, code] += times
 
 
 @inlined
@@ -138,6 +141,7 @@ def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # typ
                     np.int64(place[right[x]]),
                     np.int64(place[upper[x]]),
                     np.int64(place[raw]),
+                    1,
                 )
         for x in range(width):
             kept, coded = above[x], row[x]

@@ -1,0 +1,359 @@
+"""Noise of a cloud, estimated from its points: ``noise="auto"``.
+
+Cubes of an octree, of every size, say how far their points lie from a plane. Those that are smaller
+than the noise tell none, and the larger a cube, the more often an edge goes through it: the size
+counts whose flat cubes hold most points. Edges, clutter and bent surfaces only make cubes rougher,
+so the estimate comes from below, as that of depth images (`calibration.estimate`).
+
+Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
+or along its lines. Then sigma is doubled until Phi rises, for models with different noise can be
+compared by it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planewise import threads
+from planewise.calibration.fit import fit_polynomial
+from planewise.clouds.cloud import STEEPEST, middle_of, separations, side_for
+from planewise.clouds.memory import Memory
+from planewise.clouds.order import Order, extent_in_blocks, order_of
+from planewise.kernels import cloud_cells, cloud_keys
+from planewise.kernels import cloud_noise as kernels
+from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
+from planewise.kernels.cloud_rows import COUNT, ROW
+from planewise.noise import Polynomial, constant
+from planewise.observation import checked_origin, checked_points
+from planewise.paper.evaluate import MAX_PLANES
+from planewise.sensor import Sensor
+
+Array = NDArray[np.float64]
+Points = NDArray[np.floating]
+
+_FEWEST = 8.0  # points of a cube
+_WIDE = 0.15  # least ratio of the variances of a cube's points in its plane
+_GRAZING = 0.1  # least cos^2 between ray and normal
+_THICK = 12.0  # standard deviations that the side of a cube has at least: it must not cut the sheet
+_CUBES = 50  # that can tell
+_HELD = 7.0  # points in an occupied cube of the middle level, on average
+_FINER, _LEVELS = 3, 9  # levels below that one, and all of them
+_START = 0.4  # quantile of the variances, from which to go on
+_ROUGH = 3.0  # standard deviations of chi^2: a cube that is rougher is on an edge
+_ENOUGH = (
+    30.0  # degrees of freedom of a cube that count: large cubes are many points, but few places
+)
+_STEPS, _TOLERANCE = 40, 1e-3
+_GRIDS, _MANY = 8, 100_000  # grids that a cloud of few points is laid into; points that need one
+_MOST = 300_000  # points that stand for a cloud
+_BLOCK = 5_000  # points of a part of space that is looked at as a whole
+_SAMPLE = 200_000  # points that say how large such a part is
+_AT_ONCE = 1_000_000  # points whose keys are held at a time
+_BIN = 1.3  # ranges of a bin lie within this factor
+_CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
+_FEWEST_BINS = 4  # that tell how noise depends on the range
+_SURE = 0.6  # share of the cubes that are flat, above which noise is that of all
+_DOUBLED = 4  # times at most
+_ASSUMED = 1e-3  # of the extent: noise of points that do not tell
+
+
+@dataclass(frozen=True, kw_only=True)
+class CloudNoise:
+    """Noise of a cloud as its points show it.
+
+    Attributes
+    ----------
+    noise : Polynomial
+        Standard deviation of a point in metres: across its surface, the same everywhere; where the
+        place of the scanner is known, along the ray, a function of the range.
+    cubes : int
+        Flat cubes that say it.
+    side : float
+        Of these cubes, metres; 0 where the points do not tell.
+    note : str
+        What was assumed instead, where the points do not tell; else empty.
+    """
+
+    noise: Polynomial
+    cubes: int
+    side: float
+    note: str = ""
+
+    def sensor(self, base: Sensor) -> Sensor:
+        """Sensor of the same range and resolution with this noise."""
+        return replace(base, noise=self.noise)
+
+    def describe(self) -> dict[str, str | int | float]:
+        """Say in plain types what was found, for result files."""
+        return {
+            "source": "assumed" if self.note else "estimated",
+            "note": self.note,
+            "cubes": self.cubes,
+            "side_m": self.side,
+            "noise": str(self.noise),
+        }
+
+
+def estimate_cloud_noise(
+    points: ArrayLike,
+    sensor: Sensor,
+    *,
+    origin: ArrayLike | None = None,
+    threads: int | None = None,
+) -> CloudNoise:
+    """Estimate the noise of points in space from the points themselves.
+
+    Parameters
+    ----------
+    points : array_like, shape (k, 3)
+        As in `planewise.detect_planes_in_points`.
+    sensor : Sensor
+        Range and resolution; its noise is not used.
+    origin : array_like, shape (3,) or (k, 3), optional
+        Where the scanner stood: then the noise along the rays is told.
+    threads : int, optional
+        ``None`` means one per processor. The result does not depend on it.
+
+    Returns
+    -------
+    CloudNoise
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed.
+
+    Examples
+    --------
+    >>> import numpy as np, planewise as pw
+    >>> rng = np.random.default_rng(0)
+    >>> wall = np.column_stack((rng.uniform(0, 3, (20_000, 2)), rng.normal(0, 0.004, 20_000)))
+    >>> noise = pw.estimate_cloud_noise(wall, pw.Sensor(max_depth=5.0, noise="auto")).noise
+    >>> round(noise.constant, 4)
+    0.004
+    """
+    array = checked_points(points)
+    if array.shape[1] != 3:
+        raise ValueError(f"points must have shape (k, 3), got {array.shape}")
+    place = checked_origin(origin, array.shape)
+    return cloud_noise(np.ascontiguousarray(array), sensor, place, _workers(threads))
+
+
+def _workers(asked: int | None) -> int:
+    return asked or threads.available()
+
+
+def cloud_noise(
+    points: Points,
+    sensor: Sensor,
+    origin: Array | None,
+    workers: int,
+    memory: Memory | None = None,
+) -> CloudNoise:
+    """`estimate_cloud_noise` of checked arguments; memory: where the points lie."""
+    memory = memory or Memory()
+    low, high, count = extent_in_blocks(points, workers, memory)
+    if count < _FEWEST:
+        return _assumed(sensor, 0.0)
+    centre, reach = middle_of(points, low, high, sensor.range)
+    some, seen_from = _standing_for(points, origin, centre, reach, count, workers, memory)
+    levels: list[list[Array]] = [[] for _ in range(_LEVELS)]
+    side = 0.0
+    for order, finest in _grids(some, centre, reach, workers):
+        side = finest
+        for level, cubes in enumerate(_flat(some, order, seen_from)):
+            levels[level].append(cubes)
+    sizes = [(side * 2.0**k, np.concatenate(each)) for k, each in enumerate(levels) if each]
+    floor = sensor.resolution**2 / 12.0
+    told = _best(sizes, floor)
+    if told is None:
+        return _assumed(sensor, reach)
+    noise = constant(told.sigma)
+    if seen_from is not None:
+        noise = _of_range(sizes, floor) or noise
+    if told.share < _SURE:
+        noise = noise.scaled(_factor(some, sensor, noise, seen_from, workers))
+    return CloudNoise(noise=noise, cubes=told.cubes, side=told.side)
+
+
+def _factor(
+    points: Points, sensor: Sensor, noise: Polynomial, origin: Array | None, workers: int
+) -> float:
+    """Power of two that noise is multiplied by for the lowest Phi."""
+    # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.model import cloud_model
+
+    best, lowest = 0, math.inf
+    for power in range(_DOUBLED + 1):
+        model = cloud_model(
+            points, replace(sensor, noise=noise.scaled(2.0**power)), None, origin,
+            instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
+            workers=workers, rng=np.random.default_rng(0),
+        )  # fmt: skip
+        if not model.information < lowest:
+            break
+        best, lowest = power, model.information
+    return 2.0**best
+
+
+def _assumed(sensor: Sensor, reach: float) -> CloudNoise:
+    sigma = max(sensor.resolution, 2.0 * _ASSUMED * reach)
+    note = f"too few points lie on something flat; assumed {sigma:g} m"
+    return CloudNoise(noise=constant(sigma), cubes=0, side=0.0, note=note)
+
+
+def _standing_for(
+    points: Points,
+    origin: Array | None,
+    centre: Array,
+    reach: float,
+    count: int,
+    workers: int,
+    memory: Memory,
+) -> tuple[Points, Array | None]:
+    """Points that stand for all, each place once, and where their rays begin.
+
+    Of many points those in parts of space that a hash draws, all that lie there.
+    """
+    rows = None if count <= _MOST else _drawn(points, centre, reach, count, workers, memory)
+    some = points if rows is None else points[rows]
+    order = order_of(some, centre, reach, 0.0, workers)
+    # Points that were copied err alike.
+    first = np.flatnonzero(np.diff(order.keys, prepend=cloud_keys.NO_KEY))
+    chosen = order.rows[first]
+    some = np.ascontiguousarray(some[chosen])
+    if origin is None or origin.ndim == 1:
+        return some, origin
+    return some, origin[chosen] if rows is None else origin[rows[chosen]]
+
+
+def _drawn(
+    points: Points, centre: Array, reach: float, count: int, workers: int, memory: Memory
+) -> NDArray[np.int64]:
+    """Rows of the points in some cubes of `_BLOCK` points."""
+    sample = np.ascontiguousarray(points[:: 1 + len(points) // _SAMPLE])
+    order = order_of(sample, centre, reach, 0.0, workers)
+    memory.release()
+    held = _BLOCK * len(order.keys) / count
+    side = side_for(order.side, separations(order.keys), max(held, 1.0))
+    shift = np.uint64(3 * max(0, round(math.log2(side / order.side))))
+    share = np.uint64(1 + count // _MOST)
+    rows: list[NDArray[np.int64]] = []
+    for first in range(0, len(points), _AT_ONCE):
+        block = points[first : first + _AT_ONCE]
+        keys = np.empty(len(block), np.uint64)
+        cloud_keys.point_keys(block, centre, order.side, cloud_keys.TURN, 0, len(block), keys)
+        part = (keys >> shift) * np.uint64(0x9E3779B97F4A7C15)
+        drawn = ((part >> np.uint64(32)) % share == 0) & (keys != cloud_keys.NO_KEY)
+        rows.append(np.flatnonzero(drawn) + first)
+        memory.release()
+    return np.concatenate(rows)
+
+
+def _grids(
+    points: Points, centre: Array, reach: float, workers: int
+) -> Iterator[tuple[Order, float]]:
+    """Points in the order of a grid, and its finest side; of few points in several grids."""
+    order = order_of(points, centre, reach, 0.0, workers)
+    if not len(order.keys):
+        return
+    side = side_for(order.side, separations(order.keys), _HELD) / (1 << _FINER)
+    rng = np.random.default_rng(0)
+    for grid in range(max(1, min(_GRIDS, _MANY // len(points)))):
+        widest = side * (1 << (_LEVELS - 1)) if grid else 0.0
+        order = order_of(points, centre + rng.uniform(-widest, widest, 3), reach + 2.0 * widest,
+                         side, workers)  # fmt: skip
+        yield order, order.side
+
+
+def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]:
+    """Flat cubes of every level (`kernels.flat_cubes`)."""
+    starts = np.empty(len(order.keys) + 1, np.int64)
+    n = cloud_keys.run_starts(order.keys, 0, starts)
+    starts = starts[: n + 1].copy()
+    starts[n] = len(order.keys)
+    local, nodes = np.empty((len(order.keys), 3), np.float32), np.empty((n, ROW))
+    cloud_cells.local_points(
+        points, order.rows, order.keys, starts, 0, order.side, cloud_keys.TURN, order.centre, 0, n,
+        local, nodes,
+    )  # fmt: skip
+    keys, seen_from = order.keys[starts[:-1]], np.empty((0, 3))
+    if origin is not None:
+        seen_from = origin[None] if origin.ndim == 1 else _means(origin[order.rows], starts)
+        seen_from = seen_from - order.centre
+    limits = _FEWEST, _WIDE, STEEPEST, _GRAZING
+    for _ in range(_LEVELS):
+        out = np.empty((len(nodes), 3))
+        yield out[: kernels.flat_cubes(nodes, seen_from, limits, out)]
+        parents, above = np.empty_like(nodes), np.empty_like(keys)
+        found = cloud_cells.parents_of(nodes, keys, parents, above)
+        if len(seen_from) > 1:
+            begins = np.flatnonzero(np.diff(keys >> np.uint64(3), prepend=cloud_keys.NO_KEY))
+            sums = np.add.reduceat(seen_from * nodes[:, COUNT, None], begins, axis=0)
+            seen_from = sums / parents[:found, COUNT, None]
+        nodes, keys = parents[:found].copy(), above[:found].copy()
+
+
+def _means(rows: Array, starts: NDArray[np.int64]) -> Array:
+    return np.asarray(np.add.reduceat(rows, starts[:-1], axis=0) / np.diff(starts)[:, None])
+
+
+@dataclass(frozen=True)
+class _Told:
+    """What cubes of one size say: sigma in metres; flat ones, their share, degrees of freedom."""
+
+    sigma: float
+    cubes: int
+    share: float
+    freedom: float
+    side: float
+
+
+def _best(sizes: list[tuple[float, Array]], floor: float) -> _Told | None:
+    """What cubes of the size say whose flat ones hold most points."""
+    told = [_told(side, cubes, floor) for side, cubes in sizes if len(cubes) >= _CUBES]
+    told = [each for each in told if each.side >= _THICK * each.sigma]
+    return max(told, key=lambda each: each.freedom, default=None)
+
+
+def _told(side: float, cubes: Array, floor: float) -> _Told:
+    """From below: the mean of the cubes that are not much rougher, again and again."""
+    variance, freedom = cubes[:, VARIANCE], cubes[:, FREEDOM]
+    rough = 1.0 + _ROUGH * np.sqrt(2.0 / freedom)
+    square = max(float(np.quantile(variance, _START)), floor)
+    for _ in range(_STEPS):
+        flat = variance <= rough * square
+        last, total = square, float(freedom[flat].sum())
+        if total:
+            square = max(float(variance[flat] @ freedom[flat]) / total, floor)
+        if abs(square / last - 1.0) < _TOLERANCE:
+            break
+    flat = variance <= rough * square
+    weight = float(np.minimum(freedom[flat], _ENOUGH).sum())
+    return _Told(math.sqrt(square), int(flat.sum()), float(flat.mean()), weight, side)
+
+
+def _of_range(sizes: list[tuple[float, Array]], floor: float) -> Polynomial | None:
+    """Curve of sigma over the range, None where too few ranges tell."""
+    ranges = np.concatenate([cubes[:, RANGE] for _, cubes in sizes])
+    ranges = ranges[ranges > 0]
+    if not len(ranges):
+        return None
+    nearest = float(ranges.min())
+    bins = int(math.log(float(ranges.max()) / nearest) / math.log(_BIN)) + 1
+    points = []
+    for k in range(bins):
+        low, high = nearest * _BIN**k, nearest * _BIN ** (k + 1)
+        inside = [(side, c[(c[:, RANGE] >= low) & (c[:, RANGE] < high)]) for side, c in sizes]
+        told = _best(inside, floor)
+        if told is not None:
+            error = math.hypot(math.sqrt(0.5 / told.freedom), _CURVE_ERROR)
+            points.append((math.sqrt(low * high), told.sigma, error))
+    if len(points) < _FEWEST_BINS:
+        return None
+    return fit_polynomial(*np.array(points).T)

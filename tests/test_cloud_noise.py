@@ -1,0 +1,185 @@
+"""noise="auto" for clouds: what points say about their own noise."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from benchmarks.building import building
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.clouds import noise as estimates
+from planewise.detect_in_cloud import detect_planes_in_cloud
+from planewise.kernels import cloud_noise as kernels
+from planewise.kernels import cloud_rows as rows
+
+AUTO = pw.Sensor(max_depth=20.0, resolution=0.001, noise="auto")
+SIZE, ORIGIN = np.array([20.0, 8.0, 4.0]), np.array([2.0, 3.0, 1.5])
+
+
+def hall(count, sigma, seed=0):
+    """Points on the walls of a hall as a scanner in it sees them, sigma(range) along the rays."""
+    rng = np.random.default_rng(seed)
+    rays = rng.normal(size=(count, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    ranges = np.where(rays > 0, (SIZE - ORIGIN) / rays, -ORIGIN / rays).min(axis=1)
+    return ORIGIN + rays * (ranges + rng.normal(size=count) * sigma(ranges))[:, None]
+
+
+def told(points, sensor=AUTO, **options):
+    return pw.estimate_cloud_noise(points, sensor, **options)
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01, 0.03])
+def test_noise_of_buildings_is_right_within_a_tenth(sigma):
+    for seed in range(2):
+        found = told(building(200_000, sigma=sigma, seed=seed).points)
+        assert found.noise.constant == pytest.approx(sigma, rel=0.05)
+        assert found.noise.linear == found.noise.quadratic == 0
+        assert found.side > 8 * sigma
+        assert not found.note
+
+
+def test_few_points_tell_their_noise_too():
+    ratios = []
+    for count in (200, 500, 2000):
+        for seed in range(4):
+            rng = np.random.default_rng(seed)
+            plan = rng.uniform(-4, 4, (count, 2))
+            height = 5 - 0.6 * np.abs(plan).max(axis=1)
+            points = np.column_stack((plan, height + rng.normal(0, 0.04, count)))
+            found = told(points, replace(AUTO, resolution=0.01)).noise.constant
+            ratios.append(found / (0.04 / np.hypot(1, 0.6)))
+    assert np.mean(ratios) == pytest.approx(1, abs=0.06)
+    assert np.abs(np.array(ratios) - 1).max() < 0.25
+
+
+def test_the_search_uses_what_was_told_and_says_so():
+    made = building(60_000, floors=1, rooms=(2, 1))
+    found = pw.detect_planes_in_points(made.points, AUTO)
+    noise = found.settings["noise"]
+    assert noise["source"] == "estimated"
+    estimate = told(made.points)
+    assert noise == estimate.describe()
+    assert noise["noise"] == str(estimate.noise)
+    by_hand = pw.detect_planes_in_points(made.points, estimate.sensor(AUTO))
+    assert_array_equal(found.labels, by_hand.labels)
+    assert found.information == by_hand.information
+    tiled = detect_planes_in_cloud(pw.PointCloud(points=made.points), AUTO, tile_points=20_000)
+    assert_array_equal(found.labels, tiled.labels)
+    assert tiled.settings["noise"] == noise
+    paper = pw.detect_planes_in_points(made.points[:3000], AUTO, objective="paper")
+    assert paper.settings["noise"]["source"] == "estimated"
+    one_each = pw.detect_planes_in_points(
+        made.points, AUTO, sigma=np.full(len(made.points), estimate.noise.constant)
+    )
+    assert_array_equal(found.labels, one_each.labels)
+    assert "noise" not in one_each.settings
+
+
+def test_threads_order_copies_and_origin_of_coordinates_do_not_matter():
+    points = building(60_000, floors=1).points
+    first = told(points, threads=1)
+    assert told(points, threads=3) == first
+    order = np.random.default_rng(0).permutation(len(points))
+    assert told(points[order]).noise.constant == pytest.approx(first.noise.constant, rel=1e-6)
+    copies = told(np.vstack((points, points, points[:100])))
+    assert copies.noise.constant == pytest.approx(first.noise.constant, rel=1e-6)
+    moved = told(points + np.array([592_000.0, 6_740_000.0, 30.0]))
+    assert moved.noise.constant == pytest.approx(first.noise.constant, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    "sigma",
+    [lambda r: 0 * r + 0.01, lambda r: 0.002 * r, lambda r: 0.002 + 0.0005 * r**2],
+    ids=["constant", "linear", "quadratic"],
+)
+def test_noise_along_rays_is_a_function_of_the_range(sigma):
+    points, ranges = hall(100_000, sigma), np.array([3.0, 6.0, 12.0])
+    found = told(points, origin=ORIGIN).noise
+    assert_allclose(found(ranges), sigma(ranges), rtol=0.1)
+    each = told(points, origin=np.tile(ORIGIN, (len(points), 1))).noise
+    assert_allclose(each(ranges), found(ranges), rtol=1e-6)
+
+
+def test_of_many_points_some_parts_of_space_stand_for_all(monkeypatch):
+    points = building(200_000).points
+    monkeypatch.setattr(estimates, "_MOST", 40_000)
+    monkeypatch.setattr(estimates, "_AT_ONCE", 30_000)
+    seen = []
+    grids = estimates._grids
+    monkeypatch.setattr(
+        estimates, "_grids", lambda points, *rest: seen.append(len(points)) or grids(points, *rest)
+    )
+    assert told(points).noise.constant == pytest.approx(0.01, rel=0.05)
+    assert 10_000 < seen[0] < 90_000
+
+
+def test_where_most_is_rougher_than_what_is_quiet_phi_decides():
+    rng = np.random.default_rng(0)
+    sheets = []
+    for k in range(4):  # one is calm, the others err ten times as much
+        across = 4.0 * k + rng.normal(0, 0.03 if k else 0.003, 20_000)
+        sheets.append(np.column_stack((rng.uniform(0, 6, (20_000, 2)), across)))
+    found = told(np.vstack(sheets))
+    assert 0.015 < found.noise.constant < 0.05
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        np.empty((0, 3)),
+        np.full((20, 3), np.nan),
+        np.ones((5000, 3)),
+        np.outer(np.linspace(0, 1, 5000), [1.0, 2.0, 3.0]),
+        np.random.default_rng(0).uniform(0, 5, (40, 3)),
+    ],
+    ids=["none", "nowhere", "equal", "collinear", "few"],
+)
+def test_points_that_do_not_tell(points):
+    found = told(points)
+    assert "assumed" in found.note
+    assert found.describe()["source"] == "assumed"
+    model = pw.detect_planes_in_points(points, AUTO)
+    assert len(model) == 0
+    assert model.note
+
+
+def test_points_without_noise_have_that_of_their_rounding():
+    rng = np.random.default_rng(0)
+    wall = np.column_stack((rng.uniform(0, 3, (20_000, 2)), np.zeros(20_000)))
+    assert told(wall).noise.constant == pytest.approx(0.001 / np.sqrt(12))
+
+
+def test_wrong_arguments():
+    with pytest.raises(ValueError, match=r"shape \(k, 3\), got \(5, 4\)"):
+        told(np.zeros((5, 4)))
+    with pytest.raises(ValueError, match=r"points of shape \(k, 3\), got \(50, 4\)"):
+        pw.detect_planes_in_points(np.zeros((50, 4)), AUTO)
+    with pytest.raises(ValueError, match="origin must be one place"):
+        told(np.zeros((5, 3)), origin=(0, 0))
+
+
+def test_flat_cubes_are_those_of_plain_numpy():
+    rng = np.random.default_rng(1)
+    nodes, expected, origin = np.zeros((40, rows.ROW)), [], np.array([0.0, 0.0, 5.0])
+    for k in range(40):
+        count = int(rng.integers(4, 30))
+        points = rng.uniform(-1, 1, (count, 3)) * rng.uniform(0, [1, 1, 0.3]) + rng.normal(size=3)
+        centre = points.mean(axis=0)
+        scatter = (points - centre).T @ (points - centre)
+        nodes[k, rows.WEIGHT] = nodes[k, rows.COUNT] = count
+        nodes[k, rows.CX : rows.CZ + 1] = centre
+        nodes[k, rows.XX : rows.ZZ + 1] = scatter[np.triu_indices(3)]
+        values, axes = np.linalg.eigh(scatter)
+        variance = values[0] / (count - 3) if count > 3 else np.inf
+        ray = centre - origin
+        square = (axes[:, 0] @ ray) ** 2 / (ray @ ray)
+        if count < 8 or values[1] <= 0.15 * values[2] or variance > 0.06 * values[1]:
+            continue
+        if square > 0.1:
+            expected.append((variance / square, count - 3, np.linalg.norm(ray)))
+    out = np.empty((40, 3))
+    found = kernels.flat_cubes(nodes, origin[None], (8.0, 0.15, 0.06, 0.1), out)
+    assert 3 < found < 40
+    assert_allclose(out[:found], expected, rtol=1e-5)
