@@ -31,7 +31,7 @@ _CUBES = 40_000  # that stand for a cloud
 _LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
-_FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
+_LEAST_BORDER = 10.0  # points along borders of cells that tell how white residuals are
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _LEAST_DRIFT = 0.01  # of the white variance, over 16 cells
 HIGHEST = 8  # levels above the least cubes at which cells are looked for
@@ -267,11 +267,11 @@ def _bisected(rows: Array, ends: NDArray[np.int64], unit: float) -> float:
 def residual_correlation(cells: CloudCells, of_cell: NDArray[np.int64], planes: Array) -> Array:
     """Correlation of the residuals of cells side by side on every plane, shape (N,).
 
-    Pairs count by the points along their border. NaN with fewer than ten of them.
+    Pairs count by the points along their border. NaN where these are fewer than ten in all.
     """
     residual, sums = np.empty(len(of_cell)), np.zeros((len(planes), 3))
     kernels.cell_residuals(cells.rows, of_cell, planes, residual)
     add_products(cells.ends, cells.sides, of_cell, residual, sums)
-    together, apart, pairs = sums.T
-    told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
+    together, apart, border = sums.T
+    told = (border >= _LEAST_BORDER) & (apart > 0)
     return np.asarray(np.divide(together, apart, np.full(len(planes), np.nan), where=told))

@@ -56,7 +56,7 @@ def add_products(ends, weights, part_of, values, sums):  # type: ignore[no-untyp
     """Add up, of pairs inside one part, the products of their values and the mean squares.
 
     ends (m, 2) and weights (m,) of pairs; part_of (n,): -1 for none; values (n,). Adds to sums (N,
-    3), of every part; the last of them is the number of pairs.
+    3), of every part; the last of them is the sum of the weights.
     """
     for e in range(weights.size):
         u, v = ends[e, 0], ends[e, 1]
@@ -64,4 +64,4 @@ def add_products(ends, weights, part_of, values, sums):  # type: ignore[no-untyp
         if j >= 0 and j == part_of[v]:
             sums[j, 0] += weights[e] * values[u] * values[v]
             sums[j, 1] += 0.5 * weights[e] * (values[u] ** 2 + values[v] ** 2)
-            sums[j, 2] += 1.0
+            sums[j, 2] += weights[e]
