@@ -1,22 +1,26 @@
 """Compiled loops over clouds against plain NumPy."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.clouds.cells import CloudError, cells_of
-from planewise.clouds.cloud import cloud_of
-from planewise.clouds.information import data_of, groups_of
-from planewise.clouds.order import order_of, positions, radix_sort
+from planewise.clouds.cells import CloudError, cells_of, residual_correlation
+from planewise.clouds.cloud import cloud_of, side_for
+from planewise.clouds.information import alone_of, data_of, groups_of
+from planewise.clouds.memory import Memory
+from planewise.clouds.order import Grid, held_by, order_of, positions, radix_sort
+from planewise.clouds.rows import covariances
 from planewise.kernels import cloud_cells as cell_loops
 from planewise.kernels import cloud_information as nats
 from planewise.kernels import cloud_keys
 from planewise.kernels import cloud_labels as label_loops
 from planewise.kernels import cloud_rows as rows_of
 from planewise.kernels import cloud_segments as segments
+from planewise.kernels import pairs as loops_of_pairs
 from planewise.kernels.masks import CONTEXTS, NONE, PRIOR, SYMBOLS, _code
 
 SIGMA = 0.01
@@ -87,7 +91,7 @@ def test_bits_are_spread_and_gathered():
 @pytest.mark.parametrize("bits", [4, 30, 63])
 def test_radix_sort_is_a_stable_sort(workers, bits):
     keys = np.random.default_rng(bits).integers(0, 1 << bits, 160_000, np.uint64)
-    ordered, rows = radix_sort(keys.copy(), workers)
+    ordered, rows = radix_sort(keys.copy(), bits, workers)
     expected = np.argsort(keys, kind="stable")
     assert_array_equal(rows, expected)
     assert_array_equal(ordered, keys[expected])
@@ -96,30 +100,46 @@ def test_radix_sort_is_a_stable_sort(workers, bits):
 def test_keys_are_those_of_a_turned_grid_and_bad_points_have_none():
     points = np.random.default_rng(0).uniform(-3, 3, (500, 3))
     points[7], points[9] = np.nan, [0, 0, 1e9]
-    order = order_of(points, np.zeros(3), 6.0, 0.1, 1)
+    order = order_of(points, Grid.reaching(np.zeros(3), 6.0, 0.1), 1)
+    assert order.grid.levels == 7
     assert 7 not in order.rows
     assert 9 not in order.rows
     assert len(order.keys) == 498
     grid = np.column_stack([positions(order.keys, axis) for axis in range(3)])
-    expected = np.floor(points[order.rows] @ cloud_keys.TURN.T / order.side) + (1 << 20)
+    expected = np.floor(points[order.rows] @ cloud_keys.TURN.T / order.grid.side) + 64
     assert_array_equal(grid, expected)
     assert_allclose(cloud_keys.TURN @ cloud_keys.TURN.T, np.eye(3), atol=1e-15)
 
 
-def test_separations_count_the_cubes_of_every_level():
-    keys = np.sort(np.random.default_rng(0).integers(0, 1 << 20, 5000, np.uint64))
-    counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
-    cloud_keys.separations(keys, counts)
-    for level in range(8):
-        cubes = len(np.unique(keys >> np.uint64(3 * level)))
-        assert len(keys) - counts[: level + 1].sum() == cubes
+@pytest.mark.parametrize("count", [300, 100_000])
+def test_cubes_are_counted_without_sorting(count):
+    points = np.random.default_rng(0).uniform(-3, 3, (count, 3))
+    points[5] = np.nan
+    for side in (0.05, 0.2, 1.0, 7.0):
+        grid = Grid.reaching(np.zeros(3), 6.0, side)
+        cubes = len(
+            np.unique(np.floor(points[np.arange(count) != 5] @ cloud_keys.TURN.T / side), axis=0)
+        )
+        for workers in (1, 2):
+            found = held_by(points, grid, workers, Memory())
+            assert found == pytest.approx((count - 1) / cubes, rel=0.005)
+
+
+def test_cubes_hold_as_many_points_as_asked_for():
+    points = scattered(20_000)[0]
+    for wanted in (3.0, 7.0, 50.0):
+        side = side_for(points, np.ones(3), 4.0, 1e-3, wanted, 1)
+        grid = Grid.reaching(np.ones(3), 4.0, side)
+        assert len(points) / len(np.unique(grid.keys(points, 1))) == pytest.approx(wanted, rel=0.1)
+    assert side_for(points, np.ones(3), 4.0, 0.5, 7.0, 1) == 0.5
+    assert side_for(points[:5], np.ones(3), 4.0, 0.5, 7.0, 1) >= 8.0
 
 
 def test_cubes_hold_their_points_and_moments(cloud):
     points = scattered()[0]
-    assert_allclose(cloud.positions() + cloud.centre, points[cloud.order.rows], atol=1e-6)
+    assert_allclose(cloud.positions() + cloud.centre, points[cloud.rows], atol=1e-6)
     for cube in range(0, len(cloud.cubes), 7):
-        mine = cloud.order.rows[cloud.starts[cube] : cloud.starts[cube + 1]]
+        mine = cloud.rows[cloud.starts[cube] : cloud.starts[cube + 1]]
         expected = row_of(points[mine] - cloud.centre, 1 / SIGMA**2)
         assert_allclose(cloud.nodes[cube], expected, rtol=1e-6, atol=1e-6)
 
@@ -187,10 +207,10 @@ def test_comparing_is_a_difference_of_planes_over_its_covariance():
         normal = a[rows_of.NX : rows_of.NZ + 1] + rng.normal(0, 0.2, 3)
         b = plane_row(rng, rng.uniform(-1, 1, 3), normal, rng.uniform(0.2, 0.8))
         for drift in (0.0, 1e-5):
-            found = rows_of.compare(a, b, drift, 0.04, 1.0)
+            found = rows_of.compare(np.array([a, b]), 0, 1, drift, 0.04, 1.0)
             assert_allclose(found, compared(a, b, drift, 0.04, 1.0), rtol=1e-6)
-    across = plane_row(rng, (0, 0, 0), (1, 0, 0), 0.3), plane_row(rng, (0, 0, 0), (0, 1, 0), 0.3)
-    assert rows_of.compare(*across, 0.0, 1.0, 1.0) == (rows_of.APART, 0.0)
+    across = [plane_row(rng, (0, 0, 0), axis, 0.3) for axis in ((1, 0, 0), (0, 1, 0))]
+    assert rows_of.compare(np.array(across), 0, 1, 0.0, 1.0, 1.0) == (rows_of.APART, 0.0)
 
 
 def test_discord_of_patches_of_one_plane_is_chi_square_of_three():
@@ -199,7 +219,7 @@ def test_discord_of_patches_of_one_plane_is_chi_square_of_three():
     for _ in range(400):
         a = plane_row(rng, (0, 0, 0), (0, 0, 1), 0.5)
         b = plane_row(rng, (0.5, 0.1, 0), (0, 0, 1), 0.4)
-        found.append(rows_of.compare(a, b, 0.0, 1.0, 1.0)[0])
+        found.append(rows_of.compare(np.array([a, b]), 0, 1, 0.0, 1.0, 1.0)[0])
     assert np.mean(found) == pytest.approx(3, abs=0.4)
     assert np.var(found) == pytest.approx(6, rel=0.4)
 
@@ -278,11 +298,113 @@ def test_agglomeration_merges_what_saves_most_first():
     )
 
 
+def test_cells_of_one_cube_that_are_clearly_one_plane_are_joined():
+    rng = np.random.default_rng(4)
+    rows = [plane_row(rng, (x, y, 0), (0, 0, 1), 0.9) for y in range(2) for x in range(2)]
+    rows += [
+        plane_row(rng, (0.0, 0, 5), (0, 0, 1), 0.9),
+        plane_row(rng, (1.0, 0, 5), (0, 1, 1), 0.9),
+    ]
+    rows += [
+        plane_row(rng, (0.0, 0, 9), (0, 0, 1), 0.9),
+        plane_row(rng, (0, 0, 9.3), (0, 0, 1), 0.9),
+    ]
+    rows, keys = np.array(rows), np.array([0, 1, 2, 3, 8, 9, 16, 20], np.uint64)
+    for bounds in ((0, 8), (0, 2, 8), (0, 5, 6, 8)):  # whatever the parts
+        joined, root = rows.copy(), np.full(8, -1)
+        for first, last in pairwise(bounds):
+            segments.join_siblings(keys, joined, 1e-6, 12.0, first, last, root)
+        # Another slope and what lies over another are no part of it.
+        assert_array_equal(root, [0, 0, 0, 0, 4, 5, 6, 7])
+        assert joined[0, rows_of.COUNT] == rows[:4, rows_of.COUNT].sum()
+        assert joined[0, rows_of.MISFIT] > 0
+        weight = rows[:4, rows_of.WEIGHT]
+        centre = weight @ rows[:4, rows_of.CX : rows_of.CZ + 1] / weight.sum()
+        assert_allclose(joined[0, rows_of.CX : rows_of.CZ + 1], centre, atol=1e-12)
+        assert_array_equal(joined[4:], rows[4:])
+
+
+def test_pairs_are_kept_once_where_they_come_first():
+    rng = np.random.default_rng(5)
+    ends = rng.integers(0, 12, (200, 2)).astype(np.int32)
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    values = rng.uniform(1, 2, len(ends))
+    expected = {}
+    for pair, value in zip(np.sort(ends, axis=1).tolist(), values, strict=True):
+        expected[tuple(pair)] = expected.get(tuple(pair), 0.0) + value
+    kept, sums = ends.copy(), values.copy()
+    found = loops_of_pairs.pairs_once(kept, sums, 12)
+    assert [tuple(sorted(pair)) for pair in kept[:found].tolist()] == list(expected)
+    assert_allclose(sums[:found], list(expected.values()), rtol=1e-12)
+
+    part_of = rng.integers(0, 4, 12)
+    out, left = np.empty_like(ends), np.empty(len(ends))
+    found = loops_of_pairs.pairs_between(ends, values, part_of, out, left)
+    apart = part_of[ends[:, 0]] != part_of[ends[:, 1]]
+    assert_array_equal(out[:found], part_of[ends[apart]])
+    assert_array_equal(left[:found], values[apart])
+
+
+def test_correlation_of_neighbours_is_that_of_the_pairs_on_each_plane(cloud):
+    cells = cells_of(cloud)
+    rng = np.random.default_rng(6)
+    plane_of = rng.integers(-1, 3, len(cells.rows))
+    planes = np.column_stack((np.eye(3), rng.normal(0, 1, 3)))
+    off = np.array([planes[j, :3] @ row[rows_of.CX : rows_of.CZ + 1] + planes[j, 3]
+                    for j, row in zip(plane_of, cells.rows, strict=True)])  # fmt: skip
+    off *= np.sqrt(cells.rows[:, rows_of.WEIGHT])
+    found = residual_correlation(cells, plane_of, planes)
+    for j in range(3):
+        u, v = cells.ends[(plane_of[cells.ends] == j).all(axis=1)].T
+        side = cells.sides[(plane_of[cells.ends] == j).all(axis=1)]
+        mean = 0.5 * (off[u] ** 2 + off[v] ** 2)
+        assert found[j] == pytest.approx(side @ (off[u] * off[v]) / (side @ mean), rel=1e-5)
+
+
+def test_residuals_of_groups_are_those_of_their_points(cloud):
+    labels = scattered()[1][cloud.rows].astype(np.uint16)
+    planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
+    groups, sums = groups_of(cloud, labels, CloudError(1.0, 0.0)), np.zeros((3, 5))
+    nats.add_residuals(groups.rows, groups.label, planes, sums)
+    points = cloud.positions()
+    for j in range(3):
+        mine = points[labels == j + 1]
+        off = mine @ planes[j, :3] + planes[j, 3]
+        # Squares are over the variance that groups are weighed with.
+        expected = [len(mine), off @ off, *mine.sum(axis=0)]
+        assert_allclose(sums[j], expected, rtol=1e-4, atol=1e-3)
+
+
+def test_covariance_of_planes_is_that_of_their_offset_and_slopes():
+    rng = np.random.default_rng(7)
+    rows = np.array(
+        [plane_row(rng, rng.uniform(-1, 1, 3), rng.normal(size=3), 0.5) for _ in range(5)]
+    )
+    centre = np.array([1.0, -2.0, 3.0])
+    for row, found in zip(rows, covariances(rows, centre), strict=True):
+        values, axes = np.linalg.eigh(matrix(row))
+        at, inside = row[rows_of.CX : rows_of.CZ + 1] + centre, axes[:, 1:]
+        # n = n0 - e s - f t; d = -n . c - offset
+        jacobian = np.zeros((4, 3))
+        jacobian[:3, 1:], jacobian[3] = -inside, [-1, *(at @ inside)]
+        variances = np.diag([1 / row[rows_of.WEIGHT], *(1 / values[1:])])
+        assert_allclose(found, jacobian @ variances @ jacobian.T, rtol=1e-9, atol=1e-18)
+
+
 def test_border_prices_fall_with_discord():
-    out = np.empty(3)
-    sides = np.array([2.0, 2.0, 1.0], np.float32)
-    segments.border_prices(np.array([0.0, 8.0, 1e9]), sides, (0.7, 2.0, 8.0), out)
-    assert_allclose(out, [4.0, 2 * (0.7 + 1.3 / 2), 0.7], rtol=1e-6)
+    rng = np.random.default_rng(0)
+    rows = np.array([plane_row(rng, (x, 0, 0.01 * x), (0, 0, 1), 0.9) for x in range(4)])
+    rows = np.vstack((rows, plane_row(rng, (4, 0, 0), (1, 0, 0), 0.9)))
+    ends = np.array([(0, 1), (1, 0), (0, 2), (2, 3), (3, 4)], np.int32)
+    sides = np.array([2.0, 1.0, 2.0, 3.0, 1.0], np.float32)
+    saved, price = np.empty((2, 5))
+    merge, plane = (0.7, 2.0, 8.0), (0.01, 1.25, 20.0)
+    segments.border_prices(rows, ends, sides, 1e-6, merge, plane, 0, 5, saved, price)
+    discords = np.array([compared(rows[u], rows[v], 1e-6, 1.0, 1.0)[0] for u, v in ends])
+    for (low, high, knee), found in ((merge, saved), (plane, price)):
+        expected = sides * (low + (high - low) / (1 + (discords / knee) ** 2))
+        assert_allclose(found, expected, rtol=1e-6)
+    assert discords[-1] == rows_of.APART
 
 
 def labelled(cloud, label_of, planes, null, resolution):
@@ -319,7 +441,7 @@ def labelled(cloud, label_of, planes, null, resolution):
 
 
 def test_labels_follow_residual_and_surroundings(cloud):
-    truth = scattered()[1][cloud.order.rows]
+    truth = scattered()[1][cloud.rows]
     majority = [
         np.bincount(truth[a:b]).argmax()
         for a, b in zip(cloud.starts[:-1], cloud.starts[1:], strict=True)
@@ -329,9 +451,9 @@ def test_labels_follow_residual_and_surroundings(cloud):
     labels = np.empty(len(truth), np.uint16)
     null = math.log(1e4)
     label_loops.label_points(
-        cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side,
-        cloud_keys.TURN, cloud.cubes, cloud.about, label_of, cloud.variance, np.zeros(4),
-        planes, null, 0.001, 0, len(cloud.cubes), labels,
+        cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle,
+        cloud_keys.TURN, cloud.about, label_of, cloud.variance, np.zeros(4), planes,
+        null, 0.001, 0, len(cloud.cubes), labels,
     )  # fmt: skip
     expected = labelled(cloud, label_of, planes, null, 0.001)
     assert (labels != expected).mean() < 1e-3  # float32 against float64, at equal costs
@@ -339,7 +461,7 @@ def test_labels_follow_residual_and_surroundings(cloud):
 
 
 def test_groups_are_the_points_of_one_label_in_a_cube(cloud):
-    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    labels = scattered()[1][cloud.rows].astype(np.uint16)
     groups = groups_of(cloud, labels, CloudError(1.5, 0.0))
     points = cloud.positions()
     g = 0
@@ -363,9 +485,10 @@ def test_nats_of_groups_are_those_of_normal_densities():
     offset, tilt = shared * SIGMA**2 + 0.113 * drift * root_area, 0.9 * drift / side
     prior = (1.0, 9.2, 9.2)
     alone, data = np.empty((2, 1))
+    nats.groups_alone(row[None], eps, prior, 0, 1, alone)
     nats.group_data(
-        row[None], np.ones(1, np.int64), np.array([[*plane, root_area]]), (shared, drift), side,
-        eps, prior, 0, 1, alone, data,
+        row[None], np.ones(1, np.int64), alone, np.array([[*plane, root_area]]), (shared, drift),
+        side, eps, 9.2, 0, 1, data,
     )  # fmt: skip
 
     def code(residual, design, variances):
@@ -412,7 +535,7 @@ def coded(cloud, labels, planes):
 
 
 def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
-    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    labels = scattered()[1][cloud.rows].astype(np.uint16)
     place = np.array([0, 2, 3, 1])
     lengths = np.empty(4)
     changes = np.zeros((4, nats.CODES), np.int64)
@@ -431,22 +554,26 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
 
 
 def test_what_groups_have_more_without_a_plane(cloud):
-    labels = scattered()[1][cloud.order.rows].astype(np.uint16)
+    labels = scattered()[1][cloud.rows].astype(np.uint16)
     error = CloudError(1.0, 1e-6)
     planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
     place, limits = np.array([0, 2, 3, 1]), (10.0, 0.001)
 
     def total(kept):
         left = np.where(place[labels] <= kept, labels, 0).astype(np.uint16)
-        return data_of(cloud, groups_of(cloud, left, error), planes, np.ones(3), error, *limits)[1]
+        groups = groups_of(cloud, left, error)
+        alone = alone_of(cloud, groups, *limits)
+        return data_of(cloud, groups, alone, planes, np.ones(3), error, *limits)
 
     groups = groups_of(cloud, labels, error)
-    alone, data = data_of(cloud, groups, planes, np.ones(3), error, *limits)
-    leaving = np.zeros(4)
+    alone = alone_of(cloud, groups, *limits)
+    data = data_of(cloud, groups, alone, planes, np.ones(3), error, *limits)
+    left = np.empty(len(data))
     prior = (1.0, math.log(1e4), math.log(1e4))
     nats.groups_left(
-        groups.rows, groups.label, groups.places, place, 0.001, prior, alone, data, leaving
-    )
-    behind = leaving[[3, 1, 2]]  # in the order of their places
+        groups.rows, groups.label, groups.places, place, 0.001, prior, alone, data, 0,
+        len(cloud.cubes), left,
+    )  # fmt: skip
+    behind = np.bincount(groups.label, left)[[3, 1, 2]]  # in the order of their places
     for kept in range(4):
         assert data.sum() + behind[kept:].sum() == pytest.approx(total(kept).sum(), rel=1e-6)

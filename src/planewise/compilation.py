@@ -24,27 +24,38 @@ def cache_directory() -> Path:
     return Path(score_rays.stats.cache_path or "")
 
 
-def is_cached() -> bool:
-    """Whether the loops of this version have been compiled on this machine before."""
-    written = [index.stat().st_mtime for index in cache_directory().glob("*.nbi")]
+def is_cached(loops: str = "*") -> bool:
+    """Whether the loops of this version have been compiled on this machine before.
+
+    Parameters
+    ----------
+    loops : str
+        Modules of kernels that count, as a file name pattern.
+    """
+    written = [index.stat().st_mtime for index in cache_directory().glob(f"{loops}.nbi")]
     sources = Path(kernels.__path__[0]).glob("*.py")
     return bool(written) and max(written) >= max(source.stat().st_mtime for source in sources)
 
 
-@lru_cache(maxsize=1)
-def announce() -> None:
+@lru_cache(maxsize=2)
+def announce(*, cloud: bool = False) -> None:
     """Say once, before the wait, that code has to be compiled, and have another core help.
 
     A second process compiles the loops of the later stages; where none can be started, or its work
     is not done in time, this one does it all.
+
+    Parameters
+    ----------
+    cloud : bool
+        The loops are those of clouds, not of depth images.
     """
-    if is_cached():
+    if is_cached("cloud_*" if cloud else "*"):
         return
     _LOG.warning("compiling for this machine, once (some 10 s) ...")
     if available() > 1 and sys.executable and not os.environ.get(_HELPED):
         with contextlib.suppress(OSError):
             helper = subprocess.Popen(
-                [sys.executable, "-m", "planewise.warm_up"],
+                [sys.executable, "-m", f"planewise.{'clouds.' if cloud else ''}warm_up"],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

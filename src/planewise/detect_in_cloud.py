@@ -132,7 +132,7 @@ def _find_in_tiles(
     tile_points: int,
     disk: Disk,
 ) -> PlaneModel:
-    compilation.announce()
+    compilation.announce(cloud=True)
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart
     from planewise.clouds.noise import cloud_noise

@@ -164,7 +164,7 @@ def find_in_cloud(
     """
     errors = checked_sigma(sigma, len(points))
     seen_from = checked_origin(origin, points.shape)
-    compilation.announce()
+    compilation.announce(cloud=True)
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import cloud_model
     from planewise.clouds.noise import cloud_noise

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds.cloud import FEWEST, STEEPEST, Cloud, over_part
 from planewise.kernels import cloud_cells as kernels
-from planewise.kernels.cloud_rows import CX, CZ, ROW, WEIGHT
+from planewise.kernels.cloud_rows import ROW
+from planewise.kernels.pairs import add_products, pairs_once
 
 Array = NDArray[np.float64]
 
@@ -29,8 +31,7 @@ _CUBES = 40_000  # that stand for a cloud
 _LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
-_FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
-_AT_ONCE = 1_000_000  # cells or pairs whose residuals are looked at together
+_LEAST_BORDER = 10.0  # points along borders of cells that tell how white residuals are
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _LEAST_DRIFT = 0.01  # of the white variance, over 16 cells
 HIGHEST = 8  # levels above the least cubes at which cells are looked for
@@ -65,11 +66,13 @@ class CloudCells:
     Attributes
     ----------
     rows : ndarray, shape (m, 18)
-        As `kernels.cloud_rows` has them.
+        As `kernels.cloud_rows` has them, in Morton order.
+    keys : ndarray of uint64, shape (m,)
+        Of the first cube of each.
     owner : ndarray of int, shape (n,)
         Cell that each cube of the cloud is part of, -1 for none.
     ends : ndarray of int, shape (e, 2)
-        Pairs of cells side by side; a pair may come more than once.
+        Pairs of cells side by side.
     sides : ndarray of float32, shape (e,)
         Points along their common border.
     error : CloudError
@@ -77,21 +80,32 @@ class CloudCells:
     """
 
     rows: Array
+    keys: NDArray[np.uint64]
     owner: NDArray[np.int64]
     ends: NDArray[np.int32]
     sides: NDArray[np.float32]
     error: CloudError
 
 
+class _Grown(NamedTuple):
+    """As of `CloudCells`; level_of (m,): how many levels above the least cubes each cell is."""
+
+    rows: Array
+    keys: NDArray[np.uint64]
+    level_of: NDArray[np.int64]
+    owner: NDArray[np.int64]
+
+
 def cells_of(cloud: Cloud) -> CloudCells | None:
     """Cells of a cloud; ``None`` if there is none."""
     nodes, keys = _sampled(cloud)
-    white = _white(nodes)
+    white = _white(nodes, cloud.workers)
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
 
-    rows, owner, level_of = _grown(cloud, error)
+    cells = _grown(cloud, error)
+    rows, owner = cells.rows, cells.owner
     if not len(rows):
         return None
     chosen = np.empty(len(owner), np.int64)
@@ -107,56 +121,71 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
             taken += kernels.take_in(cloud.nodes[part], white, chosen[part], rows, owner[part])
         if not taken:
             break
-    ends, sides = _neighbours(cloud, rows, owner, level_of)
-    return CloudCells(rows, owner, ends, sides, error)
+    return CloudCells(rows, cells.keys, owner, *_neighbours(cloud, cells), error)
 
 
-def _grown(cloud: Cloud, error: CloudError) -> tuple[Array, NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of cells, the cell of every cube, and how large each cell is (`kernels.grow_cells`)."""
-    rows = cloud.memory.growing(np.float64, ROW)
-    levels, cells = [], 0
-    owner = np.empty(len(cloud.cubes), np.int64)
+def _grown(cloud: Cloud, error: CloudError) -> _Grown:
+    """Cells, as `kernels.grow_cells` finds them."""
+    memory = cloud.memory
+    rows, keys = memory.growing(np.float64, ROW), memory.growing(np.uint64)
+    levels = memory.growing(np.int64)
+    owner, cells = np.empty(len(cloud.cubes), np.int64), 0
     for first, last in cloud.runs():
         n, part = last - first, slice(first, last)
         out, spans = np.empty((n, ROW)), np.empty((n, 2), np.int64)
         level_of = np.empty(n, np.int64)
+        nodes, states = _with_states(cloud.nodes[part], error, cloud.workers)
         found = kernels.grow_cells(
-            cloud.nodes[part].copy(), cloud.cubes[part].copy(), HIGHEST, error.limits(),
+            nodes, states, cloud.cubes[part].copy(), HIGHEST, error.limits(),
             np.empty(n, np.int64), np.empty(n, np.int64), out, spans, level_of,
         )  # fmt: skip
-        kernels.owners(spans[:found], owner[part])
-        owner[part] += np.where(owner[part] >= 0, cells, 0)
-        rows.append(out[:found].copy())
-        levels.append(level_of[:found].copy())
+        order = np.argsort(spans[:found, 0], kind="stable")
+        kernels.owners(spans[order], cells, owner[part])
+        rows.append(out[order])
+        keys.append(cloud.cubes[part][spans[order, 0]])
+        levels.append(level_of[order])
         cells += found
-    return rows.array(), owner, np.concatenate(levels)
+    return _Grown(rows.array(), keys.taken(), levels.taken(), owner)
 
 
-def _neighbours(
-    cloud: Cloud, rows: Array, owner: NDArray[np.int64], level_of: NDArray[np.int64]
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+def _with_states(nodes: Array, error: CloudError, workers: int) -> tuple[Array, NDArray[np.int8]]:
+    """Copy of nodes, those of a plane as rows of it, and their states (`kernels.node_states`)."""
+    nodes, states = nodes.copy(), np.empty(len(nodes), np.int8)
+    over_part(
+        lambda first, last: kernels.node_states(nodes, error.limits(), first, last, states),
+        0, len(nodes), workers, _LEAST_PART,
+    )  # fmt: skip
+    return nodes, states
+
+
+def _neighbours(cloud: Cloud, cells: _Grown) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
     most = kernels.NEIGHBOURS
     all_ends, all_sides = cloud.memory.growing(np.int32, 2), cloud.memory.growing(np.float32)
     for begin, end in cloud.runs():
         ends = np.empty((most * (end - begin), 2), np.int32)
         sides = np.empty(len(ends), np.float32)
+        parts: list[tuple[int, int]] = []
 
         def look(
             first: int,
             last: int,
             at: int = begin,
             to: tuple[NDArray[np.int32], NDArray[np.float32]] = (ends, sides),
+            parts: list[tuple[int, int]] = parts,
         ) -> None:
-            part = slice(most * (first - at), most * (last - at))
-            kernels.neighbours(
-                cloud.cubes, cloud.about, owner, level_of, cloud.nodes, rows, first, last,
-                to[0][part], to[1][part],
+            place = most * (first - at)
+            found = kernels.neighbours(
+                cloud.cubes, cloud.about, cells.owner, cells.level_of, cloud.nodes, cells.rows,
+                first, last, to[0][place:], to[1][place:],
             )  # fmt: skip
+            parts.append((place, place + found))
 
         over_part(look, begin, end, cloud.workers, _LEAST_PART)
-        found = kernels.compact(ends, sides)
-        all_ends.append(ends[:found].copy())
-        all_sides.append(sides[:found].copy())
+        found_ends = np.concatenate([ends[slice(*part)] for part in sorted(parts)])
+        found_sides = np.concatenate([sides[slice(*part)] for part in sorted(parts)])
+        found = pairs_once(found_ends, found_sides, len(cells.rows))
+        all_ends.append(found_ends[:found].copy())
+        all_sides.append(found_sides[:found].copy())
     return all_ends.array(), all_sides.array()
 
 
@@ -171,17 +200,21 @@ def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
     return cloud.nodes[chosen], keys[chosen]
 
 
-def _white(nodes: Array) -> float:
+def _white(nodes: Array, workers: int) -> float:
     """White variance against the description: the quietest quarter of the cells says it.
 
     A cloud whose cells are farther from planes than its points can err has no such noise, but no
     planes: then the description stands.
     """
     ratios = np.empty(len(nodes))
-    found = kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, ratios)
-    if found < _FEWEST_TOLD:
+    over_part(
+        lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
+        0, len(nodes), workers, _LEAST_PART,
+    )  # fmt: skip
+    ratios = ratios[ratios >= 0.0]
+    if len(ratios) < _FEWEST_TOLD:
         return 1.0
-    factor = max(1.0, float(np.quantile(ratios[:found], 0.25)))
+    factor = max(1.0, float(np.quantile(ratios, 0.25)))
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
@@ -191,7 +224,6 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
     The smallest of what they say counts: more is shape, or what a cube cuts off.
     """
     typical = white * float(np.median(cloud.variance))
-    limits = CloudError(white, 0.0).limits()
     levels = [(nodes, keys)]
     while len(levels) < _LEVELS:
         nodes, keys = levels[-1]
@@ -202,8 +234,9 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
     for level in reversed(range(_LEVELS)):
         # Large cubes come first: where they agree, no more has to be asked.
         nodes, keys = levels[level]
-        planes, ends = nodes.copy(), np.empty((_SAMPLE, 2), np.int64)
-        ends = ends[: kernels.sibling_pairs(planes, keys, limits, ends)]
+        planes, states = _with_states(nodes, CloudError(white, 0.0), cloud.workers)
+        ends = np.empty((_SAMPLE, 2), np.int64)
+        ends = ends[: kernels.sibling_pairs(states, keys, ends)]
         if len(ends) >= _FEWEST_TOLD:
             told = min(told, _bisected(planes, ends, typical / (cloud.side * 2**level)))
         if told == 0.0:
@@ -234,24 +267,11 @@ def _bisected(rows: Array, ends: NDArray[np.int64], unit: float) -> float:
 def residual_correlation(cells: CloudCells, of_cell: NDArray[np.int64], planes: Array) -> Array:
     """Correlation of the residuals of cells side by side on every plane, shape (N,).
 
-    NaN with fewer than ten pairs of cells.
+    Pairs count by the points along their border. NaN where these are fewer than ten in all.
     """
-    n = len(planes)
-    residual = np.zeros(len(of_cell))
-    for first in range(0, len(of_cell), _AT_ONCE):
-        part = slice(first, first + _AT_ONCE)
-        on = of_cell[part] >= 0
-        row, cell = planes[of_cell[part][on]], cells.rows[part][on]
-        off = (row[:, :3] * cell[:, CX : CZ + 1]).sum(axis=1) + row[:, 3]
-        residual[part][on] = off * np.sqrt(cell[:, WEIGHT])
-    together, apart, pairs = np.zeros((3, n))
-    for first in range(0, len(cells.ends), _AT_ONCE):
-        u, v = cells.ends[first : first + _AT_ONCE].T
-        same = (of_cell[u] >= 0) & (of_cell[u] == of_cell[v])
-        u, v = u[same], v[same]
-        plane = of_cell[u]
-        together += np.bincount(plane, residual[u] * residual[v], n)
-        apart += np.bincount(plane, 0.5 * (residual[u] ** 2 + residual[v] ** 2), n)
-        pairs += np.bincount(plane, minlength=n)
-    told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
-    return np.asarray(np.divide(together, apart, np.full(n, np.nan), where=told))
+    residual, sums = np.empty(len(of_cell)), np.zeros((len(planes), 3))
+    kernels.cell_residuals(cells.rows, of_cell, planes, residual)
+    add_products(cells.ends, cells.sides, of_cell, residual, sums)
+    together, apart, border = sums.T
+    told = (border >= _LEAST_BORDER) & (apart > 0)
+    return np.asarray(np.divide(together, apart, np.full(len(planes), np.nan), where=told))

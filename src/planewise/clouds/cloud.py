@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.clouds.memory import Memory
-from planewise.clouds.order import Order, extent_of, order_of, positions
+from planewise.clouds.order import Grid, Keys, Order, extent_of, held_by, order_of, positions
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
 from planewise.kernels.cloud_rows import ROW
@@ -37,10 +37,10 @@ class Cloud:
 
     Attributes
     ----------
-    order : Order
-        Sorted keys and where each point stood.
-    centre : ndarray, shape (3,)
-        What all coordinates here are relative to.
+    grid : Grid
+        Of the cubes. All coordinates here are relative to its centre.
+    rows : ndarray of uint32, shape (k,)
+        Row of the input that each point stood in.
     local : ndarray of float32, shape (k, 3)
         Points relative to the middle of their cube.
     starts : ndarray of int, shape (n + 1,)
@@ -53,10 +53,6 @@ class Cloud:
         Moments of the points of each (`kernels.cloud_rows`).
     variance : ndarray, shape (n,)
         Mean variance of its points as the sensor says, square metres.
-    side : float
-        Of a cube, metres.
-    shift : int
-        Bits of a point's key below its cube.
     workers : int
         Threads.
     on_rays : bool
@@ -67,15 +63,14 @@ class Cloud:
         Runs of cubes, first and end, that are worked on one after the other; all by default.
     """
 
-    order: Order
+    grid: Grid
+    rows: NDArray[np.uint32]
     local: NDArray[np.float32]
     starts: NDArray[np.int64]
     cubes: NDArray[np.uint64]
     about: NDArray[np.int32]
     nodes: Array
     variance: Array
-    side: float
-    shift: int
     workers: int
     on_rays: bool = False
     memory: Memory = field(default_factory=Memory)
@@ -84,13 +79,17 @@ class Cloud:
     @property
     def centre(self) -> Array:
         """What all coordinates are relative to, shape (3,)."""
-        return self.order.centre
+        return self.grid.centre
+
+    @property
+    def side(self) -> float:
+        """Of a cube, metres."""
+        return self.grid.side
 
     def positions(self) -> Array:
         """Return the sorted points relative to the centre, shape (k, 3)."""
-        grid = [positions(self.cubes, axis) for axis in (0, 1, 2)]
-        middle = (np.column_stack(grid) + 0.5) * self.side
-        middle -= 0.5 * (1 << cloud_keys.LEVELS) * self.order.side
+        middle = np.column_stack([positions(self.cubes, axis) for axis in (0, 1, 2)]) + 0.5
+        middle = (middle - self.grid.middle) * self.side
         return np.asarray(
             np.repeat(middle @ cloud_keys.TURN, np.diff(self.starts), axis=0) + self.local
         )
@@ -147,19 +146,16 @@ def cloud_of(
         return None
     seen_from = np.zeros(3) if origin is None else origin
     centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
-    order = order_of(points, centre, reach, 4.0 * typical, workers)
-    held_by = separations(order.keys)
-    side = max(side_for(order.side, held_by, held), THICK * typical)
-    order = order_of(points, centre, reach, side / (1 << FINER), workers)
+    side = side_for(points, centre, reach, THICK * typical, held, workers)
+    order = order_of(points, Grid.reaching(centre, reach, side / (1 << FINER)), workers)
     if len(order.keys) < 3:
         return None
-    starts, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
-    cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
-    about = np.full((len(cubes), 27), -1, np.int32)
+    starts, cubes, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
+    about = np.empty((len(cubes), 27), np.int32)
     write_about(cubes, 0, len(cubes), about, workers)
     return Cloud(
-        order, local, starts, cubes, about, nodes, variance, order.side * (1 << FINER), SHIFT,
-        workers, on_rays=origin is not None,
+        coarse(order.grid), order.rows, local, starts, cubes, about, nodes, variance, workers,
+        on_rays=origin is not None,
     )  # fmt: skip
 
 
@@ -200,57 +196,68 @@ def summed(
     sigma: Array | None,
     origin: Array | None,
     workers: int,
-) -> tuple[NDArray[np.int64], NDArray[np.float32], Array, Array]:
-    """Starts, local coordinates, moments and variances of the cubes of sorted points (`Cloud`)."""
+) -> tuple[NDArray[np.int64], Keys, NDArray[np.float32], Array, Array]:
+    """Starts, keys, local points, moments and variances of the cubes of sorted points (`Cloud`)."""
     starts = np.empty(len(order.keys) + 1, np.int64)
     n = cloud_keys.run_starts(order.keys, SHIFT, starts)
     starts = starts[: n + 1].copy()
     starts[n] = len(order.keys)
+    cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
     local = np.empty((len(order.keys), 3), np.float32)
     nodes = np.empty((n, ROW))
+    grid = coarse(order.grid)
     threads.over_chunks(
         lambda first, last: kernels.local_points(
-            points, order.rows, order.keys, starts, SHIFT, order.side, cloud_keys.TURN,
-            order.centre, first, last, local, nodes,
+            points, order.rows, starts, cubes, grid.side, grid.middle, cloud_keys.TURN,
+            grid.centre, first, last, local, nodes,
         ),
         n, workers, _LEAST_PART,
     )  # fmt: skip
     seen_from = np.zeros(3) if origin is None else origin
     variance = _variances(points, sensor, sigma, order, starts, seen_from)
     if origin is not None:
-        rays = _mean_origins(origin, order, starts) - order.centre
+        rays = _mean_origins(origin, order, starts) - grid.centre
         kernels.foreshorten(nodes, rays, STEEPEST, FEWEST, _GRAZING, variance)
     kernels.weigh(nodes, variance)
-    return starts, local, nodes, variance
+    return starts, cubes, local, nodes, variance
+
+
+def coarse(grid: Grid) -> Grid:
+    """Grid of the cubes, of that of the order."""
+    return Grid(grid.centre, grid.side * (1 << FINER), grid.levels - FINER)
 
 
 def write_about(
     cubes: NDArray[np.uint64], first: int, last: int, about: NDArray[np.int32], workers: int
 ) -> None:
-    """Write the cubes about cubes[first:last], and them into theirs, to about, which holds -1."""
+    """Write the cubes about cubes[first:last] to about (`kernels.cloud_cells.cubes_about`)."""
     over_part(
         lambda begin, end: kernels.cubes_about(cubes, begin, end, about),
         first, last, workers, _LEAST_PART,
     )  # fmt: skip
 
 
-def separations(keys: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """How many neighbours in sorted keys part at each level (`kernels.cloud_keys`)."""
-    counts = np.empty(cloud_keys.LEVELS + 1, np.int64)
-    cloud_keys.separations(keys, counts)
-    return counts
+def side_for(
+    points: NDArray[np.floating],
+    centre: Array,
+    reach: float,
+    least: float,
+    held: float,
+    workers: int,
+    memory: Memory | None = None,
+) -> float:
+    """Side of cubes that hold so many points on average, at least `least`.
 
-
-def side_for(finest: float, counts: NDArray[np.int64], points: float) -> float:
-    """Side of cubes that hold so many points on average, between powers of two.
-
-    finest: side at level 0; counts: `separations` of all keys.
+    Between its doubles the logarithm of the number is interpolated. centre, reach: of the grid;
+    memory: where the points lie.
     """
-    total = int(counts.sum()) + 1
-    cubes = np.maximum(total - np.cumsum(counts), 1)
-    held = np.log(total / cubes)
-    level = float(np.interp(math.log(points), held, np.arange(len(held), dtype=float)))
-    return float(finest * 2.0**level)
+    grid, before = Grid.reaching(centre, reach, least), 0.0
+    while grid.side < 2.0 * reach:
+        now = math.log(held_by(points, grid, workers, memory or Memory()) / held)
+        if now >= 0.0:
+            return float(grid.side * 2.0 ** (now / (before - now) if before else 0.0))
+        grid, before = Grid.reaching(centre, reach, 2.0 * grid.side), now
+    return grid.side
 
 
 def _is_constant(sensor: Sensor) -> bool:

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudError
 from planewise.clouds.cloud import STEEPEST, Cloud
-from planewise.clouds.information import CloudGroups, data_of, groups_of, ledger, mask_of, refitted
+from planewise.clouds.information import (
+    CloudGroups,
+    alone_of,
+    data_of,
+    groups_of,
+    ledger,
+    mask_of,
+    refitted,
+)
 from planewise.clouds.rows import planes_of
 from planewise.information import coordinate_information
 from planewise.kernels import cloud_labels as kernels
@@ -97,7 +105,8 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     place[told + 1] = np.arange(1, len(told) + 1)
     labels, rows = place[labels], rows[told]
     groups = groups_of(cloud, labels, error)
-    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], error, *limits)
+    alone = alone_of(cloud, groups, *limits)
+    data = data_of(cloud, groups, alone, planes_of(rows), rows[:, AREA], error, *limits)
     mask = mask_of(cloud, labels, len(rows))
     book = ledger(cloud, mask, groups, alone, data, *limits)
     best = int(np.argmin(book.curve))
@@ -117,8 +126,8 @@ def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits)
     variance = error.white * (1.0 + SHARED) * cloud.variance
     null = coordinate_information(*limits)
     kernels.label_points(
-        cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
-        cloud.cubes, cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
+        cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
+        cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
         planes_of(rows), null, limits[1], 0, len(cloud.cubes), out,
     )  # fmt: skip
     return out

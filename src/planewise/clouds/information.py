@@ -10,6 +10,7 @@ integrated out; about a smooth surface of its own; or anything at all. As `spati
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,34 +106,54 @@ def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
     variance = error.white * cloud.variance
     cloud.over_cubes(
         lambda first, last: label_kernels.sum_groups(
-            cloud.local, labels, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side,
+            cloud.local, labels, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle,
             TURN, variance, places, first, last, rows, label,
         )
     )  # fmt: skip
     return CloudGroups(rows, label, places)
 
 
+def alone_of(cloud: Cloud, groups: CloudGroups, range: float, resolution: float) -> Array:
+    """Nats of every group on none."""
+    alone: Array = cloud.memory.empty(len(groups.label))
+    prior = _prior(range, resolution)
+    _over_groups(
+        cloud, groups,
+        lambda first, last: kernels.groups_alone(
+            groups.rows, resolution, prior, first, last, alone
+        ),
+    )  # fmt: skip
+    return alone
+
+
 def data_of(
     cloud: Cloud,
     groups: CloudGroups,
+    alone: Array,
     planes: Array,
     areas: Array,
     error: CloudError,
     range: float,
     resolution: float,
-) -> tuple[Array, Array]:
-    """Nats of every group on none and as labelled; planes (N, 4), areas (N,)."""
-    alone, data = cloud.memory.empty((2, len(groups.label)))
+) -> Array:
+    """Nats of every group as labelled; alone: on none; planes (N, 4), areas (N,)."""
+    data: Array = cloud.memory.empty(len(groups.label))
     table = np.column_stack((planes, np.sqrt(areas)))
+    anything = coordinate_information(range, resolution)
+    _over_groups(
+        cloud, groups,
+        lambda first, last: kernels.group_data(
+            groups.rows, groups.label, alone, table, (SHARED, error.drift), cloud.side, resolution,
+            anything, first, last, data,
+        ),
+    )  # fmt: skip
+    return data
+
+
+def _over_groups(cloud: Cloud, groups: CloudGroups, work: Callable[[int, int], None]) -> None:
     for begin, end in cloud.runs():
-        over_part(
-            lambda first, last: kernels.group_data(
-                groups.rows, groups.label, table, (SHARED, error.drift), cloud.side, resolution,
-                _prior(range, resolution), first, last, alone, data,
-            ),
-            groups.places[begin], groups.places[end], cloud.workers, _LEAST_PART,
-        )  # fmt: skip
-    return alone, data
+        first, last = int(groups.places[begin]), int(groups.places[end])
+        over_part(work, first, last, cloud.workers, _LEAST_PART)
 
 
 def refitted(
@@ -185,11 +206,16 @@ def ledger(
         order = np.argsort(worth[1:], kind="stable")
     place = np.zeros(planes + 1, np.int64)
     place[order + 1] = np.arange(1, planes + 1)
+    left, prior = cloud.memory.empty(len(groups.label)), _prior(range, resolution)
+    cloud.over_cubes(
+        lambda first, last: kernels.groups_left(
+            groups.rows, groups.label, groups.places, place, resolution, prior, alone, data,
+            first, last, left,
+        )
+    )  # fmt: skip
     for begin, end in cloud.runs():
-        kernels.groups_left(
-            groups.rows, groups.label, groups.places[begin : end + 1], place, resolution,
-            _prior(range, resolution), alone, data, leaving,
-        )  # fmt: skip
+        g = slice(groups.places[begin], groups.places[end])
+        leaving += np.bincount(groups.label[g], left[g], planes + 1)
     curve = np.full(planes + 1, total)
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(leaving[1:][order][::-1])[::-1]

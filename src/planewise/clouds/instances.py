@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.clouds.cloud import Cloud
+from planewise.clouds.cloud import FINER, Cloud
 from planewise.clouds.rows import planes_of
 from planewise.kernels import cloud_instances as kernels
 from planewise.kernels.cloud_keys import TURN
@@ -39,11 +39,11 @@ def apart(cloud: Cloud, labels: Labels, rows: Array) -> tuple[Labels, NDArray[np
     planes = planes_of(rows)
     axes = np.zeros((len(rows) + 1, 2, 3))
     axes[1:] = _inside(planes[:, :3])
-    where = cloud.local, labels, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN
+    where = cloud.local, labels, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN
     low, high = np.full((len(axes), 2), np.inf), np.full((len(axes), 2), -np.inf)
     places = np.zeros(len(axes), np.int64)
     for first, last in cloud.runs():
-        kernels.extents(*where, axes, first, last, low, high, places)
+        kernels.extents(*where, axes, cloud.side / (1 << FINER), first, last, low, high, places)
     side, shape = _grids(places, low, high, np.append(0.0, rows[:, AREA]))
     begins = np.append(0, np.cumsum(shape.prod(axis=1)))
     grid = cloud.memory.empty(int(begins[-1]), np.int32)

@@ -50,8 +50,8 @@ def label_points(
     labels: Labels = cloud.memory.empty(len(cloud.local), np.uint16)
     cloud.over_cubes(
         lambda first, last: kernels.label_points(
-            cloud.local, cloud.order.keys, cloud.starts, cloud.shift, cloud.order.side, TURN,
-            cloud.cubes, cloud.about, label_of, variance, extra, planes, null, resolution,
+            cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
+            cloud.about, label_of, variance, extra, planes, null, resolution,
             first, last, labels,
         )
     )  # fmt: skip

@@ -14,6 +14,7 @@ from planewise.clouds.cloud import Cloud, cloud_of
 from planewise.clouds.information import (
     CloudGroups,
     CloudLedger,
+    alone_of,
     data_of,
     groups_of,
     ledger,
@@ -22,25 +23,15 @@ from planewise.clouds.information import (
 )
 from planewise.clouds.instances import apart
 from planewise.clouds.labels import label_points
-from planewise.clouds.rows import covariance, planes_of, quadratic
+from planewise.clouds.rows import covariances, planes_of
 from planewise.clouds.segments import segments_of
 from planewise.information import (
     coordinate_information,
     outlier_information,
     plane_information,
 )
-from planewise.kernels.cloud_rows import (
-    AREA,
-    COUNT,
-    CX,
-    CY,
-    CZ,
-    ROW,
-    WEIGHT,
-    XX,
-    ZZ,
-    write_normals,
-)
+from planewise.kernels.cloud_information import add_residuals
+from planewise.kernels.cloud_rows import AREA, COUNT, ROW, WEIGHT, write_normals
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -224,13 +215,14 @@ def _from_few(
 ) -> CloudPlanes:
     """Planes of few points; found: what cells told."""
     limits = sensor.range, sensor.resolution
-    start = np.zeros(int(cloud.order.rows.max()) + 1, np.uint16)
-    start[found.cloud.order.rows] = found.labels
-    labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.order.rows], limits, rng)
+    start = np.zeros(int(cloud.rows.max()) + 1, np.uint16)
+    start[found.cloud.rows] = found.labels
+    labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.rows], limits, rng)
     n = int(labels.max(initial=0))
     groups = groups_of(cloud, labels, found.error)
     rows = cloud_few.plane_rows(cloud, groups, n, found.error)
-    alone, data = data_of(cloud, groups, planes_of(rows), rows[:, AREA], found.error, *limits)
+    alone = alone_of(cloud, groups, *limits)
+    data = data_of(cloud, groups, alone, planes_of(rows), rows[:, AREA], found.error, *limits)
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
     keep = np.argsort(-saved, kind="stable")
@@ -256,9 +248,10 @@ def ranked_model(
     areas, labels = found.rows[:, AREA], found.labels
     with stage("ledger"):
         groups = groups_of(cloud, labels, error)
-        data = data_of(cloud, groups, planes_of(found.rows), areas, error, *limits)
-        rows = _determined(refitted(cloud, groups, *data, areas, error), found.rows)
-        alone, now = data_of(cloud, groups, planes_of(rows), areas, error, *limits)
+        alone = alone_of(cloud, groups, *limits)
+        data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
+        rows = _determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
+        now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
         book, curve = _ranked(cloud, labels, groups, alone, now, len(rows), limits)
     best = int(np.argmin(curve))
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
@@ -273,7 +266,7 @@ def ranked_model(
         ranked[:] = 0
         for first, last in cloud.runs():
             part = slice(cloud.starts[first], cloud.starts[last])
-            ranked[cloud.order.rows[part]] = place[labels[part]]
+            ranked[cloud.rows[part]] = place[labels[part]]
         planes = _described(found, groups, rows, book.saved, order)
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
     if not len(rows):
@@ -337,21 +330,14 @@ def _described(
     found: CloudPlanes, groups: CloudGroups, rows: Array, saved: Array, order: NDArray[np.intp]
 ) -> tuple[Plane, ...]:
     """Planes in this order, in the frame of the input."""
-    cloud, n = found.cloud, len(rows)
-    local = planes_of(rows)
-    count, squares = np.zeros((2, n))
-    sums = np.zeros((3, n))
+    cloud, local = found.cloud, planes_of(rows)
+    sums = np.zeros((len(rows), 5))
     for first, last in cloud.runs():
         part = slice(groups.places[first], groups.places[last])
-        on = groups.label[part] > 0
-        g, owner = groups.rows[part][on], groups.label[part][on] - 1
-        readings = g[:, COUNT]
-        off = (local[owner, :3] * g[:, CX : CZ + 1]).sum(axis=1) + local[owner, 3]
-        across = quadratic(g[:, XX : ZZ + 1], local[owner, :3]) * readings / g[:, WEIGHT]
-        count += np.bincount(owner, readings, n)
-        squares += np.bincount(owner, across + readings * off * off, n)
-        sums += [np.bincount(owner, readings * g[:, e], n) for e in (CX, CY, CZ)]
-    centroid = sums.T / np.maximum(count, 1.0)[:, None]
+        add_residuals(groups.rows[part], groups.label[part], local, sums)
+    count, squares = sums[:, :2].T
+    centroid = sums[:, 2:] / np.maximum(count, 1.0)[:, None] + cloud.centre
+    covariance = covariances(rows, cloud.centre)
     planes = []
     for j in order:
         distance = float(local[j, 3] - local[j, :3] @ cloud.centre)
@@ -363,8 +349,8 @@ def _described(
                 information=float(saved[j]),
                 count=int(count[j]),
                 rms=float(np.sqrt(max(squares[j], 0.0) / max(count[j], 1.0))),
-                centroid=centroid[j] + cloud.centre,
-                covariance=covariance(rows[j], cloud.centre),
+                centroid=centroid[j],
+                covariance=covariance[j],
                 significance=float(found.significance[j]),
                 residual_correlation=float(found.correlation[j]),
                 area=float(found.rows[j, AREA] * count[j] / found.rows[j, COUNT]),

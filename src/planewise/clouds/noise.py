@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
 from planewise.calibration.fit import fit_polynomial
-from planewise.clouds.cloud import STEEPEST, middle_of, separations, side_for
+from planewise.clouds.cloud import STEEPEST, middle_of, side_for
 from planewise.clouds.memory import Memory
-from planewise.clouds.order import Order, extent_in_blocks, order_of
+from planewise.clouds.order import Grid, Order, blocks_of, extent_in_blocks, order_of
 from planewise.kernels import cloud_cells, cloud_keys
 from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
@@ -53,7 +53,6 @@ _GRIDS, _MANY = 8, 100_000  # grids that a cloud of few points is laid into; poi
 _MOST = 300_000  # points that stand for a cloud
 _BLOCK = 5_000  # points of a part of space that is looked at as a whole
 _SAMPLE = 200_000  # points that say how large such a part is
-_AT_ONCE = 1_000_000  # points whose keys are held at a time
 _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
@@ -222,10 +221,9 @@ def _standing_for(
     """
     rows = None if count <= _MOST else _drawn(points, centre, reach, count, workers, memory)
     some = points if rows is None else points[rows]
-    order = order_of(some, centre, reach, 0.0, workers)
+    order = order_of(some, Grid.reaching(centre, reach, 0.0), workers)
     # Points that were copied err alike.
-    first = np.flatnonzero(np.diff(order.keys, prepend=cloud_keys.NO_KEY))
-    chosen = order.rows[first]
+    chosen = order.rows[_begins(order.keys)]
     some = np.ascontiguousarray(some[chosen])
     if origin is None or origin.ndim == 1:
         return some, origin
@@ -237,21 +235,18 @@ def _drawn(
 ) -> NDArray[np.int64]:
     """Rows of the points in some cubes of `_BLOCK` points."""
     sample = np.ascontiguousarray(points[:: 1 + len(points) // _SAMPLE])
-    order = order_of(sample, centre, reach, 0.0, workers)
     memory.release()
-    held = _BLOCK * len(order.keys) / count
-    side = side_for(order.side, separations(order.keys), max(held, 1.0))
-    shift = np.uint64(3 * max(0, round(math.log2(side / order.side))))
-    share = np.uint64(1 + count // _MOST)
+    held = max(_BLOCK * len(sample) / len(points), 1.0)
+    side = side_for(sample, centre, reach, 2.0 * reach / len(sample), held, workers)
+    grid, share = Grid.reaching(centre, reach, side), np.uint64(1 + count // _MOST)
     rows: list[NDArray[np.int64]] = []
-    for first in range(0, len(points), _AT_ONCE):
-        block = points[first : first + _AT_ONCE]
-        keys = np.empty(len(block), np.uint64)
-        cloud_keys.point_keys(block, centre, order.side, cloud_keys.TURN, 0, len(block), keys)
-        part = (keys >> shift) * np.uint64(0x9E3779B97F4A7C15)
-        drawn = ((part >> np.uint64(32)) % share == 0) & (keys != cloud_keys.NO_KEY)
+    first = 0
+    for block in blocks_of(points, memory):
+        keys = grid.keys(block, workers)
+        part = (keys * np.uint64(0x9E3779B97F4A7C15)) >> np.uint64(32)
+        drawn = (part % share == 0) & (keys < np.uint64(1 << 3 * grid.levels))
         rows.append(np.flatnonzero(drawn) + first)
-        memory.release()
+        first += len(block)
     return np.concatenate(rows)
 
 
@@ -259,16 +254,16 @@ def _grids(
     points: Points, centre: Array, reach: float, workers: int
 ) -> Iterator[tuple[Order, float]]:
     """Points in the order of a grid, and its finest side; of few points in several grids."""
-    order = order_of(points, centre, reach, 0.0, workers)
-    if not len(order.keys):
+    if not len(points):
         return
-    side = side_for(order.side, separations(order.keys), _HELD) / (1 << _FINER)
+    least = 2.0 * reach / len(points)
+    side = side_for(points, centre, reach, least, _HELD, workers) / (1 << _FINER)
     rng = np.random.default_rng(0)
     for grid in range(max(1, min(_GRIDS, _MANY // len(points)))):
         widest = side * (1 << (_LEVELS - 1)) if grid else 0.0
-        order = order_of(points, centre + rng.uniform(-widest, widest, 3), reach + 2.0 * widest,
-                         side, workers)  # fmt: skip
-        yield order, order.side
+        middle = centre + rng.uniform(-widest, widest, 3)
+        order = order_of(points, Grid.reaching(middle, reach + 2.0 * widest, side), workers)
+        yield order, order.grid.side
 
 
 def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]:
@@ -278,14 +273,14 @@ def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]
     starts = starts[: n + 1].copy()
     starts[n] = len(order.keys)
     local, nodes = np.empty((len(order.keys), 3), np.float32), np.empty((n, ROW))
+    keys, seen_from, grid = order.keys[starts[:-1]], np.empty((0, 3)), order.grid
     cloud_cells.local_points(
-        points, order.rows, order.keys, starts, 0, order.side, cloud_keys.TURN, order.centre, 0, n,
-        local, nodes,
+        points, order.rows, starts, keys, grid.side, grid.middle, cloud_keys.TURN, grid.centre,
+        0, n, local, nodes,
     )  # fmt: skip
-    keys, seen_from = order.keys[starts[:-1]], np.empty((0, 3))
     if origin is not None:
         seen_from = origin[None] if origin.ndim == 1 else _means(origin[order.rows], starts)
-        seen_from = seen_from - order.centre
+        seen_from = seen_from - grid.centre
     limits = _FEWEST, _WIDE, STEEPEST, _GRAZING
     for _ in range(_LEVELS):
         out = np.empty((len(nodes), 3))
@@ -293,10 +288,15 @@ def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]
         parents, above = np.empty_like(nodes), np.empty_like(keys)
         found = cloud_cells.parents_of(nodes, keys, parents, above)
         if len(seen_from) > 1:
-            begins = np.flatnonzero(np.diff(keys >> np.uint64(3), prepend=cloud_keys.NO_KEY))
+            begins = np.flatnonzero(_begins(keys >> np.uint64(3)))
             sums = np.add.reduceat(seen_from * nodes[:, COUNT, None], begins, axis=0)
             seen_from = sums / parents[:found, COUNT, None]
         nodes, keys = parents[:found].copy(), above[:found].copy()
+
+
+def _begins(keys: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    """Whether each of sorted keys is another one than that before it."""
+    return np.append(True, keys[1:] != keys[:-1])[: len(keys)]
 
 
 def _means(rows: Array, starts: NDArray[np.int64]) -> Array:

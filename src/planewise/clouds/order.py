@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,28 +19,72 @@ Keys = NDArray[np.uint64]
 
 _LEAST_PART = 50_000  # points that are worth a thread
 _BLOCK = 1_000_000  # points that are looked at together
+_LEAST_BITS = 1 << 20  # that cubes are counted by
+_DIGIT = 11  # bits a pass of the sort, at most
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Grid of cubes, turned against the axes.
+
+    Attributes
+    ----------
+    centre : ndarray, shape (3,)
+        Its middle.
+    side : float
+        Of a cube, metres.
+    levels : int
+        There are 2^levels cubes along an axis.
+    """
+
+    centre: Array
+    side: float
+    levels: int
+
+    @property
+    def middle(self) -> float:
+        """Coordinate of its middle along every axis, in cubes."""
+        return 2.0 ** (self.levels - 1)
+
+    @classmethod
+    def reaching(cls, centre: Array, reach: float, side: float) -> Grid:
+        """Grid that reaches so far; its cubes are larger where 2^21 of them would not."""
+        wide = 2.0 * reach * (1 + 1e-6)
+        side = max(side, wide / (1 << kernels.LEVELS))
+        levels = min(max(math.ceil(math.log2(wide / side)), 1), kernels.LEVELS)
+        return cls(centre, side, levels)
+
+    def keys(self, points: NDArray[np.floating], workers: int) -> Keys:
+        """Morton keys of points, shape (k,); 8^levels of those that are nowhere in the grid."""
+        keys = np.empty(len(points), np.uint64)
+        threads.over_chunks(
+            lambda first, last: kernels.point_keys(
+                points, self.centre, self.side, self.levels, kernels.TURN, first, last, keys
+            ),
+            len(points),
+            workers,
+            _LEAST_PART,
+        )
+        return keys
 
 
 @dataclass(frozen=True)
 class Order:
-    """Points sorted by the Morton key of a turned grid.
+    """Points sorted by their Morton keys.
 
     Attributes
     ----------
     keys : ndarray of uint64, shape (k,)
-        Sorted; only of points that are finite.
+        Sorted; only of points that are in the grid.
     rows : ndarray of uint32, shape (k,)
         Row of the input that each stood in.
-    centre : ndarray, shape (3,)
-        What coordinates are taken relative to.
-    side : float
-        Of the finest cubes, metres.
+    grid : Grid
+        Of the finest cubes.
     """
 
     keys: Keys
     rows: NDArray[np.uint32]
-    centre: Array
-    side: float
+    grid: Grid
 
 
 def extent_of(points: NDArray[np.floating], workers: int) -> tuple[Array, Array, int]:
@@ -54,51 +101,67 @@ def extent_of(points: NDArray[np.floating], workers: int) -> tuple[Array, Array,
     return low.min(axis=0), high.max(axis=0), int(count.sum())
 
 
+def blocks_of(points: NDArray[np.floating], memory: Memory) -> Iterator[NDArray[np.floating]]:
+    """Points a million at a time."""
+    for first in range(0, len(points), _BLOCK):
+        yield points[first : first + _BLOCK]
+        memory.release()
+
+
 def extent_in_blocks(
     points: NDArray[np.floating], workers: int, memory: Memory
 ) -> tuple[Array, Array, int]:
     """`extent_of`, a million points at a time."""
     low, high, count = np.full(3, np.inf), np.full(3, -np.inf), 0
-    for first in range(0, len(points), _BLOCK):
-        part = extent_of(points[first : first + _BLOCK], workers)
+    for block in blocks_of(points, memory):
+        part = extent_of(block, workers)
         low, high = np.minimum(low, part[0]), np.maximum(high, part[1])
         count += part[2]
-        memory.release()
     return low, high, count
 
 
-def order_of(
-    points: NDArray[np.floating], centre: Array, reach: float, side: float, workers: int
-) -> Order:
-    """Sort points by Morton key.
+def held_by(points: NDArray[np.floating], grid: Grid, workers: int, memory: Memory) -> float:
+    """Points in an occupied cube, on average.
+
+    Cubes are not sorted to be counted: of m bits, n cubes that take theirs at random leave
+    m exp(-n / m) unset (linear counting), which tells n to some 0.1 %.
 
     Parameters
     ----------
     points : ndarray of float, shape (k, 3)
-        Rows that are not finite, or farther than `reach` off, are left out.
-    centre : ndarray, shape (3,)
-        Of the grid.
-    reach : float
-        Farthest distance from the centre, metres.
-    side : float
-        Least side of the finest cubes, metres; larger where 2^21 of them do not reach.
+        May lie on a disk.
+    grid : Grid
+        Of the cubes.
     workers : int
         Threads.
+    memory : Memory
+        Where the points lie.
     """
-    side = max(side, 2.0 * reach / (1 << kernels.LEVELS) * (1 + 1e-6))
-    keys = np.empty(len(points), np.uint64)
-    threads.over_chunks(
-        lambda first, last: kernels.point_keys(
-            points, centre, side, kernels.TURN, first, last, keys
-        ),
-        len(points),
-        workers,
-        _LEAST_PART,
-    )
-    keys, rows = radix_sort(keys, workers)
+    size = max(_LEAST_BITS, 1 << (len(points) // 8).bit_length())
+    bits = np.zeros((workers, size // 64), np.uint64)
+    there = np.zeros(workers, np.int64)
+    for block in blocks_of(points, memory):
+        bounds = _parts(len(block), workers)
+
+        def mark(first: int, last: int, block: Any = block, bounds: list[int] = bounds) -> None:
+            for part in range(first, last):
+                there[part] += kernels.mark_cubes(
+                    block, grid.centre, grid.side, grid.levels, kernels.TURN,
+                    bounds[part], bounds[part + 1], bits[part],
+                )  # fmt: skip
+
+        threads.over_chunks(mark, workers, workers)
+    unset = size - kernels.count_bits(np.bitwise_or.reduce(bits))
+    cubes = size * math.log(size / max(unset, 1))
+    return float(max(there.sum(), 1) / max(cubes, 1.0))
+
+
+def order_of(points: NDArray[np.floating], grid: Grid, workers: int) -> Order:
+    """Sort the points in a grid by Morton key."""
+    keys, rows = radix_sort(grid.keys(points, workers), 3 * grid.levels + 1, workers)
     # Keys of points without one are the largest of all.
-    there = int(np.searchsorted(keys, kernels.NO_KEY))
-    return Order(keys[:there], rows[:there], centre, side)
+    there = int(np.searchsorted(keys, np.uint64(1 << 3 * grid.levels)))
+    return Order(keys[:there], rows[:there], grid)
 
 
 def positions(keys: Keys, axis: int) -> Array:
@@ -109,19 +172,21 @@ def positions(keys: Keys, axis: int) -> Array:
     return out
 
 
-def radix_sort(keys: Keys, workers: int) -> tuple[Keys, NDArray[np.uint32]]:
-    """Sort keys, equal ones in the order in which they came; returns them and where they stood."""
+def radix_sort(keys: Keys, bits: int, workers: int) -> tuple[Keys, NDArray[np.uint32]]:
+    """Sort keys of so many bits, equal ones in the order in which they came.
+
+    Returns them and where they stood; keys is worked in.
+    """
     rows = np.arange(len(keys), dtype=np.uint32)
     if len(keys) < 2:
         return keys, rows
     parts = max(1, min(workers, len(keys) // _LEAST_PART))
     bounds = _parts(len(keys), parts)
     other_keys, other_rows = np.empty_like(keys), np.empty_like(rows)
-    counts = np.empty((parts, 1 << kernels.DIGIT), np.int64)
-    differing = int(np.bitwise_or.reduce(keys)) ^ int(np.bitwise_and.reduce(keys))
-    for shift in range(0, 64, kernels.DIGIT):
-        if not (differing >> shift) & ((1 << kernels.DIGIT) - 1):
-            continue
+    passes = -(-bits // _DIGIT)
+    digit = -(-bits // passes)
+    counts = np.empty((parts, 1 << digit), np.int64)
+    for shift in range(0, bits, digit):
 
         def count(first: int, last: int, shift: int = shift, keys: Keys = keys) -> None:
             for part in range(first, last):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planewise import threads
 from planewise.clouds.cells import PRIOR, CloudCells
 from planewise.clouds.memory import Memory
-from planewise.kernels import borders
+from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
 
@@ -22,7 +22,8 @@ _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
 _PLANE_COST = 0.6  # times 3 ln(R / eps): what a plane has to save besides its border
 _GAP_OFFSET = 0.05  # of the range: where an unrelated plane seen through a gap may lie
-_LEAST_PART = 5_000  # pairs that are worth a thread
+_SAME = 7.81  # discord up to which cells of a cube are joined at once: chi^2 of three, 95 %
+_LEAST_PART = 5_000  # pairs or cells that are worth a thread
 PAIRS_AT_ONCE = 12_000_000  # of cells that merge together; some 1.3 GB
 OUTSIDE = -1  # of runs: a pair of cells of two
 _RIM = 3  # cells from another run that wait for it
@@ -106,81 +107,103 @@ def merged_cells(
 ) -> tuple[Array, NDArray[np.int64], Array]:
     """Rows of segments, the segment of every cell, and what each pair of cells costs as a border.
 
-    Where there are more pairs than `at_once`, runs of cells merge on their own first, all but those
-    near the rim of their run; what they have become then merges with the rest.
+    Cells of a cube twice as wide that are clearly one plane are joined, then neighbours, what
+    saves most first. Where there are more pairs of them than `at_once`, runs merge on their own
+    first, all but what is near the rim of its run; what they have become merges with the rest.
     """
-    drift, prior = cells.error.drift, (*PRIOR, 0.0)
+    drift = cells.error.drift
     saved, price = memory.empty((2, len(cells.ends)))
-    discords, evidence = memory.empty((2, len(cells.ends)))
     for first in range(0, len(cells.ends), at_once):
         e = slice(first, first + at_once)
-        discords[e], evidence[e] = _values(cells.rows, cells.ends[e], drift, prior, workers)
-        kernels.border_prices(discords[e], cells.sides[e], _MERGE_BORDER, saved[e])
-        kernels.border_prices(discords[e], cells.sides[e], _PLANE_BORDER, price[e])
+        _price_borders(cells, e, workers, saved[e], price[e])
         memory.release()
-    if len(cells.ends) <= at_once:
-        rows, of_cell = _agglomerated(
-            cells.rows.copy(), cells.ends, discords, evidence, saved, drift, cost
-        )
-        return rows, of_cell, price
-    first_rows, first_of_cell = _merged_in_runs(
-        cells, discords, evidence, saved, drift, cost, at_once
-    )
+    rows, of_cell = _joined_siblings(cells, workers)
+    between = _between(cells.ends, saved, of_cell, len(rows), at_once)
     memory.release()
-    ends, saved = _between(cells.ends, first_of_cell, saved, len(first_rows), at_once)
-    values = _values(first_rows, ends, drift, prior, workers)
-    rows, above = _agglomerated(first_rows, ends, *values, saved, drift, cost)
-    return rows, above[first_of_cell], price
+    if len(between[0]) > at_once:
+        rows, part_of = _merged_in_runs(rows, *between, drift, cost, workers, at_once)
+        between = _between(*between, part_of, len(rows), at_once)
+        of_cell = part_of[of_cell]
+    rows, part_of = _agglomerated(rows, *between, drift, cost, workers)
+    return rows, part_of[of_cell], price
+
+
+def _price_borders(
+    cells: CloudCells, part: slice, workers: int, saved: Array, price: Array
+) -> None:
+    ends, sides = cells.ends[part], cells.sides[part]
+    threads.over_chunks(
+        lambda first, last: kernels.border_prices(
+            cells.rows, ends, sides, cells.error.drift, _MERGE_BORDER, _PLANE_BORDER,
+            first, last, saved, price,
+        ),
+        len(ends), workers, _LEAST_PART,
+    )  # fmt: skip
+
+
+def _joined_siblings(cells: CloudCells, workers: int) -> tuple[Array, NDArray[np.int64]]:
+    """Join cells of a cube that are clearly one plane; rows, and which of them each cell is in."""
+    rows, root = cells.rows.copy(), np.empty(len(cells.rows), np.int64)
+    threads.over_chunks(
+        lambda first, last: kernels.join_siblings(
+            cells.keys, rows, cells.error.drift, _SAME, first, last, root
+        ),
+        len(rows), workers, _LEAST_PART,
+    )  # fmt: skip
+    return _roots(rows, root)
+
+
+def _roots(rows: Array, root: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Rows that are roots, and which of them each row is part of."""
+    alive = root == np.arange(len(root))
+    return rows[alive], (np.cumsum(alive) - 1)[root]
 
 
 def _agglomerated(
     rows: Array,
     ends: NDArray[np.int32],
-    discords: Array,
-    evidence: Array,
     saved: Array,
     drift: float,
     cost: float,
+    workers: int,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Merge rows, which are changed; returns those of segments and the segment of each row."""
+    """Merge rows, which are changed, as are ends and saved; as `_roots`."""
+    prior = (*PRIOR, 0.0)
+    values = _values(rows, ends, drift, prior, workers)
     root = np.empty(len(rows), np.int64)
-    kernels.agglomerate(ends, discords, evidence, saved, rows, drift, (*PRIOR, 0.0), cost, root)
-    alive, of_row = np.unique(root, return_inverse=True)
-    return rows[alive], of_row
+    kernels.agglomerate(ends, *values, saved, rows, drift, prior, cost, root)
+    return _roots(rows, root)
 
 
 def _merged_in_runs(
-    cells: CloudCells,
-    discords: Array,
-    evidence: Array,
+    rows: Array,
+    ends: NDArray[np.int32],
     saved: Array,
     drift: float,
     cost: float,
+    workers: int,
     at_once: int,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Merge the cells of one run after the other; those near its rim stay as they are."""
-    runs = max(2, -(-2 * len(cells.ends) // at_once))
-    bounds = [len(cells.rows) * run // runs for run in range(runs + 1)]
-    of_cell, rows, found = np.empty(len(cells.rows), np.int64), [], 0
-    inside = _runs_of_pairs(cells.ends, bounds, at_once)
-    rim = np.zeros(len(cells.rows), np.bool_)
-    rim[cells.ends[np.flatnonzero(inside == OUTSIDE)].ravel()] = True
+    """Merge one run of rows after the other; those near the rim of theirs stay as they are."""
+    runs = max(2, -(-2 * len(ends) // at_once))
+    bounds = [len(rows) * run // runs for run in range(runs + 1)]
+    part_of, merged, found = np.empty(len(rows), np.int64), [], 0
+    inside = _runs_of_pairs(ends, bounds, at_once)
+    rim = np.zeros(len(rows), np.bool_)
+    rim[ends[np.flatnonzero(inside == OUTSIDE)].ravel()] = True
     for run, (first, last) in enumerate(pairwise(bounds)):
         mine = np.flatnonzero(inside == run)
-        ends = (cells.ends[mine] - first).astype(np.int32)
-        near = rim[first:last].copy()
+        near, e = rim[first:last].copy(), (ends[mine] - first).astype(np.int32)
         for _ in range(_RIM):
-            near[ends[near[ends].any(axis=1)].ravel()] = True
-        free = ~near[ends].any(axis=1)
-        e = mine[free]
+            near[e[near[e].any(axis=1)].ravel()] = True
+        free = ~near[e].any(axis=1)
         out, of_row = _agglomerated(
-            cells.rows[first:last].copy(), ends[free], discords[e], evidence[e], saved[e],
-            drift, cost,
-        )  # fmt: skip
-        of_cell[first:last] = of_row + found
-        rows.append(out)
+            rows[first:last].copy(), e[free], saved[mine[free]], drift, cost, workers
+        )
+        part_of[first:last] = of_row + found
+        merged.append(out)
         found += len(out)
-    return np.concatenate(rows), of_cell
+    return np.concatenate(merged), part_of
 
 
 def _runs_of_pairs(ends: NDArray[np.int32], bounds: list[int], at_once: int) -> NDArray[np.int16]:
@@ -194,23 +217,22 @@ def _runs_of_pairs(ends: NDArray[np.int32], bounds: list[int], at_once: int) -> 
 
 def _between(
     ends: NDArray[np.int32],
-    of_cell: NDArray[np.int64],
     saved: Array,
-    segments: int,
+    part_of: NDArray[np.int64],
+    parts: int,
     at_once: int,
 ) -> tuple[NDArray[np.int32], Array]:
-    """Pairs of neighbouring segments, each once, and the nats of their borders."""
-    keys: NDArray[np.int64] = np.empty(0, np.int64)
-    nats: Array = np.empty(0)
+    """Pairs of what rows have become parts of, each once, and the nats of their borders."""
+    all_ends, all_nats = [np.empty((0, 2), np.int32)], [np.empty(0)]
     for first in range(0, len(ends), at_once):
-        u, v = of_cell[ends[first : first + at_once]].T
-        apart = u != v
-        low, high = np.minimum(u, v)[apart], np.maximum(u, v)[apart]
-        keys = np.append(keys, low * segments + high)
-        nats = np.append(nats, saved[first : first + at_once][apart])
-        keys, place = np.unique(keys, return_inverse=True)
-        nats = np.asarray(np.bincount(place, nats, len(keys)), np.float64)
-    return np.column_stack(np.divmod(keys, max(segments, 1))).astype(np.int32), nats
+        some = slice(first, first + at_once)
+        out, nats = np.empty((len(ends[some]), 2), np.int32), np.empty(len(ends[some]))
+        found = pairs.pairs_between(ends[some], saved[some], part_of, out, nats)
+        all_ends.append(out[:found].copy())
+        all_nats.append(nats[:found].copy())
+    new_ends, new_nats = np.concatenate(all_ends), np.concatenate(all_nats)
+    found = pairs.pairs_once(new_ends, new_nats, parts)
+    return new_ends[:found], new_nats[:found]
 
 
 def _values(
@@ -248,7 +270,7 @@ def _accepted(
         pairs, nats = np.empty((len(price[part]), 2), np.int32), np.empty(len(price[part]))
         found = kernels.segment_borders(of_cell, cells.ends[part], price[part], border, pairs, nats)
         all_pairs.append(pairs[:found])
-        all_nats.append(nats[:found])
+        all_nats.append(nats[:found].copy())
     pairs = np.concatenate([np.empty((0, 2), np.int32), *all_pairs])
     nats = np.concatenate([np.empty(0), *all_nats])
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cloud_keys import LEVELS, gather, spread
+from planewise.kernels.cloud_keys import gather, middle_of, spread
 from planewise.kernels.cloud_rows import (
     AREA,
     COUNT,
@@ -39,29 +39,24 @@ from planewise.kernels.jit import compiled, in_order, internal
 
 FEW, PLANE, MIXED = 0, 1, 2
 NEIGHBOURS = 18  # of a cube: across faces and edges
+FACES_EDGES = np.array([1, 3, 4, 5, 7, 9, 10, 11, 12, 14, 15, 16, 17, 19, 21, 22, 23, 25])
+BLOCK = 4  # levels of a block of cubes that find those about them together
 _TOUCH = 0.8  # of the sum of their extents: cells whose centroids are farther apart do not touch
 
 
 @compiled
-def local_points(points, rows, keys, starts, shift, side, turn, centre, first, last, local, nodes):  # type: ignore[no-untyped-def]
-    """Points of nodes[first:last] relative to the middle of their node, and the nodes' moments.
+def local_points(  # type: ignore[no-untyped-def]
+    points, rows, starts, cubes, side, middle, turn, centre, first, last, local, nodes
+):  # fmt: skip
+    """Points of cubes[first:last] relative to the middle of their cube, and the cubes' moments.
 
-    Sorted keys (k,) and rows (k,) of points; starts (n + 1,) of the nodes; shift: bits of a key
-    below a node; side: of the finest cubes. Writes local (k, 3) float32, and weights of 1, centroid
-    (relative to the centre), scatter and count of nodes (n, 18).
+    rows (k,) of the sorted points; starts (n + 1,) and keys (n,) of the cubes; side: of a cube;
+    middle: coordinate of the centre in the grid of cubes. Writes local (k, 3) float32, and weights
+    of 1, centroid (relative to the centre), scatter and count of nodes (n, 18).
     """
-    half = 0.5 * (1 << (shift // 3))
-    middle = float(1 << (LEVELS - 1))
     for node in range(first, last):
         begin, end = starts[node], starts[node + 1]
-        key = (keys[begin] >> np.uint64(shift)) << np.uint64(shift)
-        u = (gather(key) + half - middle) * side
-        v = (gather(key >> np.uint64(1)) + half - middle) * side
-        w = (gather(key >> np.uint64(2)) + half - middle) * side
-        # The turn is orthogonal: its inverse is its transpose.
-        x0 = turn[0, 0] * u + turn[1, 0] * v + turn[2, 0] * w
-        y0 = turn[0, 1] * u + turn[1, 1] * v + turn[2, 1] * w
-        z0 = turn[0, 2] * u + turn[1, 2] * v + turn[2, 2] * w
+        x0, y0, z0 = middle_of(cubes[node], side, middle, turn)
         sx = sy = sz = xx = xy = xz = yy = yz = zz = 0.0
         for i in range(begin, end):
             row = rows[i]
@@ -119,14 +114,14 @@ def foreshorten(nodes, origins, tilt, least, steepest, variance):  # type: ignor
 
 
 @compiled
-def roughness(nodes, tilt, least, ratios):  # type: ignore[no-untyped-def]
-    """chi^2 of nodes about their planes over its lower quartile for so many points.
+def roughness(nodes, tilt, least, first, last, ratios):  # type: ignore[no-untyped-def]
+    """chi^2 of nodes[first:last] about their planes over its lower quartile for so many points.
 
-    Of nodes whose points tell a plane; writes ratios (n,), returns how many.
+    Writes ratios (n,), -1 where the points of a node tell no plane.
     """
-    found = 0
     row = np.empty(ROW)
-    for node in range(nodes.shape[0]):
+    for node in range(first, last):
+        ratios[node] = -1.0
         count = nodes[node, COUNT]
         if count < least:
             continue
@@ -138,9 +133,7 @@ def roughness(nodes, tilt, least, ratios):  # type: ignore[no-untyped-def]
             # Wilson and Hilferty
             spread_ = 2.0 / (9.0 * freedom)
             quartile = freedom * (1.0 - spread_ - 0.6745 * math.sqrt(spread_)) ** 3
-            ratios[found] = chi2 / quartile
-            found += 1
-    return found
+            ratios[node] = chi2 / quartile
 
 
 @internal
@@ -164,20 +157,28 @@ def _join_children(rows, states, first, last, out, limits):  # type: ignore[no-u
 
 
 @compiled
-def grow_cells(nodes, keys, levels, limits, firsts, lasts, cells, spans, level_of):  # type: ignore[no-untyped-def]
+def node_states(nodes, limits, first, last, states):  # type: ignore[no-untyped-def]
+    """Write the states of nodes[first:last] (n, 18), and make those of a plane rows of it.
+
+    limits: white, hopeless, tilt, least, offset_share, prior (`make_plane`).
+    """
+    for k in range(first, last):
+        states[k] = _state(nodes[k], limits)
+
+
+@compiled
+def grow_cells(nodes, states, keys, levels, limits, firsts, lasts, cells, spans, level_of):  # type: ignore[no-untyped-def]
     """Find the smallest cubes whose points tell a plane.
 
-    nodes (n, 18) and keys (n,) of the least cubes; both are overwritten. limits: white, hopeless,
-    tilt, least, offset_share, prior (`make_plane`). firsts, lasts (n,): to work in.
+    nodes (n, 18), states (n,) and keys (n,) of the least cubes (`node_states`); all are
+    overwritten. firsts, lasts (n,): to work in.
 
     Writes rows of cells (n, 18), the least cubes spans (n, 2) each consists of and its level.
     Returns how many cells there are.
     """
     count, found = keys.size, 0
-    states = np.empty(count, np.int8)
     for k in range(count):
         firsts[k], lasts[k] = k, k + 1
-        states[k] = _state(nodes[k], limits)
     row = np.empty(ROW)
     for level in range(levels + 1):
         parents, k = 0, 0
@@ -208,12 +209,12 @@ def grow_cells(nodes, keys, levels, limits, firsts, lasts, cells, spans, level_o
 
 
 @in_order
-def owners(spans, owner):  # type: ignore[no-untyped-def]
-    """Cell that every least cube is part of, -1 for none."""
+def owners(spans, before, owner):  # type: ignore[no-untyped-def]
+    """Cell that every least cube is part of, -1 for none; `before` cells come before these."""
     owner[:] = -1
     for cell in range(spans.shape[0]):
         for k in range(spans[cell, 0], spans[cell, 1]):
-            owner[k] = cell
+            owner[k] = before + cell
 
 
 @in_order
@@ -251,42 +252,76 @@ def beside(keys, cube, level, hint, out):  # type: ignore[no-untyped-def]
     u = np.int64(gather(cube))
     v = np.int64(gather(cube >> np.uint64(1)))
     w = np.int64(gather(cube >> np.uint64(2)))
-    shift = np.uint64(3 * level)
-    for direction in range(27):
-        i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+    shift, at = np.uint64(3 * level), hint
+    for step in range(27):
+        # Nearly in the order of the keys: each is sought from where the one before was.
+        i, j, k = step % 3 - 1, step // 3 % 3 - 1, step // 9 - 1
+        direction = 9 * i + 3 * j + k + 13
         out[direction] = -1
         if min(u + i, v + j, w + k) < 0:
             continue
         key = spread(u + i) | (spread(v + j) << np.uint64(1)) | (spread(w + k) << np.uint64(2))
-        at = first_at_least(keys, key << shift, hint)
+        at = first_at_least(keys, key << shift, at)
         if at < keys.size and keys[at] >> shift == key:
             out[direction] = at
 
 
 @in_order
 def cubes_about(keys, first, last, out):  # type: ignore[no-untyped-def]
-    """Where the cubes about cubes[first:last] are, and they in theirs.
+    """Where the cubes about cubes[first:last] are, -1 for none.
 
-    keys (n,) of the cubes, sorted. Writes out (n, 27) int32, which holds -1: [13] is the cube
-    itself, [26 - d] lies opposite [d].
+    keys (n,) of the cubes, sorted. Writes out (n, 27) int32: [13] is the cube itself, [26 - d] lies
+    opposite [d].
+
+    A block of 16 x 16 x 16 cubes is a run of keys. It and what is beside it of the 26 blocks about
+    it are put into a grid, where all its cubes find theirs.
     """
-    for cube in range(first, last):
-        key = keys[cube]
-        u = np.int64(gather(key))
-        v = np.int64(gather(key >> np.uint64(1)))
-        w = np.int64(gather(key >> np.uint64(2)))
-        out[cube, 13] = cube
-        for direction in range(14, 27):
-            i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+    below = np.uint64((1 << 3 * BLOCK) - 1)  # bits of a key inside a block
+    axes = np.uint64(0x1249) & below, np.uint64(0x2492) & below, np.uint64(0x4924) & below
+    wide = (1 << BLOCK) + 2
+    place = np.empty(1 << 3 * BLOCK, np.int32)  # of a cube of a block, without its rim
+    for k in range(place.size):
+        u, v = gather(k), gather(np.uint64(k) >> np.uint64(1))
+        w = gather(np.uint64(k) >> np.uint64(2))
+        place[k] = (np.int64(u) * wide + np.int64(v)) * wide + np.int64(w)
+    grid, filled = np.full(wide**3, -1, np.int32), np.empty(wide**3, np.int32)
+    cube = first
+    while cube < last:
+        block = keys[cube] >> np.uint64(3 * BLOCK)
+        u = np.int64(gather(block))
+        v = np.int64(gather(block >> np.uint64(1)))
+        w = np.int64(gather(block >> np.uint64(2)))
+        end, size = cube, 0
+        for direction in range(27):
+            step = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+            i, j, k = step
             if min(u + i, v + j, w + k) < 0:
                 continue
-            wanted = (
-                spread(u + i) | (spread(v + j) << np.uint64(1)) | (spread(w + k) << np.uint64(2))
-            )
-            at = first_at_least(keys, wanted, cube)
-            if at < keys.size and keys[at] == wanted:
-                out[cube, direction] = at
-                out[at, 26 - direction] = cube
+            key = spread(u + i) | (spread(v + j) << np.uint64(1)) | (spread(w + k) << np.uint64(2))
+            # What is beside the block has no bits of an axis if it lies beyond it, all if before.
+            bits = alike = np.uint64(0)
+            for axis in range(3):
+                if step[axis] != 0:
+                    bits |= axes[axis]
+                    alike |= axes[axis] if step[axis] < 0 else np.uint64(0)
+            shift = (((i << BLOCK) + 1) * wide + (j << BLOCK) + 1) * wide + (k << BLOCK) + 1
+            at = first_at_least(keys, key << np.uint64(3 * BLOCK), cube)
+            while at < keys.size and keys[at] >> np.uint64(3 * BLOCK) == key:
+                if keys[at] & bits == alike:
+                    filled[size] = shift + place[keys[at] & below]
+                    grid[filled[size]] = at
+                    size += 1
+                at += 1
+            if direction == 13:
+                end = min(at, last)
+        for at in range(cube, end):
+            middle = place[keys[at] & below] + (wide + 1) * wide + 1
+            for direction in range(27):
+                i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1
+                out[at, direction] = grid[middle + (i * wide + j) * wide + k]
+        for k in range(size):
+            grid[filled[k]] = -1
+        cube = end
 
 
 @compiled
@@ -295,20 +330,27 @@ def absorb(nodes, about, cells, white, owner, first, last, chosen):  # type: ign
 
     about (n, 27): `cubes_about`.
     """
+    beside_it = np.empty(28, np.int64)
     for cube in range(first, last):
         chosen[cube] = -1
         if owner[cube] >= 0:
             continue
-        near = about[cube]
+        size = 0  # of what there is, listed without a branch that nobody could foresee
+        for direction in range(27):
+            near = about[cube, direction]
+            cell = owner[max(near, 0)]
+            beside_it[size] = cell
+            size += (near >= 0) & (cell >= 0)
         n = nodes[cube, COUNT]
         least = white * (n + 3.0 * math.sqrt(2.0 * n) + 1.0)
-        for direction in range(27):
-            if near[direction] < 0 or owner[near[direction]] < 0:
-                continue
-            cell = owner[near[direction]]
-            misfit = misfit_beside(cells[cell], nodes[cube], white)
-            if misfit < least:
-                least, chosen[cube] = misfit, cell
+        before = np.int64(-1)
+        for k in range(size):
+            cell = beside_it[k]
+            if cell != before:
+                misfit = misfit_beside(cells, cell, nodes, cube, white)
+                if misfit < least:
+                    least, chosen[cube] = misfit, cell
+            before = cell
 
 
 @compiled
@@ -324,83 +366,83 @@ def take_in(nodes, white, chosen, cells, owner):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _stacked(a, b):  # type: ignore[no-untyped-def]
-    """Whether one of two cells lies over the other rather than beside it."""
-    dx, dy, dz = b[CX] - a[CX], b[CY] - a[CY], b[CZ] - a[CZ]
-    over = max(abs(dx * a[NX] + dy * a[NY] + dz * a[NZ]), abs(dx * b[NX] + dy * b[NY] + dz * b[NZ]))
+def stacked(rows, i, j):  # type: ignore[no-untyped-def]
+    """Whether one of two rows lies over the other rather than beside it, or far away."""
+    dx, dy, dz = rows[j, CX] - rows[i, CX], rows[j, CY] - rows[i, CY], rows[j, CZ] - rows[i, CZ]
+    over = abs(dx * rows[i, NX] + dy * rows[i, NY] + dz * rows[i, NZ])
+    over = max(over, abs(dx * rows[j, NX] + dy * rows[j, NY] + dz * rows[j, NZ]))
     square = dx * dx + dy * dy + dz * dz
-    reach = _TOUCH * (math.sqrt(a[AREA]) + math.sqrt(b[AREA]))
-    return over * over > 0.5 * square or square > reach * reach
+    # square > (_TOUCH (sqrt(A) + sqrt(B)))^2 without its roots
+    a, b = rows[i, AREA], rows[j, AREA]
+    apart = max(square * (1.0 / _TOUCH**2) - a - b, 0.0)
+    return over * over > 0.5 * square or apart * apart > 4.0 * a * b
 
 
 @compiled
 def neighbours(keys, about, owner, level_of, nodes, cells, first, last, ends, sides):  # type: ignore[no-untyped-def]
-    """Pairs of cells that cubes[first:last] lie between.
+    """Pairs of cells that cubes[first:last] lie between; returns how many.
 
     keys (n,), about (n, 27) and owner (n,) of the least cubes, and level_of (m,) of cells: cubes of
-    a larger cell look as far as it is large. Writes ends (18 (last - first), 2) and sides: the
-    points along the border, 0 where there is no neighbour.
+    a larger cell look as far as it is large. Writes ends (., 2) and sides (.), the points along the
+    border: up to 18 a cube, and the same pair again and again.
     """
-    wide = np.empty(27, np.int32)
-    at = 0
+    near, there = np.empty(27, np.int32), np.empty(NEIGHBOURS + 1, np.int64)
+    found = 0
     for cube in range(first, last):
         cell = owner[cube]
-        end = at + NEIGHBOURS
-        if cell >= 0:
-            level = level_of[cell]
-            near = about[cube]
-            if level > 0:
-                beside(keys, keys[cube] >> np.uint64(3 * level), level, cube, wide)
-                near = wide
-            for direction in range(27):
-                if direction == 13 or near[direction] < 0:
-                    continue
-                other = owner[near[direction]]
-                if other < 0 or other == cell or level_of[other] < level:
-                    continue
-                if level_of[other] == level and near[direction] < cube:
-                    continue  # found from there
-                corner = (direction // 9 != 1) + (direction // 3 % 3 != 1) + (direction % 3 != 1)
-                if corner == 3 or _stacked(cells[cell], cells[other]):
-                    continue
-                weight = 0.5 if corner == 1 else 0.25
-                ends[at, 0], ends[at, 1] = cell, other
-                sides[at] = weight * math.sqrt(
-                    min(nodes[cube, COUNT], nodes[near[direction], COUNT])
-                )
-                at += 1
-        while at < end:
-            sides[at] = 0.0
-            at += 1
-
-
-@in_order
-def compact(ends, sides):  # type: ignore[no-untyped-def]
-    """Move pairs that are neighbours to the front; returns how many."""
-    found = 0
-    for e in range(sides.size):
-        if sides[e] > 0.0:
-            ends[found, 0], ends[found, 1], sides[found] = ends[e, 0], ends[e, 1], sides[e]
+        if cell < 0:
+            continue
+        level = level_of[cell]
+        if level > 0:
+            beside(keys, keys[cube] >> np.uint64(3 * level), level, cube, near)
+        size = 0  # of neighbours, as in `absorb`; cubes of one level are found from one side
+        for step in range(FACES_EDGES.size):
+            direction = FACES_EDGES[step]
+            place = near[direction] if level > 0 else about[cube, direction]
+            other = owner[max(place, 0)]
+            above = level_of[max(other, 0)]
+            there[size] = direction
+            later = (above > level) | ((above == level) & (direction > 13))
+            size += (place >= 0) & (other >= 0) & (other != cell) & later
+        for k in range(size):
+            direction = there[k]
+            place = near[direction] if level > 0 else about[cube, direction]
+            other = owner[place]
+            if stacked(cells, cell, other):
+                continue
+            corner = (direction // 9 != 1) + (direction // 3 % 3 != 1) + (direction % 3 != 1)
+            weight = 0.5 if corner == 1 else 0.25
+            ends[found, 0], ends[found, 1] = cell, other
+            sides[found] = weight * math.sqrt(min(nodes[cube, COUNT], nodes[place, COUNT]))
             found += 1
     return found
+
+
+@compiled
+def cell_residuals(cells, plane_of, planes, out):  # type: ignore[no-untyped-def]
+    """Distance of each cell (m, 18) from its plane, of planes (N, 4), in standard deviations."""
+    for cell in range(plane_of.size):
+        j = plane_of[cell]
+        out[cell] = 0.0
+        if j >= 0:
+            off = planes[j, 0] * cells[cell, CX] + planes[j, 1] * cells[cell, CY]
+            off += planes[j, 2] * cells[cell, CZ] + planes[j, 3]
+            out[cell] = off * math.sqrt(cells[cell, WEIGHT])
 
 
 @compiled
 def pair_discords(rows, ends, drift, out):  # type: ignore[no-untyped-def]
     """Discord of every pair of rows."""
     for e in range(out.size):
-        out[e] = compare(rows[ends[e, 0]], rows[ends[e, 1]], drift, 0.0, 0.0)[0]
+        out[e] = compare(rows, ends[e, 0], ends[e, 1], drift, 0.0, 0.0)[0]
 
 
 @compiled
-def sibling_pairs(nodes, keys, limits, ends):  # type: ignore[no-untyped-def]
-    """Make planes of nodes (n, 18), and find those that share a face and a parent.
+def sibling_pairs(states, keys, ends):  # type: ignore[no-untyped-def]
+    """Find nodes that are planes and share a face and a parent.
 
-    Writes ends (., 2); returns how many pairs there are.
+    states (n,), keys (n,). Writes ends (., 2); returns how many pairs there are.
     """
-    states = np.empty(keys.size, np.int8)
-    for k in range(keys.size):
-        states[k] = _state(nodes[k], limits)
     found = 0
     for k in range(keys.size):
         if states[k] != PLANE:

@@ -50,62 +50,72 @@ def _on_none(row, norm, prior):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _on_plane(row, plane, offset, tilt, norm, anything):  # type: ignore[no-untyped-def]
+def _on_plane(rows, g, planes, j, offset, tilt, norm, anything):  # type: ignore[no-untyped-def]
     """Nats of a group on a plane, its random offset and tilt integrated out."""
-    nx, ny, nz = plane[0], plane[1], plane[2]
+    nx, ny, nz = planes[j, 0], planes[j, 1], planes[j, 2]
     sign = 1.0 if nz >= 0.0 else -1.0
     k = -1.0 / (sign + nz)
     q = nx * ny * k
     ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
     fx, fy, fz = q, sign + ny * ny * k, -ny
-    sx = row[XX] * nx + row[XY] * ny + row[XZ] * nz
-    sy = row[XY] * nx + row[YY] * ny + row[YZ] * nz
-    sz = row[XZ] * nx + row[YZ] * ny + row[ZZ] * nz
+    sx = rows[g, XX] * nx + rows[g, XY] * ny + rows[g, XZ] * nz
+    sy = rows[g, XY] * nx + rows[g, YY] * ny + rows[g, YZ] * nz
+    sz = rows[g, XZ] * nx + rows[g, YZ] * ny + rows[g, ZZ] * nz
     square = nx * sx + ny * sy + nz * sz
     xw, yw = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
-    sx = row[XX] * ex + row[XY] * ey + row[XZ] * ez
-    sy = row[XY] * ex + row[YY] * ey + row[YZ] * ez
-    sz = row[XZ] * ex + row[YZ] * ey + row[ZZ] * ez
+    sx = rows[g, XX] * ex + rows[g, XY] * ey + rows[g, XZ] * ez
+    sy = rows[g, XY] * ex + rows[g, YY] * ey + rows[g, YZ] * ez
+    sz = rows[g, XZ] * ex + rows[g, YZ] * ey + rows[g, ZZ] * ez
     xx, xy = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
-    sx = row[XX] * fx + row[XY] * fy + row[XZ] * fz
-    sy = row[XY] * fx + row[YY] * fy + row[YZ] * fz
-    sz = row[XZ] * fx + row[YZ] * fy + row[ZZ] * fz
+    sx = rows[g, XX] * fx + rows[g, XY] * fy + rows[g, XZ] * fz
+    sy = rows[g, XY] * fx + rows[g, YY] * fy + rows[g, YZ] * fz
+    sz = rows[g, XZ] * fx + rows[g, YZ] * fy + rows[g, ZZ] * fz
     yy = fx * sx + fy * sy + fz * sz
     a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy
     determinant = a * c - b * b
     square -= tilt * (c * xw * xw - 2.0 * b * xw * yw + a * yw * yw) / determinant
-    off = nx * row[CX] + ny * row[CY] + nz * row[CZ] + plane[3]
-    wide = 1.0 + offset * row[WEIGHT]
-    chi2 = square + row[WEIGHT] * off * off / wide
+    off = nx * rows[g, CX] + ny * rows[g, CY] + nz * rows[g, CZ] + planes[j, 3]
+    wide = 1.0 + offset * rows[g, WEIGHT]
+    chi2 = square + rows[g, WEIGHT] * off * off / wide
     on = 0.5 * (chi2 + math.log(wide * determinant)) + norm
-    return math.log(2.0) + min(on, row[COUNT] * anything)
+    return math.log(2.0) + min(on, rows[g, COUNT] * anything)
+
+
+@internal
+def _norm(count, weight, resolution):  # type: ignore[no-untyped-def]
+    """Nats of the densities of so many points at their mean, a cell of the resolution each."""
+    return 0.5 * count * math.log(2.0 * math.pi * count / (weight * resolution * resolution))
 
 
 @compiled
-def group_data(  # type: ignore[no-untyped-def]
-    groups, label, planes, error, side, resolution, prior, first, last, alone, data
-):  # fmt: skip
-    """Nats of groups[first:last] on none and as labelled.
-
-    groups (m, 18), label (m,); planes (N, 5): (normal, distance) and the root of their area;
-    error: share of the white variance that the points of a group share, and drift; side: of a
-    cube; prior: `_on_none`. Writes alone and data (m,).
-    """
-    shared, drift = error
-    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
+def groups_alone(groups, resolution, prior, first, last, alone):  # type: ignore[no-untyped-def]
+    """Nats of groups[first:last] (m, 18) on none (`_on_none`)."""
     row = np.empty(ROW)
     for g in range(first, last):
         for e in range(ROW):
             row[e] = groups[g, e]
-        count = row[COUNT]
-        variance = count / row[WEIGHT]
-        norm = 0.5 * count * math.log(2.0 * math.pi * variance / (resolution * resolution))
-        nats = _on_none(row, norm, prior)
-        alone[g] = nats
-        if label[g] > 0:
-            plane = planes[label[g] - 1]
-            offset = shared * variance + 0.113 * drift * plane[4]
-            on = _on_plane(row, plane, offset, 0.9 * drift / side, norm, prior[2])
+        alone[g] = _on_none(row, _norm(row[COUNT], row[WEIGHT], resolution), prior)
+
+
+@compiled
+def group_data(  # type: ignore[no-untyped-def]
+    groups, label, alone, planes, error, side, resolution, anything, first, last, data
+):  # fmt: skip
+    """Nats of groups[first:last] as labelled.
+
+    groups (m, 18), label (m,); alone (m,): of each on none; planes (N, 5): (normal, distance) and
+    the root of their area; error: share of the white variance that the points of a group share, and
+    drift; side: of a cube; anything: nats of any point. Writes data (m,).
+    """
+    shared, drift = error
+    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
+    for g in range(first, last):
+        nats, j = alone[g], label[g] - 1
+        if j >= 0:
+            count, weight = groups[g, COUNT], groups[g, WEIGHT]
+            norm = _norm(count, weight, resolution)
+            offset = shared * count / weight + 0.113 * drift * planes[j, 4]
+            on = _on_plane(groups, g, planes, j, offset, 0.9 * drift / side, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))
             odds = (on_its_own - nats) - (in_common - on)
             if odds > 0.0:
@@ -131,25 +141,21 @@ def sum_nats(groups, label, alone, data, anything, worth, saved):  # type: ignor
 
 @compiled
 def groups_left(  # type: ignore[no-untyped-def]
-    groups, label, places, place, resolution, prior, alone, data, leaving
+    groups, label, places, place, resolution, prior, alone, data, first, last, left
 ):  # fmt: skip
-    """Add what groups have more when their plane goes, after those behind it.
+    """What groups of cubes[first:last] have more when their plane goes, after those behind it.
 
     Points of a plane that is gone join those on none in their cube, so place (N + 1,), 1 ... N of
-    every plane, says in which order. Adds to leaving (N + 1,), of every label.
+    every plane, says in which order. Writes left (m,).
     """
     row, work = np.empty(ROW), np.empty(ROW)
-    for cube in range(places.size - 1):
-        g = places[cube]
-        if places[cube + 1] - g == 1:
-            leaving[label[g]] += alone[g] - data[g]
-            continue
+    for cube in range(first, last):
         paid, there = 0.0, False
         for g in range(places[cube], places[cube + 1]):
             if label[g] == 0:
                 for e in range(ROW):
                     row[e] = groups[g, e]
-                paid, there = data[g], True
+                paid, there, left[g] = data[g], True, 0.0
         behind = np.int64(place.size)
         while True:
             gone, at = np.int64(0), 0
@@ -161,16 +167,14 @@ def groups_left(  # type: ignore[no-untyped-def]
                 break
             if there:
                 add_row(row, groups[at])
+                for e in range(ROW):
+                    work[e] = row[e]
+                now = _on_none(work, _norm(row[COUNT], row[WEIGHT], resolution), prior)
             else:
                 for e in range(ROW):
                     row[e] = groups[at, e]
-                there = True
-            for e in range(ROW):
-                work[e] = row[e]
-            variance = row[COUNT] / row[WEIGHT]
-            norm = 0.5 * row[COUNT] * math.log(2.0 * math.pi * variance / resolution**2)
-            now = _on_none(work, norm, prior)
-            leaving[label[at]] += now - paid - data[at]
+                now, there = alone[at], True
+            left[at] = now - paid - data[at]
             paid, behind = now, gone
 
 
@@ -251,6 +255,28 @@ def mask_lengths(edges, alike, place, changes, lengths):  # type: ignore[no-unty
 
 
 CODES = SYMBOLS * CONTEXTS
+
+
+@in_order
+def add_residuals(groups, label, planes, out):  # type: ignore[no-untyped-def]
+    """Add up the points of groups on each of planes (N, 4), and how far they lie from it.
+
+    Adds to out (N, 5): number of points, sum of their squared distances and of their coordinates.
+    """
+    for g in range(label.size):
+        j = label[g] - 1
+        if j < 0:
+            continue
+        x, y, z = planes[j, 0], planes[j, 1], planes[j, 2]
+        count = groups[g, COUNT]
+        off = x * groups[g, CX] + y * groups[g, CY] + z * groups[g, CZ] + planes[j, 3]
+        across = x * x * groups[g, XX] + y * y * groups[g, YY] + z * z * groups[g, ZZ]
+        across += 2.0 * x * (y * groups[g, XY] + z * groups[g, XZ]) + 2.0 * y * z * groups[g, YZ]
+        out[j, 0] += count
+        out[j, 1] += count * (across / groups[g, WEIGHT] + off * off)
+        out[j, 2] += count * groups[g, CX]
+        out[j, 3] += count * groups[g, CY]
+        out[j, 4] += count * groups[g, CZ]
 
 
 @compiled

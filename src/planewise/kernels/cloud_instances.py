@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cloud_labels import middle_of
+from planewise.kernels.cloud_keys import middle_of
 from planewise.kernels.jit import compiled, in_order, inlined
 
 _BLOCK = 8  # occupied cells of three by three that make a piece wide
@@ -13,25 +13,32 @@ _BEYOND = 2  # cells: pieces so near each other touch
 
 
 @compiled
-def extents(local, labels, keys, starts, shift, side, turn, axes, first, last, low, high, places):  # type: ignore[no-untyped-def]
+def extents(  # type: ignore[no-untyped-def]
+    local, labels, starts, cubes, side, middle, turn, axes, finest, first, last, low, high, places
+):  # fmt: skip
     """Least and largest coordinates on its plane of the points of each label in cubes[first:last].
 
     Points as of `cloud_labels.label_points`; axes (N + 1, 2, 3): in the plane of every label.
-    Lowers low and raises high (N + 1, 2), and adds to places (N + 1,) the finest cubes that hold
-    points: copies of a point are one place, and so is much of a dense line of a scanner.
+    Lowers low and raises high (N + 1, 2), and adds to places (N + 1,) the finest cubes, so wide,
+    that hold points: copies of a point are one place, and so is much of a dense line of a scanner.
     """
-    at = np.empty(3)
+    before, scale = np.empty(3), 1.0 / finest
     for cube in range(first, last):
-        middle_of(keys[starts[cube]], shift, side, turn, at)
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         for i in range(starts[cube], starts[cube + 1]):
             j = labels[i]
-            x, y, z = local[i, 0] + at[0], local[i, 1] + at[1], local[i, 2] + at[2]
+            x, y, z = local[i, 0] + x0, local[i, 1] + y0, local[i, 2] + z0
             for e in range(2):
                 u = axes[j, e, 0] * x + axes[j, e, 1] * y + axes[j, e, 2] * z
                 low[j, e] = min(low[j, e], u)
                 high[j, e] = max(high[j, e], u)
-            if i == starts[cube] or keys[i] != keys[i - 1] or labels[i - 1] != j:
-                places[j] += 1
+            new = i == starts[cube] or labels[i - 1] != j
+            for e in range(3):
+                u = turn[e, 0] * local[i, 0] + turn[e, 1] * local[i, 1] + turn[e, 2] * local[i, 2]
+                u = np.floor(u * scale)
+                new = new or u != before[e]
+                before[e] = u
+            places[j] += new
 
 
 @inlined
@@ -44,7 +51,7 @@ def _cell(x, y, z, axes, low, scale, width):  # type: ignore[no-untyped-def]
 
 @compiled
 def occupy(  # type: ignore[no-untyped-def]
-    local, labels, keys, starts, shift, side, turn, axes, low, scale, width, begins, first, last,
+    local, labels, starts, cubes, side, middle, turn, axes, low, scale, width, begins, first, last,
     grid,
 ):  # fmt: skip
     """Mark the cells that hold points of cubes[first:last].
@@ -52,19 +59,18 @@ def occupy(  # type: ignore[no-untyped-def]
     low (N + 1, 2), scale (N + 1,), one over the side of a cell, and width (N + 1,) of the grid of
     every label, which begins at begins (N + 2,) in grid. Writes 1 to it.
     """
-    at = np.empty(3)
     for cube in range(first, last):
-        middle_of(keys[starts[cube]], shift, side, turn, at)
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         for i in range(starts[cube], starts[cube + 1]):
             j = labels[i]
             if begins[j + 1] > begins[j]:
-                x, y, z = local[i, 0] + at[0], local[i, 1] + at[1], local[i, 2] + at[2]
+                x, y, z = local[i, 0] + x0, local[i, 1] + y0, local[i, 2] + z0
                 grid[begins[j] + _cell(x, y, z, axes[j], low[j], scale[j], width[j])] = 1
 
 
 @compiled
 def relabel(  # type: ignore[no-untyped-def]
-    local, labels, keys, starts, shift, side, turn, axes, low, scale, width, begins, grid, new,
+    local, labels, starts, cubes, side, middle, turn, axes, low, scale, width, begins, grid, new,
     first, last, out,
 ):  # fmt: skip
     """Label the points of cubes[first:last] by the piece that their cell is part of.
@@ -72,14 +78,13 @@ def relabel(  # type: ignore[no-untyped-def]
     grid: pieces 1, 2 ... of every label, as `pieces` writes them; new (N + 1,): label of the first
     of them, to which the number of the piece less one is added. Writes out (k,).
     """
-    at = np.empty(3)
     for cube in range(first, last):
-        middle_of(keys[starts[cube]], shift, side, turn, at)
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         for i in range(starts[cube], starts[cube + 1]):
             j = labels[i]
             out[i] = new[j]
             if begins[j + 1] > begins[j]:
-                x, y, z = local[i, 0] + at[0], local[i, 1] + at[1], local[i, 2] + at[2]
+                x, y, z = local[i, 0] + x0, local[i, 1] + y0, local[i, 2] + z0
                 cell = begins[j] + _cell(x, y, z, axes[j], low[j], scale[j], width[j])
                 out[i] = new[j] + grid[cell] - 1
 

@@ -1,4 +1,4 @@
-"""Loops that put points in Morton order: their extent, keys of a turned grid, a radix sort.
+"""Loops that put points in Morton order: extent, how many cubes, keys of a turned grid, a sort.
 
 A key interleaves the bits of the three grid coordinates, so that every cube of an octree is a run
 of sorted keys and a shift by three bits goes one level up. The grid is turned against the axes: a
@@ -11,9 +11,7 @@ import numpy as np
 
 from planewise.kernels.jit import compiled, in_order, inlined
 
-LEVELS = 21  # bits of a grid coordinate
-NO_KEY = np.uint64(0xFFFFFFFFFFFFFFFF)  # of a point that is not finite or too far off
-DIGIT = 11  # bits a pass of the sort
+LEVELS = 21  # bits that a grid coordinate has at most
 # Rows are the axes of the grid: no axis of the cloud is near one of them.
 TURN = np.array([[2.0, 2.0, -1.0], [-1.0, 2.0, 2.0], [2.0, -1.0, 2.0]]) / 3.0
 
@@ -40,6 +38,23 @@ def gather(x):  # type: ignore[no-untyped-def]
     return (x | (x >> np.uint64(32))) & np.uint64(0x1FFFFF)
 
 
+@inlined
+def middle_of(key, side, middle, turn):  # type: ignore[no-untyped-def]
+    """Middle of a cube, relative to the centre of its grid.
+
+    side: of a cube; middle: coordinate of the centre, in cubes; turn: rows are the axes.
+    """
+    u = (np.float64(gather(key)) + 0.5 - middle) * side
+    v = (np.float64(gather(key >> np.uint64(1))) + 0.5 - middle) * side
+    w = (np.float64(gather(key >> np.uint64(2))) + 0.5 - middle) * side
+    # The turn is orthogonal: its inverse is its transpose.
+    return (
+        turn[0, 0] * u + turn[1, 0] * v + turn[2, 0] * w,
+        turn[0, 1] * u + turn[1, 1] * v + turn[2, 1] * w,
+        turn[0, 2] * u + turn[1, 2] * v + turn[2, 2] * w,
+    )
+
+
 @in_order
 def extent(points, first, last, part, low, high, count):  # type: ignore[no-untyped-def]
     """Least and largest coordinates of the finite ones of points[first:last], and their number.
@@ -60,10 +75,49 @@ def extent(points, first, last, part, low, high, count):  # type: ignore[no-unty
 
 
 @compiled
-def point_keys(points, centre, side, turn, first, last, keys):  # type: ignore[no-untyped-def]
-    """Morton keys of points[first:last] in a turned grid of cubes `side` about the centre."""
-    scale = 1.0 / side
-    middle, most = float(1 << (LEVELS - 1)), float((1 << LEVELS) - 1)
+def mark_cubes(points, centre, side, levels, turn, first, last, bits):  # type: ignore[no-untyped-def]
+    """Set the bits of the cubes that points[first:last] are in; returns how many are in the grid.
+
+    bits (m,) uint64, m a power of two: which of them is a cube's is a hash of where it is.
+    """
+    found, scale, mask = 0, 1.0 / side, np.uint64(64 * bits.size - 1)
+    middle, most = float(1 << (levels - 1)), float(1 << levels)
+    for i in range(first, last):
+        x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
+        u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * scale + middle
+        v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * scale + middle
+        w = (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z) * scale + middle
+        if min(u, v, w) >= 0.0 and max(u, v, w) < most:
+            bit = np.uint64(u) * np.uint64(0x9E3779B97F4A7C15)
+            bit += np.uint64(v) * np.uint64(0xC2B2AE3D27D4EB4F)
+            bit += np.uint64(w) * np.uint64(0x165667B19E3779F9)
+            bit = (bit ^ (bit >> np.uint64(32))) * np.uint64(0xD6E8FEB86659FD93)
+            bit = (bit ^ (bit >> np.uint64(32))) & mask
+            bits[bit >> np.uint64(6)] |= np.uint64(1) << (bit & np.uint64(63))
+            found += 1
+    return found
+
+
+@in_order
+def count_bits(bits):  # type: ignore[no-untyped-def]
+    """How many bits of words (m,) uint64 are set."""
+    found = 0
+    for k in range(bits.size):
+        word = bits[k]
+        while word:
+            word &= word - np.uint64(1)  # without its lowest bit
+            found += 1
+    return found
+
+
+@compiled
+def point_keys(points, centre, side, levels, turn, first, last, keys):  # type: ignore[no-untyped-def]
+    """Morton keys of points[first:last] in a turned grid of 2^levels cubes along an axis.
+
+    Points that are not finite or outside have the key 8^levels.
+    """
+    scale, none = 1.0 / side, np.uint64(1) << np.uint64(3 * levels)
+    middle, most = float(1 << (levels - 1)), float(1 << levels)
     for i in range(first, last):
         x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
         u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * scale + middle
@@ -73,52 +127,35 @@ def point_keys(points, centre, side, turn, first, last, keys):  # type: ignore[n
         if min(u, v, w) >= 0.0 and max(u, v, w) < most:
             keys[i] = spread(u) | (spread(v) << np.uint64(1)) | (spread(w) << np.uint64(2))
         else:
-            keys[i] = NO_KEY
+            keys[i] = none
 
 
 @in_order
 def count_digits(keys, shift, first, last, counts):  # type: ignore[no-untyped-def]
-    """Count the digits (``DIGIT`` bits from `shift` on) of keys[first:last]."""
+    """Count the digits of keys[first:last]; one is as many bits, from `shift` on, as counts say."""
     counts[:] = 0
-    mask = np.uint64((1 << DIGIT) - 1)
+    mask = np.uint64(counts.size - 1)
     for i in range(first, last):
         counts[(keys[i] >> np.uint64(shift)) & mask] += 1
 
 
 @in_order
-def scatter(keys, order, shift, first, last, places, sorted_keys, sorted_order):  # type: ignore[no-untyped-def]
-    """Move keys[first:last] and their order to where their digits belong, places (2^DIGIT,)."""
-    mask = np.uint64((1 << DIGIT) - 1)
+def scatter(keys, rows, shift, first, last, places, sorted_keys, sorted_rows):  # type: ignore[no-untyped-def]
+    """Move keys[first:last] and their rows to the places (digits,) of their digits."""
+    mask = np.uint64(places.size - 1)
     for i in range(first, last):
         digit = (keys[i] >> np.uint64(shift)) & mask
         at = places[digit]
         places[digit] = at + 1
         sorted_keys[at] = keys[i]
-        sorted_order[at] = order[i]
-
-
-@in_order
-def separations(keys, counts):  # type: ignore[no-untyped-def]
-    """Count neighbours in sorted keys by the level at which they part.
-
-    counts (LEVELS + 1,): at [l], pairs whose cubes of level l - 1 (side 2^(l - 1)) differ and whose
-    cubes of level l are one; [0] are equal keys.
-    """
-    counts[:] = 0
-    for i in range(1, keys.size):
-        differ = keys[i] ^ keys[i - 1]
-        level = 0
-        while differ:
-            differ >>= np.uint64(3)
-            level += 1
-        counts[level] += 1
+        sorted_rows[at] = rows[i]
 
 
 @in_order
 def run_starts(keys, shift, starts):  # type: ignore[no-untyped-def]
     """Where each run of keys that are equal above `shift` bits begins; returns how many."""
     found = 0
-    before = NO_KEY
+    before = np.uint64(0)
     for i in range(keys.size):
         key = keys[i] >> np.uint64(shift)
         if i == 0 or key != before:

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planewise.kernels.cloud_cells import beside
-from planewise.kernels.cloud_keys import LEVELS, gather
+from planewise.kernels.cloud_keys import middle_of
 from planewise.kernels.cloud_rows import (
     COUNT,
     CX,
@@ -26,56 +26,43 @@ from planewise.kernels.cloud_rows import (
     YZ,
     ZZ,
 )
-from planewise.kernels.jit import compiled, in_order, inlined
+from planewise.kernels.jit import compiled, in_order
 
 MOST = 12  # planes that the points of a cube may be on
 _ALPHA = 0.5  # added to every count of points
 _HIGHER = 3  # levels up to which the surroundings of a lonely cube are looked at
 
 
-@inlined
-def middle_of(key, shift, side, turn, out):  # type: ignore[no-untyped-def]
-    """Write the middle of a cube, relative to the centre of the cloud; key: of its first point."""
-    half, middle = 0.5 * (1 << (shift // 3)), float(1 << (LEVELS - 1))
-    low = (key >> np.uint64(shift)) << np.uint64(shift)
-    u = (gather(low) + half - middle) * side
-    v = (gather(low >> np.uint64(1)) + half - middle) * side
-    w = (gather(low >> np.uint64(2)) + half - middle) * side
-    for e in range(3):
-        out[e] = turn[0, e] * u + turn[1, e] * v + turn[2, e] * w
-
-
 @compiled
 def label_points(  # type: ignore[no-untyped-def]
-    local, keys, starts, shift, side, turn, cubes, about, label_of, variance, extra, planes, null,
+    local, starts, cubes, side, middle, turn, about, label_of, variance, extra, planes, null,
     resolution, first, last, labels,
 ):  # fmt: skip
     """Label the points of cubes[first:last].
 
-    local (k, 3), keys (k,): of points; starts (n + 1,), cubes (n,): where cubes begin, and their
-    keys; about (n, 27): `cubes_about`; label_of (n,): of the cell that each is part of; variance
-    (n,): of their points; extra (N + 1,): what a point of each plane errs more; planes (N, 4);
-    null: nats of a point on none.
+    local (k, 3): of points; starts (n + 1,), cubes (n,): where cubes begin, and their keys; side,
+    middle: of their grid (`middle_of`); about (n, 27): `cubes_about`; label_of (n,): of the cell
+    that each is part of; variance (n,): of their points; extra (N + 1,): what a point of each plane
+    errs more; planes (N, 4); null: nats of a point on none.
 
     A point costs what its residual says, less the logarithm of the share that the label has of the
     points in the cube and the 26 about it.
     """
-    wide, at = np.empty(27, np.int32), np.empty(3)
-    found, offset = np.empty(MOST, np.int64), np.empty(MOST)
-    share, scale, rest = np.empty(MOST), np.empty(MOST), np.empty(MOST)
+    near, there = np.empty(27, np.int32), np.empty(28, np.int64)
+    found, share = np.empty(MOST, np.int64), np.empty(MOST)
+    plane = np.empty((MOST, 6))
     for cube in range(first, last):
         count, none = 0, _ALPHA
         for level in range(_HIGHER):
-            near = about[cube]
             if level > 0:
-                beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, wide)
-                near = wide
+                beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, near)
+            size = 0  # of what there is, listed without a branch that nobody could foresee
             for direction in range(27):
-                other = near[direction]
-                if other < 0:
-                    continue
-                if direction == 13:
-                    other = cube
+                other = near[direction] if level > 0 else about[cube, direction]
+                there[size] = other if direction != 13 else cube
+                size += other >= 0
+            for k in range(size):
+                other = there[k]
                 points = float(starts[other + 1] - starts[other])
                 label = label_of[other]
                 if label == 0:
@@ -96,26 +83,28 @@ def label_points(  # type: ignore[no-untyped-def]
             for i in range(starts[cube], starts[cube + 1]):
                 labels[i] = 0
             continue
-        middle_of(keys[starts[cube]], shift, side, turn, at)
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         total = none
         for slot in range(count):
             total += share[slot]
         for slot in range(count):
-            row = planes[found[slot] - 1]
-            offset[slot] = row[0] * at[0] + row[1] * at[1] + row[2] * at[2] + row[3]
-            spread = variance[cube] + extra[found[slot]]
-            scale[slot] = 0.5 / spread
-            rest[slot] = 0.5 * math.log(2.0 * math.pi * spread) - math.log(
-                resolution * share[slot] / total
-            )
+            j = found[slot] - 1
+            a, b, c = planes[j, 0], planes[j, 1], planes[j, 2]
+            spread = variance[cube] + extra[j + 1]
+            plane[slot, 0], plane[slot, 1], plane[slot, 2] = a, b, c
+            plane[slot, 3] = a * x0 + b * y0 + c * z0 + planes[j, 3]
+            plane[slot, 4] = 0.5 / spread
+            # -ln of the density at the plane, a cell of the resolution, times the share.
+            density = resolution * share[slot] / total
+            plane[slot, 5] = 0.5 * math.log(2.0 * math.pi * spread / (density * density))
         nothing = null - math.log(none / total)
         for i in range(starts[cube], starts[cube + 1]):
             x, y, z = local[i, 0], local[i, 1], local[i, 2]
             least, best = nothing, 0
             for slot in range(count):
-                row = planes[found[slot] - 1]
-                delta = row[0] * x + row[1] * y + row[2] * z + offset[slot]
-                nats = delta * delta * scale[slot] + rest[slot]
+                delta = plane[slot, 0] * x + plane[slot, 1] * y + plane[slot, 2] * z
+                delta += plane[slot, 3]
+                nats = delta * delta * plane[slot, 4] + plane[slot, 5]
                 if nats < least:
                     least, best = nats, found[slot]
             labels[i] = best
@@ -137,16 +126,16 @@ def count_groups(labels, starts, first, last, counts):  # type: ignore[no-untype
 
 @compiled
 def sum_groups(  # type: ignore[no-untyped-def]
-    local, labels, keys, starts, shift, side, turn, variance, places, first, last, groups, label_of
+    local, labels, starts, cubes, side, middle, turn, variance, places, first, last, groups,
+    label_of,
 ):  # fmt: skip
     """Moments of the points of one label in one cube.
 
     places (n + 1,): where the groups of each cube begin. Writes groups (m, 18), their weights the
     points over the variance, and label_of (m,).
     """
-    at = np.empty(3)
     for cube in range(first, last):
-        middle_of(keys[starts[cube]], shift, side, turn, at)
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         begin, end = places[cube], places[cube]
         for i in range(starts[cube], starts[cube + 1]):
             group = begin
@@ -180,5 +169,5 @@ def sum_groups(  # type: ignore[no-untyped-def]
             out[YY] = (out[YY] - sy * cy) * weight
             out[YZ] = (out[YZ] - sy * cz) * weight
             out[ZZ] = (out[ZZ] - sz * cz) * weight
-            out[CX], out[CY], out[CZ] = at[0] + cx, at[1] + cy, at[2] + cz
+            out[CX], out[CY], out[CZ] = x0 + cx, y0 + cy, z0 + cz
             out[WEIGHT] = count * weight

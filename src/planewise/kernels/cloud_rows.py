@@ -138,19 +138,18 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
 
 
 @compiled
-def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """Are two patches one plane? Their discord, and the evidence that it would be a coincidence.
+def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+    """Are two of rows one plane? Their discord, and the evidence that it would be a coincidence.
 
     In the plane of the larger one, where they meet: delta is the difference of their offsets and
     slopes, C its covariance, what an error that wanders by `drift` (m^2 / m) makes of it included.
     discord = delta' C^-1 delta; evidence = 1/2 ln det(C + S0) / det C with S0 the prior of a plane
     that has nothing to do with the other.
     """
-    if a[AREA] > b[AREA]:
-        a, b = b, a
-    # b is the larger one from here on.
-    nx, ny, nz = b[NX], b[NY], b[NZ]
-    mx, my, mz = a[NX], a[NY], a[NZ]
+    # Rows by their numbers: taking one out would count a reference to them.
+    a, b = (j, i) if rows[i, AREA] > rows[j, AREA] else (i, j)
+    nx, ny, nz = rows[b, NX], rows[b, NY], rows[b, NZ]
+    mx, my, mz = rows[a, NX], rows[a, NY], rows[a, NZ]
     cosine = nx * mx + ny * my + nz * mz
     if cosine < 0.0:
         mx, my, mz, cosine = -mx, -my, -mz, -cosine
@@ -162,10 +161,10 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
     q = nx * ny * k
     ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
     fx, fy, fz = q, sign + ny * ny * k, -ny
-    dx, dy, dz = a[CX] - b[CX], a[CY] - b[CY], a[CZ] - b[CZ]
+    dx, dy, dz = rows[a, CX] - rows[b, CX], rows[a, CY] - rows[b, CY], rows[a, CZ] - rows[b, CZ]
     u, v = dx * ex + dy * ey + dz * ez, dx * fx + dy * fy + dz * fz
     apart = math.sqrt(u * u + v * v)
-    small, large = math.sqrt(a[AREA]), math.sqrt(b[AREA])
+    small, large = math.sqrt(rows[a, AREA]), math.sqrt(rows[b, AREA])
     share = _HALF * min(small, apart) / (apart + 1e-12)
     # From the centroids to where they meet.
     ax, ay = -share * u, -share * v
@@ -175,9 +174,9 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
     delta = dx * nx + dy * ny + dz * nz + ax * tx + ay * ty
     gap = max(apart - _TOUCHING * (small + large), 0.0)
     bend = drift * (_BEND_SMALL / (small + 1e-12) + _BEND_LARGE / (large + 1e-12))
-    axx, axy, ayy = _slopes(a, ex, ey, ez, fx, fy, fz)
-    bxx, bxy, byy = _slopes(b, ex, ey, ez, fx, fy, fz)
-    c00 = 1.0 / a[WEIGHT] + 1.0 / b[WEIGHT] + drift * (_OFFSET * large + gap)
+    axx, axy, ayy = _slopes(rows, a, ex, ey, ez, fx, fy, fz)
+    bxx, bxy, byy = _slopes(rows, b, ex, ey, ez, fx, fy, fz)
+    c00 = 1.0 / rows[a, WEIGHT] + 1.0 / rows[b, WEIGHT] + drift * (_OFFSET * large + gap)
     c00 += ax * ax * axx + 2.0 * ax * ay * axy + ay * ay * ayy
     c00 += bx * bx * bxx + 2.0 * bx * by * bxy + by * by * byy
     c01 = ax * axx + ay * axy + bx * bxx + by * bxy
@@ -195,36 +194,40 @@ def compare(a, b, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-
 
 
 @internal
-def _slopes(row, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
-    """Covariance of the slopes along two axes: the inverse of the scatter along them."""
-    gx = row[XX] * ex + row[XY] * ey + row[XZ] * ez
-    gy = row[XY] * ex + row[YY] * ey + row[YZ] * ez
-    gz = row[XZ] * ex + row[YZ] * ey + row[ZZ] * ez
+def _slopes(rows, k, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
+    """Covariance of the slopes of a row along two axes: the inverse of the scatter along them."""
+    gx = rows[k, XX] * ex + rows[k, XY] * ey + rows[k, XZ] * ez
+    gy = rows[k, XY] * ex + rows[k, YY] * ey + rows[k, YZ] * ez
+    gz = rows[k, XZ] * ex + rows[k, YZ] * ey + rows[k, ZZ] * ez
     ee, ef = ex * gx + ey * gy + ez * gz, fx * gx + fy * gy + fz * gz
-    gx = row[XX] * fx + row[XY] * fy + row[XZ] * fz
-    gy = row[XY] * fx + row[YY] * fy + row[YZ] * fz
-    gz = row[XZ] * fx + row[YZ] * fy + row[ZZ] * fz
+    gx = rows[k, XX] * fx + rows[k, XY] * fy + rows[k, XZ] * fz
+    gy = rows[k, XY] * fx + rows[k, YY] * fy + rows[k, YZ] * fz
+    gz = rows[k, XZ] * fx + rows[k, YZ] * fy + rows[k, ZZ] * fz
     ff = fx * gx + fy * gy + fz * gz
     scale = 1.0 / max(ee * ff - ef * ef, 1e-300)
     return ff * scale, -ef * scale, ee * scale
 
 
 @internal
-def misfit_beside(row, points, white):  # type: ignore[no-untyped-def]
-    """chi^2 of points, a row without a plane, about the plane of a patch beside them.
+def misfit_beside(rows, k, nodes, node, white):  # type: ignore[no-untyped-def]
+    """chi^2 of the points of a node about the plane of a row beside them.
 
     How well the plane is known there counts.
     """
-    nx, ny, nz = row[NX], row[NY], row[NZ]
-    dx, dy, dz = points[CX] - row[CX], points[CY] - row[CY], points[CZ] - row[CZ]
+    nx, ny, nz = rows[k, NX], rows[k, NY], rows[k, NZ]
+    dx, dy, dz = (
+        nodes[node, CX] - rows[k, CX],
+        nodes[node, CY] - rows[k, CY],
+        nodes[node, CZ] - rows[k, CZ],
+    )
     off = nx * dx + ny * dy + nz * dz
-    across = nx * (points[XX] * nx + 2.0 * (points[XY] * ny + points[XZ] * nz))
-    across += ny * (points[YY] * ny + 2.0 * points[YZ] * nz) + points[ZZ] * nz * nz
+    across = nx * (nodes[node, XX] * nx + 2.0 * (nodes[node, XY] * ny + nodes[node, XZ] * nz))
+    across += ny * (nodes[node, YY] * ny + 2.0 * nodes[node, YZ] * nz) + nodes[node, ZZ] * nz * nz
     # Variance of the plane at their centroid: the patch is about as wide in all directions.
     square = dx * dx + dy * dy + dz * dz - off * off
-    wide = 0.5 * (row[XX] + row[YY] + row[ZZ])
-    known = 1.0 / row[WEIGHT] + square / wide
-    return across + off * off / (1.0 / points[WEIGHT] + known / white)
+    wide = 0.5 * (rows[k, XX] + rows[k, YY] + rows[k, ZZ])
+    known = 1.0 / rows[k, WEIGHT] + square / wide
+    return across + off * off / (1.0 / nodes[node, WEIGHT] + known / white)
 
 
 @internal

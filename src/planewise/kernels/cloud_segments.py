@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.cloud_cells import stacked
 from planewise.kernels.cloud_rows import (
     APART,
     AREA,
@@ -28,21 +29,71 @@ from planewise.kernels.jit import compiled, in_order, internal
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
 
 
-@in_order
-def border_prices(discords, sides, price, out):  # type: ignore[no-untyped-def]
-    """Nats of borders: low + (high - low) / (1 + (discord / knee)^2) a point; price these three."""
+@internal
+def _border(discord, price):  # type: ignore[no-untyped-def]
+    """Nats of a border, a point of it: low + (high - low) / (1 + (discord / knee)^2)."""
     low, high, knee = price
-    for e in range(out.size):
-        out[e] = sides[e] * (low + (high - low) / (1.0 + (discords[e] / knee) ** 2))
+    return low + (high - low) / (1.0 + (discord / knee) ** 2)
+
+
+@compiled
+def border_prices(rows, ends, sides, drift, merge, plane, first, last, saved, price):  # type: ignore[no-untyped-def]
+    """Nats of the borders of pairs[first:last] of rows, by their discord.
+
+    merge, plane: (low, high, knee) of what a merge saves (saved) and what a plane pays (price).
+    """
+    for e in range(first, last):
+        discord, _ = compare(rows, ends[e, 0], ends[e, 1], drift, 0.0, 0.0)
+        saved[e] = sides[e] * _border(discord, merge)
+        price[e] = sides[e] * _border(discord, plane)
+
+
+@compiled
+def join_siblings(keys, rows, drift, limit, first, last, root):  # type: ignore[no-untyped-def]
+    """Join cells of one cube, twice as wide as theirs, that are clearly one plane.
+
+    keys (n,): of the first cube of each cell, sorted. Cells beside each other (`stacked`) whose
+    discord is at most `limit` are joined, of the cubes that begin in cells[first:last]. rows (n,
+    18) are changed; root (n,): the cell whose row has taken each in.
+    """
+    begin = first
+    while 0 < begin < last and keys[begin] >> np.uint64(3) == keys[begin - 1] >> np.uint64(3):
+        begin += 1
+    for cell in range(begin, keys.size):
+        if keys[cell] >> np.uint64(3) != keys[begin] >> np.uint64(3):
+            begin = cell
+        if begin >= last:
+            break
+        root[cell] = cell
+        for other in range(begin, cell):
+            if root[other] == other and _join_alike(rows, other, cell, drift, limit):
+                root[cell] = other
+                break
+
+
+@internal
+def _join_alike(rows, u, v, drift, limit):  # type: ignore[no-untyped-def]
+    """Make row v part of row u if they lie beside each other and are clearly one plane."""
+    if stacked(rows, u, v):
+        return False
+    discord, _ = compare(rows, u, v, drift, 0.0, 0.0)
+    if discord > limit:
+        return False
+    misfit = tempered(discord, min(rows[u, COUNT], rows[v, COUNT]))
+    add_row(rows[u], rows[v])
+    rows[u, MISFIT] += misfit
+    write_normal(rows[u])
+    return True
 
 
 @compiled
 def value_pairs(rows, ends, drift, prior, first, last, discords, evidence):  # type: ignore[no-untyped-def]
     """Discord and evidence of pairs[first:last] of rows; of APART, no evidence."""
     for e in range(first, last):
-        a, b = rows[ends[e, 0]], rows[ends[e, 1]]
-        area = min(a[AREA] / a[CELLS], b[AREA] / b[CELLS])
-        discords[e], evidence[e] = compare(a, b, drift, prior[0] * area + prior[2], prior[1])
+        u, v = ends[e, 0], ends[e, 1]
+        area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
+        offset = prior[0] * area + prior[2]
+        discords[e], evidence[e] = compare(rows, u, v, drift, offset, prior[1])
 
 
 @internal
@@ -53,7 +104,7 @@ def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-un
     """
     small = u if rows[u, COUNT] < rows[v, COUNT] else v
     area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
-    discord, evidence = compare(rows[u], rows[v], drift, prior[0] * area + prior[2], prior[1])
+    discord, evidence = compare(rows, u, v, drift, prior[0] * area + prior[2], prior[1])
     if discord >= APART:
         return -APART, 0.0
     misfit = tempered(discord, rows[small, COUNT])
@@ -74,6 +125,8 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
     whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
     half-edges, 2 e and 2 e + 1.
     """
+    # A twin of `segments.agglomerate`: what they weigh differs, and a loop that is given functions
+    # is not kept in Numba's cache; with its walks along edges in functions it took a third longer.
     count, edges = rows.shape[0], boundary.size
     following = np.full(2 * edges, -1, np.int64)
     head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
@@ -213,12 +266,11 @@ def pairs_through_gaps(rows, drift, prior, least, planes, ends, gains):  # type:
     """
     found = 0
     for i in range(planes):
-        a = rows[i]
         for j in range(i + 1, rows.shape[0]):
-            b = rows[j]
-            if abs(a[NX] * b[NX] + a[NY] * b[NY] + a[NZ] * b[NZ]) < _PARALLEL:
+            cosine = rows[i, NX] * rows[j, NX] + rows[i, NY] * rows[j, NY]
+            if abs(cosine + rows[i, NZ] * rows[j, NZ]) < _PARALLEL:
                 continue
-            discord, evidence = compare(a, b, drift, prior[2], prior[1])
+            discord, evidence = compare(rows, i, j, drift, prior[2], prior[1])
             gain = evidence - 0.5 * discord
             if gain > least:
                 if found < gains.size:

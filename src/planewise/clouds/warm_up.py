@@ -1,0 +1,110 @@
+"""Compile the loops of a cloud's later stages in a process of their own, while the first ones are.
+
+``python -m planewise.clouds.warm_up`` is to clouds what `warm_up` is to depth images.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds.cells import CloudCells, CloudError, residual_correlation
+from planewise.clouds.cloud import Cloud
+from planewise.clouds.labels import label_points
+from planewise.clouds.model import CloudPlanes, ranked_model
+from planewise.clouds.order import Grid
+from planewise.clouds.rows import planes_of
+from planewise.clouds.segments import segments_of
+from planewise.information import coordinate_information, plane_information
+from planewise.kernels.cloud_keys import TURN
+from planewise.kernels.cloud_rows import (
+    AREA,
+    CELLS,
+    COUNT,
+    CX,
+    CZ,
+    FREE,
+    NX,
+    NZ,
+    ROW,
+    WEIGHT,
+    XX,
+    ZZ,
+)
+from planewise.sensor import Sensor
+
+_WIDE, _HIGH = 4, 6  # cubes to a side of each of two squares, and from one to the other
+_POINTS = 8  # in a cube
+_SIGMA = 0.01  # metres; cubes have a metre
+
+
+def later_stages() -> None:
+    """Merge the cells of two squares, one over the other, label their points and rank them.
+
+    The arrays have the types and layouts of a real cloud's.
+    """
+    cloud, cells = _made_up()
+    sensor = Sensor(max_depth=10.0, resolution=0.001, noise=_SIGMA)
+    limits = sensor.range, sensor.resolution
+    found = segments_of(
+        cells, plane_information(3, *limits), sensor.range, significance=0.0,
+        max_planes=9, workers=1,
+    )  # fmt: skip
+    planes, areas = planes_of(found.rows), found.rows[:, AREA]
+    labels = label_points(
+        cloud, cells, found.of_cell, planes, areas, coordinate_information(*limits), limits[1]
+    )
+    correlation = residual_correlation(cells, found.of_cell, planes)
+    told = CloudPlanes(cloud, labels, found.rows, cells.error, found.significance, correlation)
+    ranked_model(len(labels), told, sensor, 9, {})
+
+
+def _made_up() -> tuple[Cloud, CloudCells]:
+    """Every cube a cell."""
+    places = [(x, y, z) for z in (0, _HIGH) for y in range(_WIDE) for x in range(_WIDE)]
+    places.sort(key=_key)
+    number = {place: k for k, place in enumerate(places)}
+    n, steps = len(places), (-1, 0, 1)
+    about = np.array(
+        [
+            [number.get((x + i, y + j, z + k), -1) for i in steps for j in steps for k in steps]
+            for x, y, z in places
+        ],
+        np.int32,
+    )
+    grid, rng = Grid(np.zeros(3), 1.0, 3), np.random.default_rng(0)
+    cubes = np.array([_key(place) for place in places], np.uint64)
+    inside = rng.uniform(-0.5, 0.5, (n * _POINTS, 3)) * (1.0, 1.0, 0.0)
+    local = (inside @ TURN).astype(np.float32)
+    cloud = Cloud(
+        grid, np.arange(len(local), dtype=np.uint32), local, np.arange(n + 1) * _POINTS, cubes,
+        about, np.zeros((n, ROW)), np.full(n, _SIGMA**2), workers=1,
+    )  # fmt: skip
+    cells = CloudCells(
+        rows=_rows((np.array(places) + 0.5 - grid.middle) @ TURN),
+        keys=cubes,
+        owner=np.arange(n),
+        ends=np.array([(k, e) for k in range(n) for e in about[k, 14:] if e >= 0], np.int32),
+        sides=np.ones(int((about[:, 14:] >= 0).sum()), np.float32),
+        error=CloudError(1.0, 1e-6),
+    )
+    return cloud, cells
+
+
+def _key(place: tuple[int, int, int]) -> int:
+    """Morton key of a cube."""
+    return sum(((e >> bit) & 1) << (3 * bit + k) for k, e in enumerate(place) for bit in range(3))
+
+
+def _rows(centres: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of squares of a metre along the first two axes of the grid."""
+    rows = np.zeros((len(centres), ROW))
+    weight = _POINTS / _SIGMA**2
+    rows[:, CX : CZ + 1], rows[:, NX : NZ + 1] = centres, TURN[2]
+    rows[:, XX : ZZ + 1] = weight / 12.0 * (TURN[:2].T @ TURN[:2])[np.triu_indices(3)]
+    rows[:, [WEIGHT, COUNT, AREA, FREE, CELLS]] = weight, _POINTS, 1.0, 9.0, 1.0
+    return rows
+
+
+if __name__ == "__main__":
+    later_stages()
