@@ -284,11 +284,20 @@ def test_agglomeration_merges_what_saves_most_first():
     drift, prior, most = 1e-6, (4.0, 1.0, 0.0), 25.0
     discords, evidence = np.empty((2, len(ends)))
     segments.value_pairs(rows, ends, drift, prior, 0, len(ends), discords, evidence)
-    boundary = np.full(len(ends), 0.5)
     root = np.empty(len(rows), np.int64)
-    merged = rows.copy()
-    segments.agglomerate(ends, discords, evidence, boundary, merged, drift, prior, most, root)
-    groups = {tuple(np.flatnonzero(root == r)) for r in np.unique(root)}
+
+    def merge(waits):
+        merged, boundary = rows.copy(), np.full(len(ends), 0.5)
+        values = discords.copy(), evidence.copy(), boundary
+        segments.agglomerate(ends.copy(), *values, merged, drift, prior, most, waits, root)
+        return merged, {tuple(np.flatnonzero(root == r)) for r in np.unique(root)}
+
+    waits = np.zeros(len(rows), np.bool_)
+    waits[13] = True
+    _, groups = merge(waits)
+    assert groups == {tuple(range(12)), (12,), (13,), (14,)}  # both would merge with it first
+    assert np.flatnonzero(waits).tolist() == [12, 13, 14]
+    merged, groups = merge(np.zeros(len(rows), np.bool_))
     assert groups == {tuple(range(12)), (12, 13, 14)}
     whole = merged[root[0]]
     assert whole[rows_of.COUNT] == rows[:12, rows_of.COUNT].sum()

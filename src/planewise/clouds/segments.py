@@ -26,7 +26,6 @@ _SAME = 7.81  # discord up to which cells of a cube are joined at once: chi^2 of
 _LEAST_PART = 5_000  # pairs or cells that are worth a thread
 PAIRS_AT_ONCE = 12_000_000  # of cells that merge together; some 1.3 GB
 OUTSIDE = -1  # of runs: a pair of cells of two
-_RIM = 3  # cells from another run that wait for it
 
 
 @dataclass(frozen=True)
@@ -166,12 +165,14 @@ def _agglomerated(
     drift: float,
     cost: float,
     workers: int,
+    waits: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.int64]]:
-    """Merge rows, which are changed, as are ends and saved; as `_roots`."""
+    """Merge rows, which are changed, as are ends, saved and waits; as `_roots`."""
     prior = (*PRIOR, 0.0)
     values = _values(rows, ends, drift, prior, workers)
     root = np.empty(len(rows), np.int64)
-    kernels.agglomerate(ends, *values, saved, rows, drift, prior, cost, root)
+    waits = np.zeros(len(rows), np.bool_) if waits is None else waits
+    kernels.agglomerate(ends, *values, saved, rows, drift, prior, cost, waits, root)
     return _roots(rows, root)
 
 
@@ -193,12 +194,9 @@ def _merged_in_runs(
     rim[ends[np.flatnonzero(inside == OUTSIDE)].ravel()] = True
     for run, (first, last) in enumerate(pairwise(bounds)):
         mine = np.flatnonzero(inside == run)
-        near, e = rim[first:last].copy(), (ends[mine] - first).astype(np.int32)
-        for _ in range(_RIM):
-            near[e[near[e].any(axis=1)].ravel()] = True
-        free = ~near[e].any(axis=1)
+        e = (ends[mine] - first).astype(np.int32)
         out, of_row = _agglomerated(
-            rows[first:last].copy(), e[free], saved[mine[free]], drift, cost, workers
+            rows[first:last].copy(), e, saved[mine], drift, cost, workers, rim[first:last].copy()
         )
         part_of[first:last] = of_row + found
         merged.append(out)
@@ -299,8 +297,10 @@ def _joined_through_gaps(
     root = np.arange(len(planes))
     if len(ends):
         discords, evidence = _values(planes, ends, drift, prior, 1)
-        saved = np.full(len(ends), -naming)
-        kernels.agglomerate(ends, discords, evidence, saved, planes, drift, prior, np.inf, root)
+        saved, none = np.full(len(ends), -naming), np.zeros(len(planes), np.bool_)
+        kernels.agglomerate(
+            ends, discords, evidence, saved, planes, drift, prior, np.inf, none, root
+        )
     alive, plane_of = np.unique(root, return_inverse=True)
     planes = planes[alive]
     owner[chosen] = plane_of

@@ -112,14 +112,15 @@ def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-un
 
 
 @compiled
-def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, root):  # type: ignore[no-untyped-def]
+def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, waits, root):  # type: ignore[no-untyped-def]
     """Merge neighbouring segments, what saves most first, while a merge saves anything.
 
     ends (m, 2): pairs of neighbours; discords and evidence (m,): what `value_pairs` says of them,
     of which evidence counts up to `most`; boundary (m,): the nats that a merge saves besides, which
     is changed; prior: variance of the offset of an unrelated plane in areas of a cell, of its
     slopes, and of the offset in m^2. rows (n, 18) are changed: that of a root holds its segment.
-    Writes the root of every segment.
+    waits (n,): segments that are left alone, which is changed: what would merge with one of them
+    before all others waits, too. Writes the root of every segment.
 
     Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
     whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
@@ -192,6 +193,9 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, ro
                 size = pop(keys, items, size)
             continue
         size = pop(keys, items, size)
+        if waits[u] or waits[v]:
+            waits[u] = waits[v] = True
+            continue
         if rows[u, COUNT] < rows[v, COUNT]:
             u, v = v, u
         add_row(rows[u], rows[v])
