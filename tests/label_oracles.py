@@ -174,7 +174,7 @@ def crease_distance(planes, kinds, a, b, x, y):
     return kinds[a, b] * plane_value(delta, x, y) / slope, slope
 
 
-def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma, pair):
+def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma, apart, pair):
     """Places t at which the border of a pair may lie, and what each costs.
 
     From every pixel of the border the readings are those straight across it, `reach` + 2 to either
@@ -199,7 +199,7 @@ def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma,
     distance, excess = np.array(distance), np.array(excess)
     places = (np.arange(-reach * BINS, reach * BINS + 1) + 0.5) / BINS
     beyond = distance > places[:, None]
-    return places, beyond @ excess + places**2 / (2 * sigma**2)
+    return places, beyond @ excess + np.minimum(places**2 / (2 * sigma**2), apart)
 
 
 def snap_sweep(

@@ -134,6 +134,18 @@ def compare(a, b, drift, offset_prior, slope_prior):
     return delta @ np.linalg.solve(C, delta), evidence_of(C, offset_prior, slope_prior)
 
 
+def more_than_parallel(a, b, drift, spread):
+    """ln of the density of the difference of one plane over that of two parallel ones."""
+    delta, C = difference(a, b, drift)
+    v = spread * plane_at(a, a[1:3] / a[0])[0]
+
+    def log_density(covariance):
+        square = delta @ np.linalg.solve(covariance, delta)
+        return -0.5 * (square + np.log(np.linalg.det(covariance)))
+
+    return log_density(C) - log_density(C + np.outer(v, v))
+
+
 def free_price(row, drift, offset_prior, slope_prior):
     """Evidence at the unit's centroid, beside a known plane 100 pixels wide."""
     _, C = plane_at(row, row[1:3] / row[0])
@@ -190,13 +202,14 @@ def join_blocks(grid, whole, rows, drift, limit, levels):
     return root, rows
 
 
-def saved_by_joining(rows, drift, slope_prior, gap_offset, i, j):
+def saved_by_joining(rows, drift, slope_prior, gap_offset, naming, i, j):
     """Nats saved by making two segments that do not touch one plane, and their discord."""
     small = min(i, j, key=lambda n: rows[n, 10])
     offset = (gap_offset * rows[small, 6] / rows[small, 0]) ** 2
     slow = math.sqrt(drift[i] * drift[j])
     discord, evidence = compare(rows[i], rows[j], slow, offset, slope_prior[small])
-    return evidence - 0.5 * discord, discord
+    parallel = more_than_parallel(rows[small], rows[i + j - small], slow, gap_offset)
+    return min(evidence - 0.5 * discord - naming, parallel), discord
 
 
 def join_through_gaps(rows, drift, slope_prior, gap_offset):
@@ -206,8 +219,8 @@ def join_through_gaps(rows, drift, slope_prior, gap_offset):
     while True:
         best = (0.0, None)
         for i, j in itertools.combinations(np.unique(owner), 2):
-            saved, discord = saved_by_joining(rows, drift, slope_prior, gap_offset, i, j)
-            best = max(best, (saved - naming, (i, j, discord)))
+            saved, discord = saved_by_joining(rows, drift, slope_prior, gap_offset, naming, i, j)
+            best = max(best, (saved, (i, j, discord)))
         if best[1] is None:
             return owner, rows
         i, j, discord = best[1]
@@ -218,11 +231,10 @@ def join_through_gaps(rows, drift, slope_prior, gap_offset):
 
 def find_planes(rows, drift, slope_prior, gap_offset, planes):
     """Plane that each further segment saves most as part of, -1 where none saves anything."""
-    out = []
+    out, priors = [], (slope_prior, gap_offset, math.log(planes))
     for j in range(planes, len(rows)):
-        pairs = [(i, j) for i in range(planes)]
-        saved = [saved_by_joining(rows, drift, slope_prior, gap_offset, *pair)[0] for pair in pairs]
-        out.append(int(np.argmax(saved)) if max(saved) > math.log(planes) else -1)
+        saved = [saved_by_joining(rows, drift, *priors, i, j)[0] for i in range(planes)]
+        out.append(int(np.argmax(saved)) if max(saved) > 0 else -1)
     return out
 
 

@@ -7,8 +7,9 @@ from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise import scenes
-from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL
-from planewise.spatial import cells
+from planewise.kernels import frame_error as kernels
+from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL, SIDE, UNIT
+from planewise.spatial import cells, frame_error
 from planewise.spatial.frame import frame_of
 
 POINTS = 12  # to a side of a square
@@ -55,6 +56,42 @@ def test_readings_of_a_random_walk_about_their_own_plane():
     assert_allclose(mean, PLANE_RESIDUAL, rtol=0.05)
 
 
+@pytest.mark.parametrize("lag", [1, 2, 4])
+def test_three_cells_in_a_row_on_a_random_walk(lag):
+    side = 2 * SIDE / UNIT
+    squares = [square(side, k * lag * side) for k in range(3)]
+    mean = np.full(POINTS**2, 1 / POINTS**2)
+    contrast = np.concatenate((-mean / 2, mean, -mean / 2))[None]
+    planes, triple = np.zeros((10, 3)), np.empty((3, 6))
+    planes[0] = [points[:, 0].mean() for points in squares]
+    planes[6] = 1.0
+    grid = np.full((1, 2 * lag + 1), -1, np.int32)
+    grid[0, ::lag] = range(3)
+    one = np.ones(3)
+    assert kernels.rows_of_three(grid, planes, one, one, lag, *triple) == 1
+    expected = walk_covariance(np.vstack(squares), contrast)[0, 0]
+    assert_allclose(triple[2, 0], expected, rtol=0.02 if lag > 1 else 0.07)
+
+
+def test_what_lies_across_edges_is_not_taken_for_drift():
+    """A third of all disagreements are due to edges, the others to noise, or to a drift of 4."""
+    rng = np.random.default_rng(0)
+    n = 30_000
+    own, added = np.full(n, 1.0), np.full(n, 0.5)
+    edge = rng.random(n) < 1 / 3
+    for drift in (0.0, 4.0):
+        off = rng.normal(0, np.sqrt(1 + 0.5 * drift), n) + edge * rng.normal(0, 40, n)
+        found = frame_error._bisect(
+            off**2,
+            own,
+            added,
+            0.5 / frame_error._WITHIN,
+            frame_error._MEDIAN_CHI2_1,
+            frame_error._WIDEST,
+        )
+        assert_allclose(found, drift, rtol=0.25, atol=0.25)
+
+
 def told(z, sensor):
     """Error of a depth image in metres against a sensor's description, and the drift of that."""
     camera = pw.PinholeCamera(fx=525, fy=525, cx=z.shape[1] / 2, cy=z.shape[0] / 2)
@@ -72,14 +109,13 @@ FINE = pw.Sensor(max_depth=10, resolution=1e-5, noise=pw.noise.quadratic(0, SIGM
 
 @pytest.mark.parametrize("drift", [0.0035, 0.007, 0.014])
 def test_drift_of_a_simulated_random_walk_is_told(drift):
-    """Within a factor of 1.5: a fifth too low, for a cell averages over its part of the walk."""
     ratios = []
     for seed in range(4):
         rng = np.random.default_rng(seed)
         w = 0.5 + random_walk((240, 320), drift, rng) + rng.normal(0, SIGMA, (240, 320))
         error, described = told(1 / w, FINE)
         ratios.append(np.sqrt(error.drift * described) / drift)
-    assert 1 / 1.5 < np.median(ratios) < 1.5
+    assert_allclose(ratios, 1, atol=0.1)
 
 
 def test_independent_noise_has_no_drift_and_shares_nothing():
@@ -100,9 +136,9 @@ def test_a_synthetic_room_has_hardly_any_drift(seed):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
     found = cells.cells_of(frame_of(seen), seen.pixel_size)
     assert found is not None
-    assert found.error.drift < 0.15 * cells._SATURATION  # of a real Kinect's
+    assert found.error.drift < 0.05 * cells._SATURATION  # of a real Kinect's
     assert found.error.near < 0.1
-    assert found.error.bent < 0.1
+    assert found.error.bent < 0.2
 
 
 @pytest.mark.parametrize("lateral", [0.0, 0.2, 0.5, 1.0])

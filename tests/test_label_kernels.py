@@ -385,12 +385,12 @@ def test_crease_offsets(seed):
     label[rng.random(p.shape) < 0.05] = 0
     table, variance = by_depth(rng, w, 1, 1.2)
     lateral = SIGMA**2 * np.array([0, 0.1, 0.2])
-    reach, sigma = 4, (0.5, 5.0)[seed % 2]
+    limits = 4, (0.5, 5.0)[seed % 2], (1e9, 3.0, 1e9, 1.0)[seed % 4]
     offset = np.empty(1)
-    arguments = (crease, lines, wrong, w, x, y, table, PER_METRE, lateral, reach, sigma, offset)
+    arguments = (crease, lines, wrong, w, x, y, table, PER_METRE, lateral, *limits, offset)
     creases.crease_offsets(borders_of(label), label.astype(np.uint16), *arguments)
     places, cost = oracles.crease_costs(
-        label, wrong, kinds, w, x, y, variance, lateral, reach, sigma, (1, 2)
+        label, wrong, kinds, w, x, y, variance, lateral, *limits, (1, 2)
     )
     at = np.argmin(abs(places - offset[0]))
     assert offset[0] == pytest.approx(places[at])

@@ -113,14 +113,15 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
 @compiled
 def crease_offsets(  # type: ignore[no-untyped-def]
     borders, label, crease, lines, planes, w, x, y, variance, per_metre, lateral,
-    reach, sigma, offset,
+    reach, sigma, apart, offset,
 ):  # fmt: skip
     """Where along its normal the border between two planes that meet most likely lies, in pixels.
 
-    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + t^2 / (2 sigma^2), s the distance to
-    the line of intersection: slow errors of the planes move the line. Costs are those of the
-    readings straight across the border, `reach` + 2 to either side as far as they belong to the
-    pair. Writes offset (lines,).
+    offset = argmin over t of sum_{s > t} (cost_a - cost_b) + min(t^2 / (2 sigma^2), apart), s the
+    distance to the line of intersection: slow errors of the planes move the line, and where the
+    readings say `apart` nats against it, one surface passes in front of the other. Costs are those
+    of the readings straight across the border, `reach` + 2 to either side as far as they belong to
+    the pair. Writes offset (lines,).
     """
     height, width = label.shape
     last = variance.size - 1
@@ -159,7 +160,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
         cost, lowest = 0.0, np.inf
         for place in range(2 * middle, -1, -1):
             shift = (place + 0.5 - middle) / BINS
-            total = cost + 0.5 * shift * shift / (sigma * sigma)
+            total = cost + min(0.5 * shift * shift / (sigma * sigma), apart)
             if total < lowest:
                 lowest, offset[number] = total, shift
             cost += histogram[number, place]

@@ -116,6 +116,29 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
+@compiled
+def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
+    """Nats by which two segments are more likely one plane than two that are parallel.
+
+    w of parallel planes is proportional: their difference where they meet is drawn from
+    N(0, C + spread^2 v v') in place of N(0, C), v = (w, slopes) of the first.
+
+        1/2 ln(1 + s) - 1/2 spread^2 (v' C^-1 delta)^2 / (1 + s),    s = spread^2 v' C^-1 v
+    """
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
+    )  # fmt: skip
+    near = _determinant(c00, c01, c02, c11, c12, c22)
+    w, tx, ty = a[W], a[TX], a[TY]
+    shift = _quadratic_form(w, tx, ty, c00, c01, c02, c11, c12, c22)
+    both = _quadratic_form(w + x, tx + y, ty + z, c00, c01, c02, c11, c12, c22)
+    discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+    along = 0.5 * (both - shift - discord) / near  # v' C^-1 delta
+    wide = 1.0 + spread * spread * shift / near
+    return 0.5 * (np.log(wide) - spread * spread * along * along / wide)
+
+
 @internal
 def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
     """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""

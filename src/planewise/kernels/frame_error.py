@@ -14,6 +14,7 @@ from planewise.kernels.jit import in_order
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
+MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
 
 
@@ -100,10 +101,16 @@ def wandering(planes, errors, factor, resolution, out):  # type: ignore[no-untyp
 def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # type: ignore[no-untyped-def]
     """w_middle - t w_left - (1 - t) w_right of three cells in a row, `lag` cells apart.
 
-    Writes its square, the variance by the cells' own errors, and D r / 2, along rows and then along
-    columns; returns how many there are.
+    Writes its square, the variance by the cells' own errors, and that by the drift, along rows and
+    then along columns; returns how many there are. Of a random walk, D |r| the variance of a
+    difference, w_2 - (w_1 + w_3) / 2 of means over squares has the variance
+
+        D (d(r) - d(2 r) / 4 - 3 d(0) / 4),    d(r) = r + side^2 / (12 r),    d(0) = 0.52 side,
+
+    d(r) the mean distance of points of two squares.
     """
     rows, columns = grid.shape
+    side = 2.0 * SIDE / UNIT
     found = 0
     for axis in range(2):
         down, across = lag * (axis == 1), lag * (axis == 0)
@@ -122,7 +129,10 @@ def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # ty
                     + t * t * inflation[a] / planes[6, a]
                     + (1 - t) * (1 - t) * inflation[c] / planes[6, c]
                 )
-                slow[found] = 0.25 * drift[b] * abs(reach)
+                near, far = 0.5 * abs(reach), abs(reach)
+                near += side * side / (12.0 * near)
+                far += side * side / (12.0 * far)
+                slow[found] = drift[b] * (near - 0.25 * far - 0.75 * MEAN_DISTANCE * side)
                 found += 1
     return found
 
@@ -172,18 +182,20 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
 
 
 @in_order
-def bisect(square, own, added, share, reference, low, high, steps):  # type: ignore[no-untyped-def]
+def bisect(square, own, added, share, reference, widest, low, high, steps):  # type: ignore[no-untyped-def]
     """The factor at which a quantile of square / (own + factor added) is the reference.
 
-    0 where it is smaller even at `low`.
+    `share` says which quantile, of those that are not above `widest`. 0 where it is smaller even at
+    `low`.
     """
-    rank = int(share * square.size)
     for step in range(steps + 1):
         factor = np.sqrt(low * high) if step else low
-        below = 0
+        below, among = 0, 0
         for i in range(square.size):
-            below += square[i] <= reference * (own[i] + factor * added[i])
-        if below <= rank:
+            variance = own[i] + factor * added[i]
+            below += square[i] <= reference * variance
+            among += square[i] <= widest * variance
+        if below <= int(share * among):
             low = factor
         elif step == 0:
             return 0.0

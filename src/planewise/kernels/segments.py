@@ -9,7 +9,7 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.forms import FORM, W, compare_forms, write_form
+from planewise.kernels.forms import FORM, W, compare_forms, compare_parallel, write_form
 from planewise.kernels.heap import pop, push, replace
 from planewise.kernels.jit import compiled, internal
 
@@ -363,12 +363,18 @@ def agglomerate(  # type: ignore[no-untyped-def]
 
 @internal
 def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
-    """Nats saved by making two segments that do not touch one plane, seen from the smaller one."""
+    """Nats saved by making two segments that do not touch one plane, seen from the smaller one.
+
+    It has to be more likely than two that have nothing to do with each other, and than two that are
+    parallel: shelves, or the fronts of two cupboards. To say which other segment it is costs
+    `naming` nats, but so does to which it is parallel. Returns the discord, too.
+    """
     small = i if segments[0, i, COUNT] < segments[0, j, COUNT] else j
     here = forms[home[small]]
     offset = (gap_offset * here[small, W]) ** 2
     discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
-    return evidence - 0.5 * discord - naming, discord
+    parallel = compare_parallel(here[small], here[i + j - small], gap_offset)
+    return min(evidence - 0.5 * discord - naming, parallel), discord
 
 
 @compiled

@@ -19,13 +19,13 @@ Array = NDArray[np.float64]
 Grid = NDArray[np.int32]
 
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
-_QUARTILE_CHI2_1 = 0.1015
+_WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 _FEWEST = 100  # cells, pairs or triples that can tell
 _WHITE_LIMIT = 25.0  # five times the described standard deviation
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
-_LAGS = (2, 4)  # cells between the middle of three in a row and the others
+_LAG = 2  # cells from the middle of three in a row to the others
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 
@@ -110,18 +110,16 @@ def drift_factor(
 ) -> float:
     """Drift against its description, as a variance: from three cells in a row.
 
-    w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and, for a
-    distance r between middle and ends, D r / 2. The smaller of two distances counts: more is shape.
-    grid holds whole cells only, -1 elsewhere.
+    w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
+    drift adds. Its median among those within three standard deviations is that of chi^2: what lies
+    across an edge is left out, not taken for drift. grid holds whole cells only, -1 elsewhere.
     """
-    found = []
     triples = workspace.empty((3, 2 * grid.size))
-    for lag in _LAGS:
-        n = kernels.rows_of_three(grid, planes, inflation, drift, lag, *triples)
-        square, own, slow = triples[:, :n]
-        if n >= _FEWEST and slow.any():
-            found.append(_bisect(square, own, slow, 0.25, _QUARTILE_CHI2_1))
-    return min(found) if found else 1.0
+    n = kernels.rows_of_three(grid, planes, inflation, drift, _LAG, *triples)
+    square, own, slow = triples[:, :n]
+    if n < _FEWEST or not slow.any():
+        return 1.0
+    return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
 
 
 def shared_factors(
@@ -148,6 +146,12 @@ def shared_factors(
     return near, bent
 
 
-def _bisect(square: Array, own: Array, added: Array, share: float, reference: float) -> float:
-    """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0."""
-    return float(kernels.bisect(square, own, added, share, reference, *_BISECTED, _BISECTIONS))
+def _bisect(
+    square: Array, own: Array, added: Array, share: float, reference: float, widest: float = np.inf
+) -> float:
+    """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0.
+
+    Of those up to `widest`.
+    """
+    limits = (*_BISECTED, _BISECTIONS)
+    return float(kernels.bisect(square, own, added, share, reference, widest, *limits))

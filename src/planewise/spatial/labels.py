@@ -26,6 +26,7 @@ _SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own k
 _CREASE_REACH = 5  # pixels beside a border where the two planes are compared
 _CREASE_BAND = 4  # pixels about a border that are looked at
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
+_CREASE_APART = 50.0  # nats by which readings have to speak against that line for another one
 _CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
 _CREASE_FAR = 8.0  # pixels from the line of intersection
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
@@ -191,6 +192,7 @@ def _put_creases(
         _lateral(cells, affine),
         _CREASE_BAND,
         _CREASE_SIGMA,
+        _CREASE_APART,
         offset,
     )
     marks.state[:], marks.busy[:] = 0, False

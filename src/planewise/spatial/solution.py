@@ -56,9 +56,9 @@ class SpatialSolution:
         return int(np.argmin(self.curve))
 
     @property
-    def bends(self) -> bool:
-        """Whether a plane has residuals that are not white."""
-        return bool((self.found.residual_correlation > _BENDS).any())  # not where it is NaN
+    def bent(self) -> NDArray[np.bool_]:
+        """Which planes have residuals that are not white."""
+        return self.found.residual_correlation > _BENDS  # not where it is NaN
 
     @property
     def information(self) -> float:
@@ -106,11 +106,16 @@ def solve(
             return judged(observation, frame, cells, found, workspace)
 
     first = look(cells)
-    pays = first.best == len(first.book.order) and not first.bends
-    if pays or cells is None or not cells.bends_more_than_told:
+    if cells is None or not cells.bends_more_than_told:
+        return first
+    # Of planes that hardly pay, neither is telling.
+    sure = _SURE * _LEAST * plane_information(3, observation.range, observation.resolution)
+    clear = first.found.significance > sure
+    cut = first.book.order[first.best :]
+    if not clear[cut].any() and not (clear & first.bent).any():
         return first
     closer = look(replace(cells, drift=cells.told_drift))
-    return closer if closer.information < first.information and not closer.bends else first
+    return closer if closer.information < first.information and not closer.bent.any() else first
 
 
 def judged(
