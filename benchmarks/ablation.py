@@ -29,6 +29,7 @@ from planewise.kernels.cells import FREE, SIDE
 from planewise.spatial import information as spatial_information
 from planewise.spatial import model as spatial_model
 from planewise.spatial import search as spatial
+from planewise.spatial.mask_code import MaskCounts
 
 SHOWN = {
     "nyu_dpd": ("VOI", "SC", "F1@.5", "F1@.8"),
@@ -58,11 +59,11 @@ def free_borders() -> Iterator[None]:
 def uniform_mask() -> Iterator[None]:
     """The paper's k ln(N + 1) for the mask in Phi."""
 
-    def information(labels: Any, p: Any, place: Any, readings: Any) -> Any:
-        count = int(np.count_nonzero(p > 0))
+    def information(counts: Any, readings: Any, place: Any) -> Any:
+        count = int(readings.sum())
         return np.array([mask_information(count, planes) for planes in range(len(place))])
 
-    with patch.object(spatial_information, "prefix_mask_information", information):
+    with patch.object(MaskCounts, "lengths", information):
         yield
 
 

@@ -44,6 +44,9 @@ def grouped(labels, images):
     moments = np.full((12, block.size + 81 * several), 9.0)
     label, first = np.full(moments.shape[1], 9, np.uint16), np.full(several + 1, 9, np.int32)
     constant, readings = np.log(2 * np.pi * WHITE / EPS**2), np.zeros(4, np.int64)
+    of_blocks = np.empty((12, block.size))
+    groups.sum_blocks(of_cells, WHITE, constant, of_blocks)
+    moments[:, : block.size] = of_blocks
     groups.sum_groups(
         labels, w, p, x, y, of_cells, cell, block, WHITE, constant, first, moments, label, readings
     )

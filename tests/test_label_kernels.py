@@ -101,7 +101,10 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     beside, count = np.empty(grid.shape, np.bool_), np.zeros(grid.shape)
     for r, c, pixels in oracles.cells_of(p, SIDE):
         count[r, c] = (pixels > 0).sum()
-    labels.lay_out(grid, number, count, p, SIDE, coarse, beside, marks.label, marks.state)
+    bands = ((0, 3), (3, len(grid)))  # one after the other, as threads have them
+    for band in bands:
+        images = coarse, beside, marks.label, marks.state
+        labels.lay_out(grid, number, count, p, SIDE, *band, *images)
     assert_array_equal(beside, apart)
     assert_array_equal(marks.label[marks.inner], label)
     assert_array_equal(marks.state[marks.inner], np.where(fixed, labels.FIXED, 0))
@@ -111,7 +114,9 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     assert (marks.state[margin] == labels.FIXED).all()
 
     marks.busy[:] = False
-    labels.find_waiting(coarse, beside, w, p, x, y, table, NULL, SIDE, marks.state, marks.busy)
+    for band in bands:
+        images = coarse, beside, w, p, x, y
+        labels.find_waiting(*images, table, NULL, SIDE, *band, marks.state, marks.busy)
     exact = oracles.waiting(grid, number, fixed, w, p, x, y, table, NULL, SIDE)
     assert_array_equal(marks.state[marks.inner] == 1, exact)
     assert 0 < exact.sum() < (p > 0).sum()

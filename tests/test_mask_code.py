@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 
 from planewise import scenes
 from planewise.information import mask_information
-from planewise.spatial.mask_code import prefix_mask_information, spatial_mask_information
+from planewise.spatial.mask_code import MaskCounts, spatial_mask_information
 
 from .arithmetic_coder import decode, encode, length
 
@@ -45,7 +45,7 @@ def check_prefixes(labels, there, planes, rng):
     labels = np.where(there, labels, 0).astype(np.uint16)
     place = np.append(0, 1 + rng.permutation(planes)).astype(np.uint16)
     readings = np.bincount(labels[there], minlength=planes + 1)
-    lengths = prefix_mask_information(labels, there.astype(np.float32), place, readings)
+    lengths = MaskCounts.of(labels, there.astype(np.float32)).lengths(readings, place)
     for n in range(planes + 1):
         kept = np.where(place[labels] <= n, place[labels], 0)
         assert lengths[n] == pytest.approx(length(kept, there, n), rel=1e-9, abs=1e-9)

@@ -122,7 +122,7 @@ def test_data_are_those_of_the_planes_returned(scene):
     before = ledger(frame, cells, affine, labels, RANGE, RESOLUTION, pixel_size).curve[-1]
     moved, data = refitted(groups, affine)
     assert (moved != affine).all()
-    found = book_of(frame, labels, groups, data, RANGE, RESOLUTION)
+    found = book_of(groups, data, RANGE, RESOLUTION)
     again = ledger(frame, cells, moved, labels, RANGE, RESOLUTION, pixel_size)
     assert_allclose(found.curve, again.curve, rtol=1e-12)
     assert_allclose(found.worth, again.worth, rtol=1e-12)

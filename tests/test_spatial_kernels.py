@@ -120,7 +120,7 @@ def test_only_one_row_of_coordinates_is_read_where_all_are_alike():
     whole = cells_of((w, p, x, y))
     x[1:], y[:, 1:] = np.nan, np.nan
     for a, b in zip(whole, cells_of((w, p, x, y), straight=True), strict=True):
-        assert_array_equal(a, b)
+        assert_allclose(a, b, rtol=1e-12, atol=1e-6)
 
 
 def test_cells_without_readings_have_no_misfit():
@@ -270,12 +270,26 @@ def test_compare_finds_no_discord_in_one_plane():
         assert compare(a, b, drift[0], 0.0, 0.0)[1] == pytest.approx(0, abs=1e-9)
 
 
+def test_pairs_are_compared_as_one_by_one():
+    _, rows, drift, offset_prior, slope_prior = random_segments(3)
+    of = forms_of(rows, drift)
+    pairs = np.random.default_rng(0).integers(len(rows), size=(77, 2)).astype(np.int32)
+    discord, evidence = np.empty((2, 77))
+    offset, slope = offset_prior[pairs[:, 0]], slope_prior[pairs[:, 0]]
+    forms.compare_pairs(of, pairs, offset, slope, discord, evidence)
+    for n, (a, b) in enumerate(pairs):
+        exact = forms.compare_forms(of[a], of[b], offset[n], slope[n])
+        assert_allclose((discord[n], evidence[n]), exact, rtol=1e-7, atol=1e-9)
+
+
 def test_free_prices():
     _, rows, drift, offset_prior, slope_prior = random_segments(2)
-    out = np.empty(len(rows))
-    forms.free_prices(forms_of(rows, drift), offset_prior, slope_prior, out)
+    out, readings = np.empty(len(rows)), np.arange(len(rows)) % 3.0
+    share = np.array([0.5, 1.0, 2.0])
+    forms.free_prices(forms_of(rows, drift), offset_prior, slope_prior, readings, 1.5, share, out)
     every = zip(rows, drift, offset_prior, slope_prior, strict=True)
-    assert_allclose(out, [oracles.free_price(*unit) for unit in every], rtol=1e-6)
+    nats = np.array([oracles.free_price(*unit) for unit in every]) + 1.5
+    assert_allclose(out, nats * share[np.arange(len(rows)) % 3], rtol=1e-6)
 
 
 def square_discords(grid, whole, of):

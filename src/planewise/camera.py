@@ -352,7 +352,7 @@ def _pixel_area(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
         u_y, u_x = np.gradient(rays[..., 0])
         v_y, v_x = np.gradient(rays[..., 1])
         area = np.abs(u_x * v_y - u_y * v_x)
+        area.flags.writeable = False
     else:
-        area = np.full(shape, 1.0 / (camera.fx * camera.fy))
-    area.flags.writeable = False
+        area = np.broadcast_to(1.0 / (camera.fx * camera.fy), shape)  # one number, not an image
     return np.asarray(area)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise import threads
 from planewise.sensor import Sensor
 from planewise.workspace import Workspace
 
@@ -161,10 +162,17 @@ class DepthImage:
         if self.values.dtype == np.uint16:
             inverse = np.zeros(table.size, np.float32)
             inverse[self.levels] = 1.0 / self.depth
-            kernels.look_up_levels(self.values, inverse, table, w, p)
+
+            def look_up(a: int, b: int) -> None:
+                kernels.look_up_levels(self.values[a:b], inverse, table, w[a:b], p[a:b])
         else:
-            low, high = self.low, self.high
-            kernels.look_up_depths(self.values, low, high, self.per_metre, table, w, p)
+
+            def look_up(a: int, b: int) -> None:
+                kernels.look_up_depths(
+                    self.values[a:b], self.low, self.high, self.per_metre, table, w[a:b], p[a:b]
+                )
+
+        threads.halves(look_up, self.shape[0])
 
 
 def reading_steps(levels: NDArray[np.integer]) -> Array:
@@ -190,10 +198,12 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     """
     if levels.size < _WINDOW:
         return np.zeros(levels.size)
-    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="reflect")
-    windows = np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW)
-    steps = np.partition(windows, _WINDOW // 2, axis=1)[:, _WINDOW // 2]
-    return np.append(steps, steps[-1]).astype(np.float64)
+    from planewise.kernels import images as kernels  # loads Numba
+
+    steps = np.empty(levels.size)
+    kernels.running_medians(np.diff(levels), _WINDOW // 2, steps[:-1])
+    steps[-1] = steps[-2]
+    return steps
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:

@@ -213,7 +213,7 @@ class Detector:
         **options: object,
     ) -> None:
         self.camera, self.sensor, self.depth_scale = camera, sensor, depth_scale
-        self.options = Options(**options)  # type: ignore[arg-type]
+        self.options = Options(**options).resolved(spatial=True)  # type: ignore[arg-type]
         self._workspace = Workspace()
 
     def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:

@@ -78,15 +78,16 @@ def find(
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.model import spatial_model
 
-        return spatial_model(
-            observation,
-            instances=options.instances,
-            significance=options.significance,
-            max_planes=options.max_planes or MAX_PLANES,
-            settings=_settings(observation, options),
-            workspace=workspace,
-            regions=regions,
-        )
+        with threads.allowed(options.threads or threads.available()):
+            return spatial_model(
+                observation,
+                instances=options.instances,
+                significance=options.significance,
+                max_planes=options.max_planes or MAX_PLANES,
+                settings=_settings(observation, options),
+                workspace=workspace,
+                regions=regions,
+            )
     return _separable_model(observation, options, objective, regions)
 
 

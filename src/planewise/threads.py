@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import lru_cache
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from itertools import pairwise
+
+_ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
 
 
 def available() -> int:
@@ -17,9 +20,54 @@ def available() -> int:
         return os.cpu_count() or 1
 
 
-@lru_cache(maxsize=4)
-def _pool(threads: int) -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(threads, thread_name_prefix="planewise")
+class _Helper:
+    """A thread that waits for work; a lock wakes it sooner than a pool's queue would."""
+
+    def __init__(self) -> None:
+        self._work: Callable[[], None] | None = None
+        self._error: BaseException | None = None
+        self._given, self._done = threading.Lock(), threading.Lock()
+        self._given.acquire()
+        self._done.acquire()
+        threading.Thread(target=self._run, name="planewise", daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            self._given.acquire()
+            try:
+                assert self._work is not None
+                self._work()
+            except BaseException as error:  # raised where the result is waited for
+                self._error = error
+            self._work = None
+            self._done.release()
+
+    def start(self, work: Callable[[], None]) -> None:
+        """Let it work."""
+        self._work = work
+        self._given.release()
+
+    def wait(self) -> None:
+        """Until it is done; raises what it raised."""
+        self._done.acquire()
+        error, self._error = self._error, None
+        _idle.append(self)
+        if error is not None:
+            raise error
+
+
+_idle: list[_Helper] = []
+if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads
+    os.register_at_fork(after_in_child=_idle.clear)
+
+
+def _started(work: Callable[[], None]) -> _Helper:
+    try:
+        helper = _idle.pop()
+    except IndexError:
+        helper = _Helper()
+    helper.start(work)
+    return helper
 
 
 def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least: int = 1) -> None:
@@ -34,7 +82,63 @@ def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least
         return
     bounds = [size * part // threads for part in range(threads + 1)]
     mine, *others = pairwise(bounds)
-    waiting = [_pool(threads - 1).submit(work, *part) for part in others]
-    work(*mine)
-    for done in waiting:
-        done.result()
+    helpers = [_started(lambda part=part: work(*part)) for part in others]  # type: ignore[misc]
+    try:
+        work(*mine)
+    finally:
+        _wait(helpers)
+
+
+def _wait(helpers: list[_Helper]) -> None:
+    """For all of them, be there errors or not."""
+    if helpers:
+        try:
+            helpers[0].wait()
+        finally:
+            _wait(helpers[1:])
+
+
+@contextmanager
+def allowed(threads: int) -> Iterator[None]:
+    """Let `beside` and `halves` use so many threads inside the block."""
+    token = _ALLOWED.set(threads)
+    try:
+        yield
+    finally:
+        _ALLOWED.reset(token)
+
+
+class beside:  # noqa: N801 - used like a function
+    """Do something else while the block runs, or before it where one thread is allowed.
+
+    Neither may write what the other one reads.
+
+    Parameters
+    ----------
+    work : callable
+        What to do; what it raises is raised at the end of the block.
+    """
+
+    def __init__(self, work: Callable[[], None]) -> None:
+        self._work = work
+        self._helper: _Helper | None = None
+
+    def __enter__(self) -> None:
+        if _ALLOWED.get() > 1:
+            self._helper = _started(self._work)
+        else:
+            self._work()
+
+    def __exit__(self, *_: object) -> None:
+        if self._helper is not None:
+            self._helper.wait()
+
+
+def halves(work: Callable[[int, int], None], size: int, step: int = 1) -> None:
+    """Call ``work(first, last)`` on both halves of ``range(size)``, together where allowed.
+
+    The halves are the same for any number of threads, and meet at a multiple of `step`.
+    """
+    middle = size // 2 // step * step
+    with beside(lambda: work(middle, size)):
+        work(0, middle)

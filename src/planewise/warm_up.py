@@ -55,7 +55,7 @@ def later_stages() -> None:
     residual_correlation(cells, labels, _PLANES, frame.sectors)
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
     planes, data = refitted(groups, _PLANES)
-    book = book_of(frame, labels, groups, data, 10.0, 0.001)
+    book = book_of(groups, data, 10.0, 0.001)
     affine, covariances = planes[book.order], np.zeros((2, 4, 4))
     place = np.arange(3, dtype=np.uint16)
     area = camera.pixel_area(labels.shape)

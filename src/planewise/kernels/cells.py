@@ -23,6 +23,7 @@ MOMENTS = 11
 COUNT, PRODUCT = 10, 11  # entries of a row of moments
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
+_BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `unit_planes` tells of a unit
 
 # Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
@@ -82,6 +83,85 @@ def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no
         m[k] = s[SIDE * k] * s[SIDE * k + 1] * s[SIDE * k + 2]
 
 
+@internal
+def _split(row, a, b, c):  # type: ignore[no-untyped-def]
+    """Put the first, second and third of every three entries apart; what is missing is 0."""
+    full = min(a.size, row.size // SIDE)
+    for k in range(full):
+        a[k], b[k], c[k] = row[SIDE * k], row[SIDE * k + 1], row[SIDE * k + 2]
+    if full < a.size:
+        left = row.size - SIDE * full
+        a[full] = row[SIDE * full] if left > 0 else 0.0
+        b[full] = row[SIDE * full + 1] if left > 1 else 0.0
+        c[full] = 0.0
+
+
+@inlined
+def _column_sums(p0, p1, p2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
+    """Sums of p, pY, pYY, pw, pYw, pww, count, and the product of p w^4, over three readings."""
+    a, b, c = np.float64(p0), np.float64(p1), np.float64(p2)
+    u, v, w = np.float64(w0), np.float64(w1), np.float64(w2)
+    ay, by, cy, au, bv, cw = a * y0, b * y1, c * y2, a * u, b * v, c * w
+    auu, bvv, cww = au * u, bv * v, cw * w
+    product = (auu * u * u if a > 0.0 else 1.0) * (bvv * v * v if b > 0.0 else 1.0)
+    product *= cww * w * w if c > 0.0 else 1.0
+    count = (1.0 if a > 0.0 else 0.0) + (1.0 if b > 0.0 else 0.0) + (1.0 if c > 0.0 else 0.0)
+    square = ay * y0 + by * y1 + cy * y2
+    across = au * y0 + bv * y1 + cw * y2
+    return a + b + c, ay + by + cy, square, au + bv + cw, across, auu + bvv + cww, count, product
+
+
+@inlined
+def _straight_row_moments(w, p, x, y, row, pixels, sums, out):  # type: ignore[no-untyped-def]
+    """`_row_moments` where x is the same in every row, y in every column, and rows are three.
+
+    In batches of cells whose left, middle and right pixels are put apart first: pixels (21, _BATCH)
+    float32 and sums (12, _BATCH) are one piece of memory each, which lets the loop be vector code.
+    """
+    top = SIDE * row
+    y0, y1, y2 = np.float64(y[top, 0]), np.float64(y[top + 1, 0]), np.float64(y[top + 2, 0])
+    for start in range(0, out.shape[1], _BATCH):
+        n, first = min(_BATCH, out.shape[1] - start), SIDE * start
+        for i in range(SIDE):
+            j = SIDE * i
+            _split(p[top + i, first:], pixels[j, :n], pixels[j + 1, :n], pixels[j + 2, :n])
+            _split(w[top + i, first:], pixels[j + 9, :n], pixels[j + 10, :n], pixels[j + 11, :n])
+        _split(x[0, first:], pixels[18, :n], pixels[19, :n], pixels[20, :n])
+        for k in range(n):
+            a, ay, ayy, aw, ayw, aww, count_a, product_a = _column_sums(
+                pixels[0, k], pixels[3, k], pixels[6, k],
+                pixels[9, k], pixels[12, k], pixels[15, k], y0, y1, y2,
+            )  # fmt: skip
+            b, by, byy, bw, byw, bww, count_b, product_b = _column_sums(
+                pixels[1, k], pixels[4, k], pixels[7, k],
+                pixels[10, k], pixels[13, k], pixels[16, k], y0, y1, y2,
+            )  # fmt: skip
+            c, cy, cyy, cw, cyw, cww, count_c, product_c = _column_sums(
+                pixels[2, k], pixels[5, k], pixels[8, k],
+                pixels[11, k], pixels[14, k], pixels[17, k], y0, y1, y2,
+            )  # fmt: skip
+            r, s, t = (
+                np.float64(pixels[18, k]),
+                np.float64(pixels[19, k]),
+                np.float64(pixels[20, k]),
+            )
+            ar, bs, ct = a * r, b * s, c * t
+            sums[0, k], sums[1, k], sums[2, k] = a + b + c, ar + bs + ct, ay + by + cy
+            sums[3, k], sums[4, k] = ar * r + bs * s + ct * t, ay * r + by * s + cy * t
+            sums[5, k], sums[6, k], sums[7, k] = (
+                ayy + byy + cyy,
+                aw + bw + cw,
+                aw * r + bw * s + cw * t,
+            )
+            sums[8, k], sums[9, k] = ayw + byw + cyw, aww + bww + cww
+            sums[COUNT, k] = count_a + count_b + count_c
+            sums[PRODUCT, k] = product_a * product_b * product_c
+        for e in range(MOMENTS + 1):
+            moment, batch = out[e, start : start + n], sums[e]
+            for k in range(n):
+                moment[k] = batch[k]
+
+
 @inlined
 def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
     """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, columns)."""
@@ -126,13 +206,29 @@ def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # t
     rows, columns = misfits.shape
     sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
     line = np.empty(w.shape[1], y.dtype)
+    pixels, batch = np.empty((21, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
     for top in range(0, rows, 2):
         for row in range(top, min(top + 2, rows)):
-            _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
+            if straight and SIDE * (row + 1) <= w.shape[0]:
+                _straight_row_moments(w, p, x, y, row, pixels, batch, moments[row])
+            else:
+                _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
             _row_misfits(moments[row], misfits[row])
         lower = moments[top + 1] if top + 1 < rows else nothing
         _pair_up(moments[top], lower, blocks[top // 2])
         _row_misfits(blocks[top // 2], together[top // 2])
+
+
+@compiled
+def whole_misfits(moments, misfits, out):  # type: ignore[no-untyped-def]
+    """List chi^2 of every other whole cell in every other row; returns how many there are."""
+    found = 0
+    for i in range(0, misfits.shape[0], 2):
+        count, row = moments[i, COUNT], misfits[i]
+        for j in range(0, row.size, 2):
+            out[found] = row[j]
+            found += count[j] == SIDE * SIDE
+    return found
 
 
 @internal

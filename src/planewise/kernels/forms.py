@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.elementary import logarithm
 from planewise.kernels.jit import compiled, inlined, internal
 
 FORM = 12
@@ -139,6 +140,30 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     return 0.5 * (np.log(wide) - spread * spread * along * along / wide)
 
 
+@compiled
+def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
+    """`compare_forms` of pairs (n, 2) of forms: writes discord and evidence (n,)."""
+    n = discord.size
+    a, b = np.empty((FORM, n)), np.empty((FORM, n))
+    _take(pairs[:, 0], forms, a)
+    _take(pairs[:, 1], forms, b)
+    a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
+    a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
+    b0, b1, b2, b3, b4, b5 = b[0], b[1], b[2], b[3], b[4], b[5]
+    b6, b7, b8, b9, b10, b11 = b[6], b[7], b[8], b[9], b[10], b[11]
+    for j in range(n):
+        x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+            a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
+            a6[j], a7[j], a8[j], a9[j], a10[j], a11[j],
+            b0[j], b1[j], b2[j], b3[j], b4[j], b5[j],
+            b6[j], b7[j], b8[j], b9[j], b10[j], b11[j],
+        )  # fmt: skip
+        near = _determinant(c00, c01, c02, c11, c12, c22)
+        discord[j] = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
+        c00, c11, c22 = c00 + offset_prior[j], c11 + slope_prior[j], c22 + slope_prior[j]
+        evidence[j] = 0.5 * logarithm(_determinant(c00, c01, c02, c11, c12, c22) / near)
+
+
 @internal
 def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
     """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
@@ -187,10 +212,11 @@ def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-de
 
 
 @compiled
-def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyped-def]
-    """1/2 ln det(C + S0) / det C: nats for a plane of its own in every unit of a smooth surface.
+def free_prices(forms, offset_prior, slope_prior, readings, fitted, share, out):  # type: ignore[no-untyped-def]
+    """Nats for a plane of its own in every unit of a smooth surface.
 
-    C is what the unit would be compared with beside a plane of 100 x 100 pixels, whose own error is
+    1/2 ln det(C + S0) / det C + fitted, times share[readings]: what a unit of so many is worth. C
+    is what the unit would be compared with beside a plane of 100 x 100 pixels, whose own error is
     small beside the unit's.
     """
     for k in range(forms.shape[0]):
@@ -201,4 +227,6 @@ def free_prices(forms, offset_prior, slope_prior, out):  # type: ignore[no-untyp
         near = vxx * vyy - vxy * vxy
         far = (vxx + slope_prior[k]) * (vyy + slope_prior[k]) - vxy * vxy
         level = form[V] + PLANE_OFFSET * drift
-        out[k] = 0.5 * np.log((1.0 + offset_prior[k] / level) * far / near)
+        out[k] = 0.5 * logarithm((1.0 + offset_prior[k] / level) * far / near) + fitted
+    for k in range(forms.shape[0]):
+        out[k] *= share[np.intp(readings[k])]

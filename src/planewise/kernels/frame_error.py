@@ -10,12 +10,21 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
-from planewise.kernels.jit import in_order
+from planewise.kernels.elementary import logarithm
+from planewise.kernels.jit import in_order, inlined
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
+
+
+@inlined
+def _between(table, row, last):  # type: ignore[no-untyped-def]
+    """Value of a table at a row, linear between rows."""
+    row = min(row, last)
+    below = int(row)
+    return table[below] + (row - below) * (table[below + 1] - table[below])
 
 
 @in_order
@@ -28,22 +37,35 @@ def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: igno
     of units of each, evenly spread, as many as there is room for or there are.
     """
     sizes[:] = 0
+    bins = sizes.size
+    of_unit = np.empty(steep.size, np.int8)
     for k in range(steep.size):
         per_pixel = units[k, 0] / (units[k, COUNT] * UNIT * UNIT)
         slope = planes[3, k] * planes[3, k] + planes[4, k] * planes[4, k]
         steep[k] = max(slope - planes[7, k] - planes[9, k], 0.0) * per_pixel
-        if whole[k]:
-            for b in range(sizes.size):
-                sizes[b] += edges[b] <= steep[k] < edges[b + 1]
-    for b in range(sizes.size):
-        stride, seen, taken = (sizes[b] - 1) // samples.shape[2] + 1, 0, 0
-        for k in range(steep.size):
-            if whole[k] and edges[b] <= steep[k] < edges[b + 1]:
-                if seen % stride == 0:
-                    samples[b, 0, taken] = steep[k]
-                    samples[b, 1, taken] = planes[5, k] / (units[k, COUNT] - 3.0)
-                    taken += 1
-                seen += 1
+        below = 0
+        for b in range(bins + 1):
+            below += edges[b] <= steep[k]
+        of_unit[k] = below - 1 if whole[k] and below <= bins else -1
+        if of_unit[k] >= 0:
+            sizes[of_unit[k]] += 1
+    strides, wait, taken = (
+        np.empty(bins, np.int64),
+        np.zeros(bins, np.int64),
+        np.zeros(bins, np.int64),
+    )
+    for b in range(bins):
+        strides[b] = (sizes[b] - 1) // samples.shape[2] + 1
+    for k in range(steep.size):
+        b = of_unit[k]
+        if b < 0:
+            continue
+        if wait[b] == 0:
+            samples[b, 0, taken[b]] = steep[k]
+            samples[b, 1, taken[b]] = planes[5, k] / (units[k, COUNT] - 3.0)
+            taken[b] += 1
+            wait[b] = strides[b]
+        wait[b] -= 1
 
 
 @in_order
@@ -64,13 +86,9 @@ def unit_errors(  # type: ignore[no-untyped-def]
     """
     last = float(step.size - 2)
     for k in range(count.size):
-        row = min(per_metre / planes[2, k], last)
-        below = int(row)
-        part = row - below
-        new = white_part[below] + part * (white_part[below + 1] - white_part[below])
-        common = shared[below] + part * (shared[below + 1] - shared[below])
-        slow = drift[below] + part * (drift[below + 1] - drift[below])
-        square = step[below] + part * (step[below + 1] - step[below])  # q^2 / 12
+        row = per_metre / planes[2, k]
+        new, common = _between(white_part, row, last), _between(shared, row, last)
+        slow, square = _between(drift, row, last), _between(step, row, last)  # q^2 / 12
         coarse = 0.0
         if square > 0.0:
             noise = white * (new + square) - square
@@ -202,3 +220,34 @@ def bisect(square, own, added, share, reference, widest, low, high, steps):  # t
         else:
             high = factor
     return np.sqrt(low * high)
+
+
+@in_order
+def reading_variances(white, shared, drift, step, sizes, variance, slow):  # type: ignore[no-untyped-def]
+    """Variance of a reading about its plane by depth, and slow (L,), the part that readings share.
+
+    white, shared, drift, step (L,): `frame.ErrorTable`; sizes: of the white, the shared and the
+    drifting part. Writes variance (L,) and slow (L,).
+    """
+    new, common, wander = sizes
+    for k in range(slow.size):
+        slow[k] = common * (shared[k] + step[k]) + wander * drift[k]
+        variance[k] = new * (white[k] + step[k]) + slow[k]
+
+
+@in_order
+def noise_bias(white, per_metre, first, span, w, out):  # type: ignore[no-untyped-def]
+    """`frame.ErrorTable.noise_bias` of w > 0 (n,): writes out (n,).
+
+    white (L,): variance by depth, per_metre rows a metre, the first that occurs; span: of depth, to
+    either side, over which its course is read.
+    """
+    last = np.float64(white.size - 2)
+    for k in range(w.size):
+        row = per_metre / w[k]
+        near = min(max((1.0 - span) * row, first), last)
+        far = max(min(max((1.0 + span) * row, first), last), near + 1e-3)
+        here = _between(white, row, last)
+        fall = logarithm(_between(white, near, last) / _between(white, far, last))
+        fall /= logarithm(far / near)
+        out[k] = here / (w[k] * w[k]) * (fall - 1.0)

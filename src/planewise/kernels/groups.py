@@ -13,7 +13,8 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import COUNT, PRODUCT, SIDE
-from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.elementary import logarithm
+from planewise.kernels.jit import compiled, internal
 
 # Threes of pixels and of cells are written out below, which makes them vector code.
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
@@ -74,40 +75,35 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
             block[i, j] = NONE if low[j] > high[j] else one
 
 
-@inlined
-def _sum_blocks(i, cells, block, white, constant, line, moments, label, readings):  # type: ignore[no-untyped-def]
-    """Moments and labels of row i of the blocks with one label: sums over cells."""
+@compiled
+def sum_blocks(cells, white, constant, moments):  # type: ignore[no-untyped-def]
+    """Moments (12, blocks) of all readings of every block, be they one group or several.
+
+    cells, white, constant: as `sum_groups` takes them.
+    """
     rows, _, columns = cells.shape
-    wide = block.shape[1]
-    start = i * wide
-    for e in range(NORM):
-        scale = 1.0 if e == COUNT else 1.0 / white
-        for j in range(columns):
-            line[j] = 0.0
-        for a in range(3 * i, min(3 * i + 3, rows)):
-            row = cells[a, e]
+    wide = -(-columns // 3)
+    line = np.zeros(3 * wide)
+    for i in range(-(-rows // 3)):
+        start = i * wide
+        for e in range(NORM + 1):
             for j in range(columns):
-                line[j] += row[j]
-        out = moments[e, start : start + wide]
-        for j in range(wide):
-            out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
-    for j in range(wide):
-        g, one = start + j, block[i, j] >= 0
-        label[g] = block[i, j] if one else 0
-        if not one:
-            moments[COUNT, g] = 0.0
-            continue
-        readings[label[g]] += np.int64(moments[COUNT, g])
-        total, product, factors = 0.0, 1.0, 0
-        for a in range(3 * i, min(3 * i + 3, rows)):
-            for b in range(3 * j, min(3 * j + 3, columns)):
-                product *= cells[a, PRODUCT, b]
-                factors += 1
-                if factors % 2 == 0:  # that of more cells may be too large for a double
-                    total += math.log(product)
-                    product = 1.0
-        total += math.log(product)
-        moments[NORM, g] = 0.5 * (constant * moments[COUNT, g] - total)
+                line[j] = 0.0
+            for a in range(3 * i, min(3 * i + 3, rows)):
+                row = cells[a, e]
+                if e == PRODUCT:
+                    for j in range(columns):
+                        line[j] += logarithm(row[j])
+                else:
+                    for j in range(columns):
+                        line[j] += row[j]
+            scale = -0.5 if e == NORM else 1.0 if e == COUNT else 1.0 / white
+            out = moments[e, start : start + wide]
+            for j in range(wide):
+                out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
+    norm, count = moments[NORM], moments[COUNT]
+    for g in range(norm.size):
+        norm[g] += 0.5 * constant * count[g]
 
 
 @internal
@@ -146,8 +142,10 @@ def sum_groups(  # type: ignore[no-untyped-def]
     """Moments and labels of all groups.
 
     cells (rows, 12, columns): moments of cells; white: noise of the frame against its description;
-    constant: ln(2 pi white / eps^2). Writes first (blocks with several labels + 1,), where the
-    groups of each begin and end; adds to readings (N + 1,) those of every label.
+    constant: ln(2 pi white / eps^2). moments (12, .) begins with those of `sum_blocks`, of which
+    only the count is changed: there is no group where a block has several. Writes first (blocks
+    with several labels + 1,), where the groups of each begin and end; adds to readings (N + 1,)
+    those of every label.
     """
     height, width = labels.shape
     rows, columns = cell.shape
@@ -155,12 +153,16 @@ def sum_groups(  # type: ignore[no-untyped-def]
     sums = np.zeros((names.size, NORM + 2))
     for k in range(names.size):
         sums[k, CELL] = 1.0  # product of p w^4 in one cell
-    line = np.zeros(3 * block.shape[1])
     blocks, end = 0, block.size
     for i in range(block.shape[0]):
-        _sum_blocks(i, cells, block, white, constant, line, moments, label, readings)
         for j in range(block.shape[1]):
-            if block[i, j] != SEVERAL:
+            g, mine = i * block.shape[1] + j, block[i, j]
+            label[g] = max(mine, 0)
+            if mine >= 0:
+                readings[mine] += np.int64(moments[COUNT, g])
+            else:
+                moments[COUNT, g] = 0.0
+            if mine != SEVERAL:
                 continue
             found = 0
             for a in range(3 * i, min(3 * i + 3, rows)):
@@ -193,3 +195,41 @@ def sum_groups(  # type: ignore[no-untyped-def]
                 readings[names[k]] += np.int64(moments[COUNT, end])
                 end += 1
     first[blocks] = end
+
+
+@compiled
+def block_means(moments, means):  # type: ignore[no-untyped-def]
+    """Mean x, y and w of the readings of every block, 1 where there are none: means (3, blocks)."""
+    weight = moments[0]
+    for e, out in ((1, means[0]), (2, means[1]), (6, means[2])):
+        row = moments[e]
+        for g in range(out.size):
+            out[g] = row[g] / weight[g] if weight[g] > 0.0 else 1.0
+
+
+@compiled
+def correct_blocks(moments, factor, finer):  # type: ignore[no-untyped-def]
+    """Multiply w by a factor (blocks,), and add finer (blocks or 0,) to every reading's norm."""
+    for e, power in ((6, 1), (7, 1), (8, 1), (9, 2)):
+        row = moments[e]
+        for g in range(factor.size):
+            row[g] *= factor[g] if power == 1 else factor[g] * factor[g]
+    for g in range(finer.size):
+        moments[NORM, g] += moments[COUNT, g] * finer[g]
+
+
+@compiled
+def correct_groups(moments, first, block, factor, finer):  # type: ignore[no-untyped-def]
+    """`correct_blocks` for the groups of blocks with several; first, block: `sum_groups`."""
+    several = 0
+    blocks = block.reshape(-1)
+    for b in range(blocks.size):
+        if blocks[b] != SEVERAL:
+            continue
+        for g in range(first[several], first[several + 1]):
+            for e in range(6, 9):
+                moments[e, g] *= factor[b]
+            moments[9, g] *= factor[b] * factor[b]
+            if finer.size > 0:
+                moments[NORM, g] += moments[COUNT, g] * finer[b]
+        several += 1

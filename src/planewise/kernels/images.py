@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import in_order
+from planewise.kernels.jit import in_order, inlined
 
 
 @in_order
@@ -87,3 +87,34 @@ def fill_between(levels, values, table):  # type: ignore[no-untyped-def]
                 row[levels[n] + k] = low + rise * (k / gap)
         for k in range(levels[last], row.size):
             row[k] = values[e, last]
+
+
+@in_order
+def running_medians(values, half, out):  # type: ignore[no-untyped-def]
+    """Medians of the 2 half + 1 values about every one, mirrored at the ends: writes out (n,).
+
+    values (n,): whole numbers, n > half.
+    """
+    size, window = values.size, np.empty(2 * half + 1, np.int64)
+    for k in range(-half, half + 1):
+        _insert(window, k + half, values[abs(k)])
+    out[0] = window[half]
+    for n in range(1, size):
+        gone, new = abs(n - half - 1), n + half
+        new = new if new < size else 2 * (size - 1) - new
+        at = 0
+        while window[at] != values[gone]:
+            at += 1
+        for k in range(at, 2 * half):
+            window[k] = window[k + 1]
+        _insert(window, 2 * half, values[new])
+        out[n] = window[half]
+
+
+@inlined
+def _insert(window, size, value):  # type: ignore[no-untyped-def]
+    """Insert a value among the first ones, which are in rising order."""
+    while size > 0 and window[size - 1] > value:
+        window[size] = window[size - 1]
+        size -= 1
+    window[size] = value

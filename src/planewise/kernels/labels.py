@@ -27,8 +27,8 @@ _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
 
 
 @compiled
-def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type: ignore[no-untyped-def]
-    """Write every cell's label onto its pixels.
+def lay_out(grid, number, count, p, side, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
+    """Write every cell's label onto its pixels, in rows first ... last - 1 of cells.
 
     The label of a cell of side x side pixels is number[grid], 0 where grid is -1; count (rows,
     columns): its readings. Writes coarse (rows + 2, columns + 2): these labels, those at the edge
@@ -38,13 +38,13 @@ def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type:
     """
     height, width = p.shape
     rows, columns = grid.shape
-    for r in range(rows + 2):
+    for r in range(first, last + 2):
         row, cells = coarse[r], grid[min(max(r - 1, 0), rows - 1)]
         for c in range(columns):
             row[c + 1] = number[cells[c]] if cells[c] >= 0 else 0
         row[0], row[columns + 1] = row[1], row[columns]
     filled, fixed = np.empty(columns, np.int16), np.empty(columns, np.uint8)
-    for r in range(rows):
+    for r in range(first, last):
         above, row, below = coarse[r], coarse[r + 1], coarse[r + 2]
         readings, others = count[r], apart[r]
         for c in range(columns):
@@ -77,16 +77,17 @@ def lay_out(grid, number, count, p, side, coarse, apart, label, state):  # type:
 
 
 @compiled
-def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, state, busy):  # type: ignore[no-untyped-def]
+def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, state, busy):  # type: ignore[no-untyped-def]
     """Let pixels wait for a look that lie beside a cell of another label, or off their own plane.
 
+    In rows first ... last - 1 of cells.
     Those off it have (w - plane)^2 p / 2 > bound. coarse, apart, state as in `lay_out`; sets busy
     for chunks that hold pixels that wait.
     """
     height, width = w.shape
-    rows, columns = apart.shape
+    columns = apart.shape[1]
     listed = np.empty(columns, np.uintp)
-    for r in range(rows):
+    for r in range(first, last):
         found, others = 0, apart[r]
         for c in range(columns):
             listed[found] = c

@@ -22,6 +22,9 @@ NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
 CONTEXTS = 48  # places of three neighbours among the distinct ones, and whether left is on a plane
 ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
+_16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
+_LOW = np.uint64(0xFFFF)
+_SPREAD = np.uint64(0x9E3779B97F4A7C15)  # odd: 2^64 over the golden ratio
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 
 
@@ -91,19 +94,47 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
     return total
 
 
+@inlined
+def _count_keys(keys, raws, size, slots, around, label, times, found):  # type: ignore[no-untyped-def]
+    """Count keys (the neighbours' labels) and labels; returns how many different ones there are.
+
+    They are looked up in a table of slots (2^m,), -1 for empty. Stops when there is no more room.
+    """
+    last = np.uint64(slots.size - 1)
+    for n in range(size):
+        key, raw = keys[n], raws[n]
+        mixed = (key ^ (np.uint64(raw) * _SPREAD)) * _SPREAD
+        slot = (((mixed >> _32) ^ mixed) * _SPREAD) >> _32 & last
+        while True:
+            k = slots[slot]
+            if k < 0:
+                if found == times.size:
+                    return found + 1
+                slots[slot] = found
+                around[found], label[found], times[found] = key, raw, 1
+                found += 1
+                break
+            if around[k] == key and label[k] == raw:
+                times[k] += 1
+                break
+            slot = (slot + _ONE) & last
+    return found
+
+
 @in_order
-def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # type: ignore[no-untyped-def]
-    """Nats of a label image if only the first 0 ... N planes were there, labels of others 0.
+def count_labels(labels, p, upper, edge, slots, around, label, times):  # type: ignore[no-untyped-def]
+    """Count with which neighbours labels come, where these have not all the same label.
 
-    labels (H, W) uint16; p (H, W) float32, 0 without a reading; place (L,) uint16: 1 ... N of every
-    label in that order, 0 for none; alike (L,) int64: readings of every label. upper (W + 2,)
-    uint16, edge (W + 7 or less, a multiple of 8) uint8 and changes (N + 1, SYMBOLS * CONTEXTS)
-    int64 are zeros to work in. Writes lengths (N + 1,).
+    labels (H, W) uint16; p (H, W) float32, 0 without a reading. upper (W + 2,) uint16 and edge
+    (W + 7 or less, a multiple of 8) uint8 are zeros to work in, slots (2^m,) int32 is -1. Writes
+    around (n,) uint64: labels left, above, above right and above left; label (n,) uint16; times
+    (n,) int64. Returns how many different ones there are, or more than n if they are too many.
 
-    What a pixel adds depends on its own label and its neighbours', at most five, so it changes at
-    most five times while planes are added. Most pixels have the label of all their neighbours.
+    Most pixels have the label of all their neighbours.
     """
     height, width = labels.shape
+    keys, raws = np.empty(width, np.uint64), np.empty(width, np.uint16)
+    found = 0
     # upper is the last label of each column, one column of margin
     above, right = upper[1 : width + 1], upper[2:]
     for y in range(height):
@@ -117,6 +148,8 @@ def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # typ
         for x in range(width):
             marked = edge[x]
             edge[x] = marked if weight[x] > 0.0 else 0
+        # Listed first, counted after: two short loops are faster than one long one.
+        size = 0
         for eight in range(edge.size // 8):
             bits = 0
             for x in range(8 * eight, 8 * eight + 8):
@@ -133,24 +166,51 @@ def mask_lengths(labels, p, place, alike, upper, edge, changes, lengths):  # typ
                 beside = row[last] if last >= 0 else above[0]
                 if beside == raw == above[x] == right[x] == upper[x]:
                     continue
-                alike[raw] -= 1
-                _add_change(
-                    changes,
-                    np.int64(place[beside]),
-                    np.int64(place[above[x]]),
-                    np.int64(place[right[x]]),
-                    np.int64(place[upper[x]]),
-                    np.int64(place[raw]),
-                    1,
-                )
+                key = (np.uint64(beside) << _16) | np.uint64(above[x])
+                key = (((key << _16) | np.uint64(right[x])) << _16) | np.uint64(upper[x])
+                keys[size], raws[size] = key, raw
+                size += 1
         for x in range(width):
             kept, coded = above[x], row[x]
             above[x] = coded if weight[x] > 0.0 else kept
-    for label in range(alike.size):
-        changes[0, 0] += alike[label]
-        if place[label] > 0:
-            changes[place[label], 0] -= alike[label]
-            changes[place[label], ALIKE] += alike[label]
+        found = _count_keys(keys, raws, size, slots, around, label, times, found)
+        if found > times.size:
+            break
+    return found
+
+
+@in_order
+def mask_lengths(around, label, times, readings, place, changes, lengths):  # type: ignore[no-untyped-def]
+    """Nats of a label image if only the first 0 ... N planes were there, labels of others 0.
+
+    around, label, times (n,): `count_labels`; readings (L,) int64: of every label; place (L,)
+    uint16: 1 ... N of every label in that order, 0 for none; changes (N + 1, SYMBOLS * CONTEXTS)
+    int64: zeros to work in. Writes lengths (N + 1,).
+
+    What a pixel adds depends on its own label and its neighbours', at most five, so it changes at
+    most five times while planes are added.
+    """
+    for k in range(times.size):
+        key, raw = around[k], label[k]
+        _add_change(
+            changes,
+            np.int64(place[key >> _48]),
+            np.int64(place[(key >> _32) & _LOW]),
+            np.int64(place[(key >> _16) & _LOW]),
+            np.int64(place[key & _LOW]),
+            np.int64(place[raw]),
+            times[k],
+        )
+        # Not one of those that have the label of all their neighbours.
+        changes[0, 0] -= times[k]
+        if place[raw] > 0:
+            changes[place[raw], 0] += times[k]
+            changes[place[raw], ALIKE] -= times[k]
+    for k in range(readings.size):
+        changes[0, 0] += readings[k]
+        if place[k] > 0:
+            changes[place[k], 0] -= readings[k]
+            changes[place[k], ALIKE] += readings[k]
     for n in range(lengths.size):
         if n > 0:
             for k in range(changes.shape[1]):

@@ -9,12 +9,20 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.forms import FORM, W, compare_forms, compare_parallel, write_form
+from planewise.kernels.forms import (
+    FORM,
+    W,
+    compare_forms,
+    compare_pairs,
+    compare_parallel,
+    write_form,
+)
 from planewise.kernels.heap import pop, push, replace
 from planewise.kernels.jit import compiled, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
+_BATCH = 512  # edges that are valued at once
 
 
 @internal
@@ -76,10 +84,65 @@ def _merge_gain(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
-    """Make segment v part of segment u, in whose coordinates it is."""
+def _list_edges(ends, edges, head, tail, following):  # type: ignore[no-untyped-def]
+    """List the half-edges of every segment, in rising order."""
+    head[:] = tail[:] = -1
+    following[: 2 * edges] = -1
+    for half in range(2 * edges):
+        u = ends[half >> 1, half & 1]
+        if head[u] < 0:
+            head[u] = half
+        else:
+            following[tail[u]] = half
+        tail[u] = half
+
+
+@internal
+def _first_gains(  # type: ignore[no-untyped-def]
+    segments,
+    forms,
+    home,
+    turns,
+    drift,
+    ends,
+    boundary,
+    offset_prior,
+    slope_prior,
+    most,
+    current,
+    misfit,
+):
+    """`_merge_gain` of edges (n, 2), all at once: writes current and misfit (n,)."""
+    work = np.empty((4, misfit.size))
+    offset, slope, discord, evidence = work[0], work[1], work[2], work[3]
+    for edge in range(misfit.size):
+        u, v = ends[edge, 0], ends[edge, 1]
+        small = u if segments[u, COUNT] < segments[v, COUNT] else v
+        offset[edge], slope[edge] = offset_prior[small], slope_prior[small]
+    compare_pairs(forms, ends, offset, slope, discord, evidence)
+    for edge in range(misfit.size):
+        u, v = ends[edge, 0], ends[edge, 1]
+        if home[u] == home[v]:
+            misfit[edge] = _tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
+            current[edge] = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
+        else:
+            current[edge], misfit[edge] = _merge_gain(
+                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                slope_prior, most,
+            )  # fmt: skip
+
+
+@internal
+def _mix_drift(segments, drift, u, v):  # type: ignore[no-untyped-def]
+    """Drift of segment u when v becomes part of it: their mean by readings."""
     share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
     drift[u] += share * (drift[v] - drift[u])
+
+
+@internal
+def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
+    """Make segment v part of segment u, in whose coordinates it is."""
+    _mix_drift(segments, drift, u, v)
     for e in range(SEGMENT):
         segments[u, e] += segments[v, e]
     segments[u, MISFIT] += misfit
@@ -131,9 +194,14 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                 misfit = _tempered(both, halves[1, COUNT])
                 misfit += _tempered(upper, segments[b, COUNT])
                 misfit += _tempered(lower, segments[d, COUNT])
-                _join(segments, forms, drift, c, d, 0.0)
-                _join(segments, forms, drift, a, b, 0.0)
-                _join(segments, forms, drift, a, c, misfit)
+                _mix_drift(segments, drift, c, d)
+                _mix_drift(segments, drift, a, b)
+                share = halves[1, COUNT] / (halves[0, COUNT] + halves[1, COUNT])
+                drift[a] += share * (drift[c] - drift[a])
+                for e in range(SEGMENT):
+                    segments[a, e] = halves[0, e] + halves[1, e]
+                segments[a, MISFIT] += misfit
+                write_form(segments[a], drift[a], forms[a])
                 root[b] = root[c] = root[d] = a
                 level[a] = step + 1
         side *= 2
@@ -213,7 +281,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     head, tail, degree, seen, version = ints[10 * most_edges + 16 :].reshape((5, count))
     boundary, current = floats[:most_edges], floats[most_edges : 2 * most_edges]
     misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
-    head[:] = tail[:] = seen[:] = -1
+    seen[:] = -1
     degree[:] = version[:] = 0
     edges = 0
     for i in range(rows):
@@ -228,17 +296,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     if v >= 0 and v != u:
                         ends[edges, 0], ends[edges, 1] = u, v
                         boundary[edges] = border_price(discords[k, i, j], price)
-                        # Never valued: the versions of the ends are not negative.
-                        alive[edges], valued[edges], current[edges] = 1, -1, 0.0
+                        alive[edges] = 1
                         edges += 1
-    following[: 2 * edges] = -1
-    for half in range(2 * edges):
-        u = ends[half >> 1, half & 1]
-        if head[u] < 0:
-            head[u] = half
-        else:
-            following[tail[u]] = half
-        tail[u] = half
+    _list_edges(ends, edges, head, tail, following)
     for u in range(count):
         # Two units may share two sides: one edge is enough. seen: the edge to each neighbour.
         half = head[u]
@@ -256,22 +316,29 @@ def agglomerate(  # type: ignore[no-untyped-def]
         while half >= 0:
             seen[ends[half >> 1, 1 - (half & 1)]] = -1
             half = following[half]
+    sides, edges = edges, 0
+    for side in range(sides):
+        if alive[side]:
+            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
+            boundary[edges], alive[edges] = boundary[side], 1
+            edges += 1
+    _list_edges(ends, edges, head, tail, following)
 
     # valued: versions of both ends when an edge was last valued; current: its only valid key in the
     # heap; misfit: of the two segments then.
     for u in range(count):
         root[u] = u
     size = 0
-    for edge in range(edges):
-        if alive[edge]:
-            u, v = ends[edge, 0], ends[edge, 1]
-            degree[u] += 1
-            degree[v] += 1
+    for start in range(0, edges, _BATCH):
+        stop = min(start + _BATCH, edges)
+        _first_gains(
+            segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
+            offset_prior, slope_prior, most, current[start:stop], misfit[start:stop],
+        )  # fmt: skip
+        for edge in range(start, stop):
+            degree[ends[edge, 0]] += 1
+            degree[ends[edge, 1]] += 1
             valued[edge] = 0
-            current[edge], misfit[edge] = _merge_gain(
-                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                slope_prior, most,
-            )  # fmt: skip
             if current[edge] > 0.0:
                 size = push(keys, items, size, current[edge], edge)
     while size > 0:

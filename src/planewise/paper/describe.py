@@ -70,16 +70,7 @@ def describe(
     image = isinstance(observation, RayObservation)
     if isinstance(observation, RayObservation) and observation.camera.wraps:
         box = _around(box, labels, *where, len(rows))
-    return [
-        plane_of(
-            row,
-            covariances[j],
-            total[j],
-            box[j] if image else None,
-            {name: told[name][j] for name in told},
-        )
-        for j, row in enumerate(rows)
-    ]
+    return planes_of(rows, covariances, total, box if image else None, told)
 
 
 def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:
@@ -143,25 +134,34 @@ def describe_labels(
     return describe(observation, rows, covariances, mine, nothing, nothing, 1, **told)
 
 
-def plane_of(
-    row: Array,
-    covariance: Array,
+def planes_of(
+    rows: Array,
+    covariances: Array,
     sums: Array,
-    box: NDArray[np.int64] | None,
-    told: Mapping[str, float] | None = None,
-) -> Plane:
-    """One plane, from the sums of its readings that `kernels.readings.summarise` makes."""
-    readings, gain, square, area, *position = sums.tolist()
-    count = max(readings, 1.0)
-    return Plane(
-        **{"information": gain} | dict(told or {}),
-        normal=row[:-1],
-        distance=float(row[-1]),
-        count=int(readings),
-        rms=math.sqrt(max(square, 0.0) / count),
-        centroid=np.array(position) / count,
-        covariance=covariance,
-        # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
-        area=float("nan") if box is None else area / float(row[-1]),
-        bounding_box=() if box is None else tuple(box.tolist()),
-    )
+    boxes: NDArray[np.int64] | None,
+    told: Mapping[str, list[float]],
+) -> list[Plane]:
+    """Planes from sums over their readings: count, gain, delta^2, z^3 solid, position."""
+    counts = np.maximum(sums[:, 0], 1.0)
+    rms = np.sqrt(np.maximum(sums[:, 2], 0.0) / counts).tolist()
+    centroids, normals = sums[:, 4:] / counts[:, None], rows[:, :-1]
+    distances = rows[:, -1].tolist()
+    # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
+    areas = [math.nan] * len(rows) if boxes is None else (sums[:, 3] / rows[:, -1]).tolist()
+    found = [()] * len(rows) if boxes is None else [tuple(box) for box in boxes.tolist()]
+    named = {"information": sums[:, 1].tolist()} | dict(told)
+    values = [dict(zip(named, each, strict=True)) for each in zip(*named.values(), strict=True)]
+    return [
+        Plane(
+            **values[j],
+            normal=normals[j],
+            distance=distances[j],
+            count=count,
+            rms=rms[j],
+            centroid=centroids[j],
+            covariance=covariances[j],
+            area=areas[j],
+            bounding_box=found[j],
+        )
+        for j, count in enumerate(sums[:, 0].astype(int).tolist())
+    ]

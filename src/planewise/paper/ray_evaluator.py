@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels import readings as kernels
 from planewise.observation import RayObservation
 from planewise.paper.evaluate import (
@@ -21,6 +20,7 @@ from planewise.paper.evaluate import (
     scored,
 )
 from planewise.paper.runs import Runs
+from planewise.threads import over_chunks
 
 
 class RayEvaluator(Evaluator):
@@ -37,13 +37,21 @@ class RayEvaluator(Evaluator):
     @classmethod
     def of(cls, observation: RayObservation, tau: Array, threads: int = 1) -> RayEvaluator:
         """Whiten an observation."""
-        scale = np.sqrt(2.0) * observation.sigma
-        return cls(observation.rays * scale, observation.depth / scale, tau, threads)
+        rays, depth, sigma = observation.rays, observation.depth, observation.sigma
+        a, s = np.empty(rays.shape), np.empty(depth.shape)
+
+        def whiten(first: int, last: int) -> None:
+            scale = np.sqrt(2.0) * sigma[first:last]
+            np.multiply(rays[:, first:last], scale, out=a[:, first:last])
+            np.divide(depth[first:last], scale, out=s[first:last])
+
+        over_chunks(whiten, depth.size, threads, FEWEST_PARTS * kernels.PART)
+        return cls(a, s, tau, threads)
 
     def subset(self, chosen: NDArray[np.int64]) -> RayEvaluator:
         """Evaluate only these readings."""
         out = np.empty((5, chosen.size))
-        threads.over_chunks(
+        over_chunks(
             lambda first, last: kernels.gather_rays(
                 self.a, self.s, self.tau, chosen, first, last, out
             ),
@@ -107,7 +115,7 @@ class RayEvaluator(Evaluator):
         theta, ceiling = plane[None], self._ceiling(floor)
         parts = part_count(self.count)
         sums, saved = np.empty((parts, 1, 9)), np.empty(parts)
-        threads.over_chunks(
+        over_chunks(
             lambda first, last: kernels.offer_sums(
                 theta, self.a, self.s, ceiling, first, last, sums, saved
             ),
@@ -137,7 +145,7 @@ class RayEvaluator(Evaluator):
 
     def _gauss_newton(self, parameters: Array, labels: Labels) -> tuple[Array, Array]:
         sums = np.empty((part_count(self.count), len(parameters), 9))
-        threads.over_chunks(
+        over_chunks(
             lambda first, last: kernels.normal_sums(
                 parameters, self.a, self.s, labels, first, last, sums
             ),

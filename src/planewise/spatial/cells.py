@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error
 from planewise.kernels.cells import SIDE
@@ -87,7 +88,16 @@ def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array,
     blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
     together = workspace.empty(halved)
     out = moments, misfits, blocks, together
-    kernels.cell_moments(frame.w, frame.p, frame.x, frame.y, frame.straight, *out)
+
+    def add_up(first: int, last: int) -> None:
+        pixels = slice(2 * SIDE * first, 2 * SIDE * last)
+        images = (image[pixels] for image in (frame.w, frame.p, frame.x, frame.y))
+        cell, block = slice(2 * first, 2 * last), slice(first, last)
+        kernels.cell_moments(
+            *images, frame.straight, moments[cell], misfits[cell], blocks[block], together[block]
+        )
+
+    threads.halves(add_up, halved[0])
     return out
 
 
@@ -99,8 +109,9 @@ def cells_of(
     moments, misfits, blocks, together = moments_of(frame, workspace)
     shape = misfits.shape
     # A quarter of the cells stands for the frame.
-    full = moments[::2, kernels.COUNT, ::2] == SIDE * SIDE
-    seen = white_seen(misfits[::2, ::2][full], SIDE * SIDE - 3)
+    sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
+    full = kernels.whole_misfits(moments, misfits, sample)
+    seen = white_seen(sample[:full], SIDE * SIDE - 3)
     white = max(seen, 1.0)  # no frame is trusted to err less than its sensor
 
     most = shape[0] * shape[1]
@@ -134,8 +145,9 @@ def cells_of(
     drift, told, squares, error = _without_shared_error(
         frame, grid, units, size, whole, planes, white, segments, workspace
     )
-    w = planes[2]
+    w, priors = planes[2], workspace.kept((2, found))
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
+    priors[0], priors[1] = (_OFFSET_PRIOR * w) ** 2, (w * slope) ** 2
     error = replace(error, seen=seen)
     return Cells(
         grid=grid,
@@ -145,8 +157,8 @@ def cells_of(
         squares=squares,
         drift=drift,
         told_drift=told,
-        offset_prior=(_OFFSET_PRIOR * w) ** 2,
-        slope_prior=(w * slope) ** 2,
+        offset_prior=priors[0],
+        slope_prior=priors[1],
         error=error,
     )
 
@@ -191,9 +203,9 @@ def _without_shared_error(
         factor = drift_factor(squares, planes, inflation, described, workspace)
         if frame.known:
             factor = min(factor, 1.0)
-        drift = np.empty(len(units))
+        drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        told = _SATURATION * drift
+        np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.kernels.cells import UNIT
 from planewise.kernels.plane_sums import plane_sums
 from planewise.model import Plane
-from planewise.paper.describe import plane_of
+from planewise.paper.describe import planes_of
 from planewise.spatial.frame import Frame
 
 Array = NDArray[np.float64]
@@ -55,15 +56,21 @@ def describe_image(
         A new image of the labels' places.
     """
     ranked = np.empty_like(labels)
-    sums = np.empty((len(rows), 7))
-    boxes = np.empty((len(rows), 4), np.int64)
-    solid = area[:1, :1] if frame.straight else area  # the same of all pixels
-    plane_sums(
-        labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ranked, sums, boxes
-    )
+    both = np.empty((2, len(rows), 7))
+    boxes = np.empty((2, len(rows), 4), np.int64)
+
+    def add_up(first: int, last: int) -> None:
+        part, half = slice(first, last), int(first > 0)
+        solid = area[:1, :1].copy() if frame.straight else area[part]  # the same of all pixels
+        images = (image[part] for image in (frame.w, frame.x, frame.y))
+        plane_sums(
+            labels[part], place, *images, frame.straight, affine, solid, ranked[part],
+            both[half], boxes[half],
+        )  # fmt: skip
+
+    threads.halves(add_up, len(labels))
+    sums, middle = both[0] + both[1], len(labels) // 2
+    boxes[1][both[1, :, 0] > 0, ::2] += middle
+    box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
     sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
-    planes = [
-        plane_of(row, covariances[j], sums[j], boxes[j], {name: told[name][j] for name in told})
-        for j, row in enumerate(rows)
-    ]
-    return planes, ranked
+    return planes_of(rows, covariances, sums, box, told), ranked

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
@@ -59,19 +60,15 @@ class ErrorTable:
     def noise_bias(self, w: Array) -> Array:
         """Share by which white noise makes weighted means of inverse depth too small.
 
-        With E[z] = z0 and precisions p(z) of w = 1 / z that are those of the readings themselves,
-        sum p w / sum p tends to w0 - (sigma^2 / z0^3) (d ln p / d ln z - 1): a reading that is too
-        far has the larger weight. d ln p / d ln z is that of the white part, and 4 for a sensor
-        whose sigma is the same everywhere.
+        With E[z] = z0 and precisions p(z) of w = 1 / z that are those of the
+        readings themselves, sum p w / sum p tends to w0 - (sigma^2 / z0^3) (d ln p / d ln z - 1): a
+        reading that is too far has the larger weight. d ln p / d ln z is that of the white part,
+        and 4 for a sensor whose sigma is the same everywhere.
         """
-        row, last = self.per_metre / w, len(self.white) - 2
-        near, far = (
-            np.clip(factor * row, self.first, last) for factor in (1.0 - _SPAN, 1.0 + _SPAN)
-        )
-        far = np.maximum(far, near + 1e-3)
-        here, closer, farther = (_between(self.white, at) for at in (row, near, far))
-        fall = np.log(closer / farther) / np.log(far / near)
-        return np.asarray(here / (w * w) * (fall - 1.0))
+        w = np.asarray(w)
+        out = np.empty(w.size)
+        noise_bias(self.white, self.per_metre, self.first, _SPAN, w.reshape(-1), out)
+        return out.reshape(w.shape)
 
 
 @dataclass(frozen=True)

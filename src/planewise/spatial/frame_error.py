@@ -66,7 +66,8 @@ def white_seen(misfits: Array, freedom: int) -> float:
     if not misfits.size:
         return 1.0
     median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    factor = float(_medians(misfits[None], misfits.size)[0]) / median
+    middle = misfits.size // 2
+    factor = float(np.partition(misfits, middle)[middle]) / median
     return factor if factor <= _WHITE_LIMIT else 1.0
 
 
@@ -86,23 +87,28 @@ def lateral_variance(
     told = np.flatnonzero(sizes >= _FEWEST)
     lateral = 0.0
     if told.size > 1:
-        q, level = np.array([_medians(samples[b], int(sizes[b])) for b in told]).T
-        slope, base = _line(q, level, np.sqrt(sizes[told]))
-        lateral = float(np.clip(slope / max(base, 0.1), 0.0, _LATERAL_LIMIT))
+        points = [_medians(samples[b], int(sizes[b])) for b in told]
+        slope, base = _line(points, np.sqrt(sizes[told]).tolist())
+        lateral = min(max(slope / max(base, 0.1), 0.0), _LATERAL_LIMIT)
     return lateral, steep
 
 
-def _medians(sample: Array, size: int) -> Array:
-    """Medians of the rows of a sample of so many."""
+def _medians(sample: Array, size: int) -> tuple[float, float]:
+    """Medians of the two rows of a sample of so many."""
     taken = -(-size // -(-size // sample.shape[1]))
-    return np.asarray(np.partition(sample[:, :taken], taken // 2, axis=1)[:, taken // 2])
+    x, y = np.partition(sample[:, :taken], taken // 2, axis=1)[:, taken // 2].tolist()
+    return x, y
 
 
-def _line(x: Array, y: Array, weight: Array) -> tuple[float, float]:
+def _line(points: list[tuple[float, float]], weights: list[float]) -> tuple[float, float]:
     """Slope and height at 0 of the line through points."""
-    cx, cy = np.average(x, weights=weight), np.average(y, weights=weight)
-    slope = (weight * (x - cx)) @ (y - cy) / ((weight * (x - cx)) @ (x - cx))
-    return float(slope), float(cy - slope * cx)
+    weighted = [(*point, weight) for point, weight in zip(points, weights, strict=True)]
+    total = sum(weights)
+    cx = sum(weight * x for x, _, weight in weighted) / total
+    cy = sum(weight * y for _, y, weight in weighted) / total
+    slope = sum(weight * (x - cx) * (y - cy) for x, y, weight in weighted)
+    slope /= sum(weight * (x - cx) ** 2 for x, _, weight in weighted)
+    return slope, cy - slope * cx
 
 
 def drift_factor(

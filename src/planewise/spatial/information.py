@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
@@ -33,7 +34,7 @@ from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells, moments_of
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.mask_code import prefix_mask_information
+from planewise.spatial.mask_code import MaskCounts
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -99,6 +100,8 @@ class Groups:
         As `kernels.groups` writes them.
     readings : ndarray of int, shape (N K + 1,)
         Of every label.
+    mask : MaskCounts
+        Of the labels.
     sectors : Sectors
         Labels are those of planes in sectors.
     table : tuple
@@ -115,6 +118,7 @@ class Groups:
     label: NDArray[np.uint16]
     first: NDArray[np.int32]
     readings: NDArray[np.int64]
+    mask: MaskCounts
     sectors: Sectors
     table: tuple[Array, Array, Array, float]
     sizes: tuple[float, ...]
@@ -176,19 +180,17 @@ def ledger(
     """
     mask = np.ascontiguousarray(labels, np.uint16)
     groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
-    return book_of(frame, mask, groups, groups.data(affine), range, resolution)
+    return book_of(groups, groups.data(affine), range, resolution)
 
 
 def book_of(
-    frame: Frame,
-    labels: NDArray[np.uint16],
     groups: Groups,
     data: GroupData,
     range: float,
     resolution: float,
     order: NDArray[np.intp] | None = None,
 ) -> Ledger:
-    """`ledger` of what the groups of these labels took last, in any order; uses the data up."""
+    """`ledger` of what the groups took last, in any order; uses the data up."""
     worth, saved, leaving, sectors = data.worth, data.saved, data.leaving, groups.sectors
     planes = len(worth)
     if order is None:
@@ -201,11 +203,59 @@ def book_of(
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    mask = prefix_mask_information(
-        sectors.image(labels), sectors.image(frame.p), place, groups.readings
-    )
-    curve += mask[: planes + 1]
+    curve += groups.mask.lengths(groups.readings, place)[: planes + 1]
     return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
+
+
+class Blocks:
+    """Moments of square blocks of cells whose readings share an offset and a tilt, all labels.
+
+    Parameters
+    ----------
+    frame, cells
+        As `ledger` takes them.
+    resolution : float
+        eps in metres.
+    workspace : Workspace
+        Memory that they last in.
+
+    Attributes
+    ----------
+    of_cells : ndarray, shape (rows, 12, columns)
+        Moments of cells.
+    moments : ndarray, shape (12, blocks)
+        As `kernels.groups.sum_blocks` writes them, corrected once `add_up` was called.
+    factor : ndarray, shape (blocks,)
+        What w was multiplied by: what noise adds to weighted means is taken off.
+    finer : ndarray, shape (blocks,) or empty
+        Where readings are ranges, r = z / c, a step of eps is one of c eps in z, c that of the
+        block's mean direction: -ln c, which was added to the norm of every reading.
+    white, constant : float
+        As `kernels.groups.sum_groups` takes them.
+    """
+
+    def __init__(
+        self, frame: Frame, cells: Cells | None, resolution: float, workspace: Workspace
+    ) -> None:
+        self._frame, self._error = frame, FrameError() if cells is None else cells.error
+        self.of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
+        shape = _tiles(frame.w.shape, tiles.BLOCK)
+        self.moments: Array = workspace.kept((tiles.NORM + 1, shape[0] * shape[1]))
+        self.factor, self.finer = np.empty(0), np.empty(0)
+        self.white = self._error.white
+        self.constant = float(np.log(2 * np.pi * self.white / resolution**2))
+
+    def add_up(self) -> Blocks:
+        """Write them."""
+        sectors = self._frame.sectors
+        tiles.sum_blocks(self.of_cells, self.white, self.constant, self.moments)
+        means = np.empty((3, self.moments.shape[1]))
+        tiles.block_means(self.moments, means)
+        self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(means[2])
+        if sectors.ratio is not None:
+            self.finer = 0.5 * np.log(sectors.squared_range(means[0], means[1]))
+        tiles.correct_blocks(self.moments, self.factor, self.finer)
+        return self
 
 
 def groups_of(
@@ -217,12 +267,23 @@ def groups_of(
     resolution: float,
     pixel_size: tuple[float, float],
     workspace: Workspace | None = None,
+    blocks: Blocks | None = None,
 ) -> Groups:
-    """Groups of a frame; arguments as of `ledger`, planes: the number of planes in sectors, N K."""
+    """Groups of a frame; arguments as of `ledger`, planes: the number of planes in sectors, N K.
+
+    blocks: those of the frame, if they were added up before.
+    """
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
-    moments, label, first = _groups(frame, cells, error, labels, resolution, readings, workspace)
+    counts: list[MaskCounts] = []
+
+    def count() -> None:
+        counts.append(MaskCounts.of(frame.sectors.image(labels), frame.sectors.image(frame.p)))
+
+    with threads.beside(count):
+        blocks = blocks or Blocks(frame, cells, resolution, workspace).add_up()
+        moments, label, first = _groups(frame, blocks, labels, readings, workspace)
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
@@ -239,6 +300,7 @@ def groups_of(
         label=label,
         first=first,
         readings=readings,
+        mask=counts[0],
         sectors=frame.sectors,
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
@@ -249,20 +311,17 @@ def groups_of(
 
 def _groups(
     frame: Frame,
-    cells: Cells | None,
-    error: FrameError,
+    blocks: Blocks,
     labels: NDArray[np.uint16],
-    resolution: float,
     readings: NDArray[np.int64],
     workspace: Workspace,
 ) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32]]:
     """Moments and labels of groups, where those of each block with several begin.
 
-    Adds to readings those of every label.
+    Adds to readings those of every label. Corrections are the same in all a block, so Phi of fewer
+    planes, whose groups are larger, is that of the same data.
     """
-    shape = _tiles(labels.shape, kernels.SIDE)
-    of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
-    cell = workspace.empty(shape, np.int32)
+    cell = workspace.empty(_tiles(labels.shape, kernels.SIDE), np.int32)
     block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
     work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
     tiles.label_cells(labels, frame.p, cell, block, work)
@@ -270,43 +329,15 @@ def _groups(
     # Of the cells of a block, each with one label adds at most one group.
     most = kernels.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
     moments = workspace.empty((tiles.NORM + 1, block.size + most))
+    moments[:, : block.size] = blocks.moments
     label = workspace.empty(block.size + most, np.uint16)
-    constant = float(np.log(2 * np.pi * error.white / resolution**2))
     first = np.empty(several + 1, np.int32)
     tiles.sum_groups(
-        labels, frame.w, frame.p, frame.x, frame.y, of_cells, cell, block, error.white, constant,
-        first, moments, label, readings,
+        labels, frame.w, frame.p, frame.x, frame.y, blocks.of_cells, cell, block, blocks.white,
+        blocks.constant, first, moments, label, readings,
     )  # fmt: skip
-    _by_block(moments, first, block, frame, error.seen)
+    tiles.correct_groups(moments, first, block, blocks.factor, blocks.finer)
     return moments, label, first
-
-
-def _by_block(
-    moments: Array,
-    first: NDArray[np.int32],
-    block: NDArray[np.int32],
-    frame: Frame,
-    seen: float,
-) -> None:
-    """Corrections of the moments of groups, the same in all a block.
-
-    So Phi of fewer planes, whose groups are larger, is that of the same data. What noise adds to
-    weighted means is taken off; and where readings are ranges, r = z / c, a step of eps is one of
-    c eps in z, c that of the block's mean direction.
-    """
-    sums = moments[:, : block.size]  # of all readings of a block, be they several groups
-    x, y, mean = (
-        np.divide(sums[e], sums[0], where=sums[0] > 0, out=np.ones(block.size)) for e in (1, 2, 6)
-    )
-    several, again = np.flatnonzero(block == tiles.SEVERAL), np.diff(first)
-    unbiased = 1.0 + seen * frame.table.noise_bias(mean)
-    unbiased = np.concatenate((unbiased, np.repeat(unbiased[several], again)))
-    moments[6:9, : first[-1]] *= unbiased
-    moments[9, : first[-1]] *= unbiased * unbiased
-    if frame.sectors.ratio is not None:
-        finer = 0.5 * np.log(frame.sectors.squared_range(x, y))  # -ln c
-        finer = np.concatenate((finer, np.repeat(finer[several], again)))
-        moments[tiles.NORM, : first[-1]] += moments[kernels.COUNT, : first[-1]] * finer
 
 
 def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:

@@ -5,8 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.kernels import creases as crease_loops
+from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
+from planewise.kernels import planes as plane_loops
 from planewise.kernels import units as unit_loops
 from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
@@ -38,12 +41,14 @@ def information_matrices(rows: Array) -> Array:
     return np.asarray(rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
 
 
-def affine_planes(rows: Array) -> Array:
-    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
-    matrix = information_matrices(rows)
-    scale = 1.0 / np.sqrt(np.einsum("nii->ni", matrix))
-    scaled = matrix * scale[:, :, None] * scale[:, None, :]
-    return np.asarray(scale * np.linalg.solve(scaled, (rows[:, 6:9] * scale)[..., None])[..., 0])
+def affine_planes(rows: Array, *, with_none: bool = False) -> Array:
+    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row.
+
+    with_none: after a row of zeros, as labels have them.
+    """
+    planes = np.zeros((len(rows) + with_none, 3))
+    plane_loops.affine_planes(rows, planes[int(with_none) :])
+    return planes
 
 
 def label_planes(
@@ -92,7 +97,7 @@ def label_planes(
         number = number.astype(np.int16)
     planes = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
     null = float(np.log(observation.range / observation.resolution))
-    variance, slow = _variances(frame, cells)
+    variance, slow = _variances(frame, cells, workspace)
     _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
     label_loops.without_margin(marks.label, labels)
     planes = _refit(cells, labels, planes, sectors)
@@ -115,23 +120,20 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
-    count, affine = cells.moments[:, COUNT], _with_none(affine_planes(planes))
-    label_loops.lay_out(
-        cells.grid, number, count, frame.p, SIDE, coarse, apart, marks.label, marks.state
-    )
-    label_loops.find_waiting(
-        coarse,
-        apart,
-        frame.w,
-        frame.p,
-        frame.x,
-        frame.y,
-        affine,
-        _SURE * cells.error.white * null,
-        SIDE,
-        marks.state,
-        marks.busy,
-    )
+    count, affine = cells.moments[:, COUNT], affine_planes(planes, with_none=True)
+    bound = _SURE * cells.error.white * null
+
+    def lay_out(first: int, last: int) -> None:
+        label_loops.lay_out(
+            cells.grid, number, count, frame.p, SIDE, first, last, coarse, apart, marks.label,
+            marks.state,
+        )  # fmt: skip
+        label_loops.find_waiting(
+            coarse, apart, frame.w, frame.p, frame.x, frame.y, affine, bound, SIDE, first, last,
+            marks.state, marks.busy,
+        )  # fmt: skip
+
+    threads.halves(lay_out, rows)
     marks.show_beyond(frame.sectors)
     marks.seen[:] = marks.busy
     label_loops.label_pixels(
@@ -166,7 +168,7 @@ def _put_creases(
     workspace: Workspace,
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
-    affine = _with_none(affine_planes(planes))
+    affine = affine_planes(planes, with_none=True)
     most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
     borders = workspace.empty((most, 3), np.int32)
     flat = marks.label.reshape(-1), marks.seen.reshape(-1)
@@ -305,11 +307,18 @@ def _with_none(affine: Array) -> Array:
     return np.vstack((np.zeros((1, 3)), affine))
 
 
-def _variances(frame: Frame, cells: Cells) -> tuple[Array, Array]:
-    """Variance of a reading about its plane by depth, and the part of it that readings share."""
+def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -> Array:
+    """Variance of a reading about its plane by depth, and the part of it that readings share.
+
+    Shape (2, L).
+    """
     table, error = frame.table, cells.error
-    slow = error.near * (table.shared + table.step) + _PIXEL_DRIFT * error.drift * table.drift
-    return error.white * (table.white + table.step) + slow, slow
+    both: Array = (workspace or Workspace()).empty((2, table.white.size))
+    sizes = error.white, error.near, _PIXEL_DRIFT * error.drift
+    error_loops.reading_variances(
+        table.white, table.shared, table.drift, table.step, sizes, both[0], both[1]
+    )
+    return both
 
 
 def _lateral(cells: Cells, affine: Array) -> Array:

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels.masks import CONTEXTS, SYMBOLS, mask_lengths
+from planewise.kernels.masks import CONTEXTS, SYMBOLS, count_labels, mask_lengths
+
+_ROOM = 2048  # different ones that a frame has, as a rule fewer
 
 
 def spatial_mask_information(
@@ -41,35 +45,69 @@ def spatial_mask_information(
     kept = np.where(there & (labels <= planes), labels, 0).astype(np.uint16)
     readings = np.bincount(kept[there], minlength=planes + 1)
     place = np.arange(planes + 1, dtype=np.uint16)
-    return float(prefix_mask_information(kept, there.astype(np.float32), place, readings)[-1])
+    return float(MaskCounts.of(kept, there.astype(np.float32)).lengths(readings, place)[-1])
 
 
-def prefix_mask_information(
-    labels: NDArray[np.uint16],
-    p: NDArray[np.float32],
-    place: NDArray[np.uint16],
-    readings: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """`spatial_mask_information` with only the first 0 ... N planes, labels of the others 0.
+@dataclass(frozen=True)
+class MaskCounts:
+    """How often each label comes with which neighbours: all that its code's length depends on.
 
-    Parameters
+    Attributes
     ----------
-    labels : ndarray of uint16, shape (H, W)
-        0 for no plane, j for the j-th.
-    p : ndarray of float32, shape (H, W)
-        More than 0 where there is a reading.
-    place : ndarray of uint16, shape (N + 1,)
-        Rank 1 ... N of every label, 0 of 0.
-    readings : ndarray of int, shape (N + 1,)
-        Their number with every label.
-
-    Returns
-    -------
-    ndarray, shape (N + 1,)
-        Nats.
+    around : ndarray of uint64, shape (n,)
+        Labels left, above, above right and above left, 16 bits each, that are not all the label's.
+    label : ndarray of uint16, shape (n,)
+        Whose neighbours they are.
+    times : ndarray of int64, shape (n,)
+        How often.
     """
-    width, lengths = labels.shape[1], np.empty(len(place))
-    upper, edge = np.zeros(width + 2, np.uint16), np.zeros(-(-width // 8) * 8, np.uint8)
-    changes = np.zeros((len(place), SYMBOLS * CONTEXTS), np.int64)
-    mask_lengths(labels, p, place, readings.copy(), upper, edge, changes, lengths)
-    return lengths
+
+    around: NDArray[np.uint64]
+    label: NDArray[np.uint16]
+    times: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, labels: NDArray[np.uint16], p: NDArray[np.float32]) -> MaskCounts:
+        """Count in a label image.
+
+        Parameters
+        ----------
+        labels : ndarray of uint16, shape (H, W)
+            0 for no plane, j for the j-th.
+        p : ndarray of float32, shape (H, W)
+            More than 0 where there is a reading.
+        """
+        width, room = labels.shape[1], _ROOM
+        while True:
+            upper, edge = np.zeros(width + 2, np.uint16), np.zeros(-(-width // 8) * 8, np.uint8)
+            slots = np.full(2 * room, -1, np.int32)
+            around, label = np.empty(room, np.uint64), np.empty(room, np.uint16)
+            times = np.empty(room, np.int64)
+            found = count_labels(labels, p, upper, edge, slots, around, label, times)
+            if found <= room:
+                return cls(around[:found], label[:found], times[:found])
+            room *= 8
+
+    def lengths(
+        self, readings: NDArray[np.int64], place: NDArray[np.uint16]
+    ) -> NDArray[np.float64]:
+        """`spatial_mask_information` with only the first 0 ... N planes, labels of the others 0.
+
+        Parameters
+        ----------
+        readings : ndarray of int, shape (N + 1,)
+            Their number with every label.
+        place : ndarray of uint16, shape (N + 1,)
+            Rank 1 ... N of every label, 0 of 0.
+
+        Returns
+        -------
+        ndarray, shape (N + 1,)
+            Nats.
+        """
+        changes, lengths = (
+            np.zeros((len(place), SYMBOLS * CONTEXTS), np.int64),
+            np.empty(len(place)),
+        )
+        mask_lengths(self.around, self.label, self.times, readings, place, changes, lengths)
+        return lengths

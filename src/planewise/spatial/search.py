@@ -8,16 +8,18 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.information import plane_information
 from planewise.kernels import borders
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
-from planewise.kernels.cells import COUNT, FREE, MISFIT
+from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -86,6 +88,7 @@ def segment(
     max_planes: int | None = None,
     significance: float = 0.0,
     workspace: Workspace | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> Segmentation:
     """Find planes and labels under the spatial objective.
 
@@ -103,6 +106,8 @@ def segment(
         Nats that a segment has to save beyond its costs.
     workspace : Workspace, optional
         Memory to work in.
+    meanwhile : callable, optional
+        Work that may be done beside.
 
     Returns
     -------
@@ -113,7 +118,7 @@ def segment(
         return _nothing(frame.w.shape)
     cost = plane_information(3, observation.range, observation.resolution)
     with stage("segments"), workspace.stage():
-        segments, beside = _agglomerate(cells, frame.sectors, cost, workspace)
+        segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         price = frame.sectors.price(_PLANE_COST, cost)
         worth, accepted = _accept(beside, segments, price, significance, workspace)
         chosen, owner, planes = _join_through_gaps(
@@ -192,6 +197,7 @@ def _agglomerate(
     cost: float,
     workspace: Workspace,
     grid: NDArray[np.int32] | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> tuple[Segments, Neighbours]:
     """Merge neighbouring cells into segments; those of `grid` only, where it is given.
 
@@ -200,11 +206,6 @@ def _agglomerate(
     count, grid = len(cells.rows), cells.grid if grid is None else grid
     forms = workspace.empty((count, comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
-    free = workspace.empty(count)
-    comparing.free_prices(forms, cells.offset_prior, cells.slope_prior, free)
-    free += _FITTED_AWAY
-    readings = cells.rows[:, COUNT].astype(np.intp)
-    free *= ((np.arange(readings.max() + 1) / _WHOLE) ** _SHARE_POWER)[readings]
     segments = Segments(
         rows=workspace.copy(cells.rows),
         forms=workspace.copy(forms),
@@ -214,7 +215,15 @@ def _agglomerate(
         home=sector_of_units(cells, sectors),
         of_unit=np.arange(count, dtype=np.int32),
     )
-    segments.rows[:, FREE] = free
+    comparing.free_prices(
+        forms,
+        cells.offset_prior,
+        cells.slope_prior,
+        cells.rows[:, COUNT],
+        _FITTED_AWAY,
+        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
+        segments.rows[:, FREE],
+    )
     right = workspace.empty(cells.squares.shape)
     below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
@@ -238,24 +247,29 @@ def _agglomerate(
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
     ints, floats = merging.room(beside.sides, len(segments.rows))
     root = root[: len(segments.rows)]
-    merging.agglomerate(
-        segments.of_cell(beside.grid, workspace),
-        beside.discords,
-        _MERGE_BORDER,
-        segments.rows,
-        segments.forms,
-        segments.drift,
-        segments.offset_prior,
-        segments.slope_prior,
-        segments.home,
-        sectors.turns,
-        beside.wraps,
-        cost,
-        root,
-        workspace.empty(ints, np.int32),
-        workspace.empty(floats),
-    )
+    with workspace.stage(), threads.beside(meanwhile or _nothing_else):
+        merging.agglomerate(
+            segments.of_cell(beside.grid, workspace),
+            beside.discords,
+            _MERGE_BORDER,
+            segments.rows,
+            segments.forms,
+            segments.drift,
+            segments.offset_prior,
+            segments.slope_prior,
+            segments.home,
+            sectors.turns,
+            beside.wraps,
+            cost,
+            root,
+            workspace.empty(ints, np.int32),
+            workspace.empty(floats),
+        )
     return segments.kept(root), beside
+
+
+def _nothing_else() -> None:
+    pass
 
 
 def _accept(

@@ -12,7 +12,7 @@ from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
-from planewise.spatial.information import GroupData, Groups, Ledger, book_of, groups_of
+from planewise.spatial.information import Blocks, GroupData, Groups, Ledger, book_of, groups_of
 from planewise.spatial.joining import joined
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
@@ -89,6 +89,13 @@ def solve(
     observation, frame, cells, instances, max_planes, significance, workspace
         As `spatial.search.segment` takes them.
     """
+    blocks = Blocks(frame, cells, observation.resolution, workspace)
+    todo = [blocks.add_up]
+
+    def meanwhile() -> None:
+        with stage("ledger"):
+            while todo:
+                todo.pop()()
 
     def look(cells: Cells | None) -> SpatialSolution:
         found = segment(
@@ -99,11 +106,13 @@ def solve(
             max_planes=max_planes,
             significance=significance,
             workspace=workspace,
+            meanwhile=meanwhile,
         )
         with stage("ledger"), workspace.stage():
+            meanwhile()  # where there was nothing to segment
             if frame.sectors.column is not None and cells is not None and not instances:
                 found = joined(observation, frame, cells, found, workspace)
-            return judged(observation, frame, cells, found, workspace)
+            return judged(observation, frame, cells, found, workspace, blocks)
 
     first = look(cells)
     if cells is None or not cells.bends_more_than_told:
@@ -124,6 +133,7 @@ def judged(
     cells: Cells | None,
     found: Segmentation,
     workspace: Workspace,
+    blocks: Blocks | None = None,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -135,14 +145,17 @@ def judged(
         Of which planes and labels are judged.
     workspace : Workspace
         Memory to work in.
+    blocks : Blocks, optional
+        Of the frame, if they were added up before.
     """
     limits, labels = (observation.range, observation.resolution), found.labels
     size = observation.pixel_size
-    groups = groups_of(frame, cells, labels, len(found.affine), *limits, size, workspace)
+    planes = len(found.affine)
+    groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
     affine, data = refitted(groups, found.affine)
-    pays = _paying(frame, labels, groups, data, *limits)
+    pays = _paying(groups, data, *limits)
     order = np.lexsort((data.saved, ~pays))
-    book = book_of(frame, labels, groups, data, *limits, order)
+    book = book_of(groups, data, *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
     best = int(np.argmin(curve))
@@ -151,20 +164,13 @@ def judged(
     return SpatialSolution(found, affine, book, curve, tuple(moves))
 
 
-def _paying(
-    frame: Frame,
-    labels: NDArray[np.uint16],
-    groups: Groups,
-    data: GroupData,
-    range: float,
-    resolution: float,
-) -> NDArray[np.bool_]:
+def _paying(groups: Groups, data: GroupData, range: float, resolution: float) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
-    least = frame.sectors.price(_LEAST, plane_information(3, range, resolution))
+    least = groups.sectors.price(_LEAST, plane_information(3, range, resolution))
     pays = np.asarray(data.worth < -least)
     if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of all by worth.
-        book = book_of(frame, labels, groups, data.copy(), range, resolution)
+        book = book_of(groups, data.copy(), range, resolution)
         best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
         pays[book.order[best:]] = False
     return pays

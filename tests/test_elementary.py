@@ -1,0 +1,68 @@
+"""Small loops written out, against NumPy."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from planewise.kernels import frame_error, images, planes
+from planewise.kernels.elementary import logarithm
+from planewise.kernels.jit import compiled
+from planewise.spatial.frame import ErrorTable
+
+
+@compiled
+def logarithms(x, out):
+    for k in range(x.size):
+        out[k] = logarithm(x[k])
+
+
+def test_logarithm():
+    rng = np.random.default_rng(0)
+    some = [1.0, 0.5, 2.0, np.sqrt(0.5), np.sqrt(2.0), 1 + 1e-15, 1 - 1e-16, 1e-300, 1e300]
+    x = np.concatenate((some, np.exp(rng.uniform(-700, 700, 4000)), rng.uniform(0.5, 1.5, 4000)))
+    out = np.empty(x.size)
+    logarithms(x, out)
+    exact = np.log(x)
+    assert (np.abs(out - exact) <= 3 * np.spacing(np.abs(exact))).all()
+    assert out[0] == 0
+
+
+def test_affine_planes():
+    rng = np.random.default_rng(1)
+    root = rng.normal(0, 1, (50, 3, 3)) * [[[1e4], [1e2], [3e2]]]
+    matrix = root @ root.transpose(0, 2, 1)
+    exact = rng.normal(0, 1, (50, 3))
+    rows = np.zeros((50, 13))
+    rows[:, :6] = matrix.reshape(-1, 9)[:, [0, 1, 2, 4, 5, 8]]
+    rows[:, 6:9] = np.einsum("nij,nj->ni", matrix, exact)
+    out = np.empty((50, 3))
+    planes.affine_planes(rows, out)
+    assert_allclose(out, exact, rtol=1e-6)
+
+
+@pytest.mark.parametrize("size", [5, 6, 9, 30])
+def test_running_medians(size):
+    values = np.random.default_rng(size).integers(1, 9, size)
+    out = np.empty(size)
+    images.running_medians(values, 4, out)
+    mirrored = np.pad(values, 4, mode="reflect")
+    assert_array_equal(out, [np.median(mirrored[k : k + 9]) for k in range(size)])
+
+
+def test_variances_and_bias_by_depth():
+    rng = np.random.default_rng(2)
+    white, shared, drift, step = rng.uniform(1, 2, (4, 900)) * np.arange(1, 901) ** -2.0
+    variance, slow = np.empty((2, 900))
+    frame_error.reading_variances(white, shared, drift, step, (1.5, 0.7, 0.2), variance, slow)
+    assert_allclose(slow, 0.7 * (shared + step) + 0.2 * drift)
+    assert_allclose(variance, 1.5 * (white + step) + slow)
+
+    table = ErrorTable(100.0, 40, white, shared, drift, step)
+    w = rng.uniform(0.12, 2.2, 200)
+    row = 100.0 / w
+    near, far = (np.clip(factor * row, 40, 898) for factor in (0.95, 1.05))
+    far = np.maximum(far, near + 1e-3)
+    here, closer, farther = (np.interp(at, np.arange(900), white) for at in (row, near, far))
+    fall = np.log(closer / farther) / np.log(far / near)
+    assert_allclose(table.noise_bias(w), here / w**2 * (fall - 1), rtol=1e-9, atol=1e-15)
+    assert table.noise_bias(w.reshape(20, 10)).shape == (20, 10)
