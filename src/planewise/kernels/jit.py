@@ -27,10 +27,12 @@ compiled = _njit(**_OPTIONS, fastmath=_FAST)
 in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER)
 """Sums are taken in the order in which they are written."""
 
-internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True)
+internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True, forceinline=True)
 """`compiled` for what only other loops call."""
 
-internal_in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True)
+internal_in_order = _njit(
+    **_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True, forceinline=True
+)
 """`in_order` for what only other loops call."""
 
 inlined = _njit(inline="always")
