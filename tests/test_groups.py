@@ -37,7 +37,7 @@ def grouped(labels, images):
     halved = -(-shape[0] // 2), -(-shape[1] // 2)
     of_cells = np.full((shape[0], 12, shape[1]), 9.0)
     blocks, together = np.empty((halved[0], 11, halved[1])), np.empty(halved)
-    cell_moments(w, p, x, y, False, of_cells, np.empty(shape), blocks, together)
+    cell_moments(w, p, x, y, of_cells, np.empty(shape), blocks, together, False)
     cell, block = np.full(shape, 9, np.int32), np.full(half, 9, np.int32)
     groups.label_cells(labels, p, cell, block, np.empty((6, 9 * half[1]), np.uint16))
     several = (block == groups.SEVERAL).sum()

@@ -43,7 +43,7 @@ def cells_of(images, straight=False):
             halved,
         )
     ]
-    cells.cell_moments(*images, straight, *out)
+    cells.cell_moments(*images, *out, straight)
     return out
 
 
@@ -121,6 +121,10 @@ def test_only_one_row_of_coordinates_is_read_where_all_are_alike():
     x[1:], y[:, 1:] = np.nan, np.nan
     for a, b in zip(whole, cells_of((w, p, x, y), straight=True), strict=True):
         assert_allclose(a, b, rtol=1e-12, atol=1e-6)
+    out = [np.full_like(a[:n], 9.0) for a, n in zip(whole, (4, 4, 2, 2), strict=True)]
+    cells.straight_moments(*(image[:12] for image in (w, p, x, y)), *out)
+    for a, b in zip(whole, out, strict=True):
+        assert_allclose(a[: len(b)], b, rtol=1e-12, atol=1e-6)
 
 
 def test_cells_without_readings_have_no_misfit():

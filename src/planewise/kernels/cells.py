@@ -194,8 +194,19 @@ def _row_misfits(m, out):  # type: ignore[no-untyped-def]
         out[k] = max(square - (fitted if plane else 0.0), 0.0)
 
 
+@inlined
+def _pair_of_rows(top, moments, misfits, nothing, blocks, together):  # type: ignore[no-untyped-def]
+    """chi^2 of two rows of cells, or the last one, and of their blocks; moments of the blocks."""
+    rows = misfits.shape[0]
+    for row in range(top, min(top + 2, rows)):
+        _row_misfits(moments[row], misfits[row])
+    lower = moments[top + 1] if top + 1 < rows else nothing
+    _pair_up(moments[top], lower, blocks[top // 2])
+    _row_misfits(blocks[top // 2], together[top // 2])
+
+
 @compiled
-def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+def cell_moments(w, p, x, y, moments, misfits, blocks, together, straight):  # type: ignore[no-untyped-def]
     """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
 
     w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
@@ -206,17 +217,24 @@ def cell_moments(w, p, x, y, straight, moments, misfits, blocks, together):  # t
     rows, columns = misfits.shape
     sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
     line = np.empty(w.shape[1], y.dtype)
-    pixels, batch = np.empty((21, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
     for top in range(0, rows, 2):
         for row in range(top, min(top + 2, rows)):
-            if straight and SIDE * (row + 1) <= w.shape[0]:
-                _straight_row_moments(w, p, x, y, row, pixels, batch, moments[row])
-            else:
-                _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
-            _row_misfits(moments[row], misfits[row])
-        lower = moments[top + 1] if top + 1 < rows else nothing
-        _pair_up(moments[top], lower, blocks[top // 2])
-        _row_misfits(blocks[top // 2], together[top // 2])
+            _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
+        _pair_of_rows(top, moments, misfits, nothing, blocks, together)
+
+
+@compiled
+def straight_moments(w, p, x, y, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+    """`cell_moments` of a straight image all of whose cells have three rows, in half the time.
+
+    A loop of its own: few cameras need both, and each takes a second or two to compile.
+    """
+    pixels, batch = np.empty((21, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
+    nothing = np.zeros((MOMENTS + 1, misfits.shape[1]))
+    for top in range(0, misfits.shape[0], 2):
+        for row in range(top, min(top + 2, misfits.shape[0])):
+            _straight_row_moments(w, p, x, y, row, pixels, batch, moments[row])
+        _pair_of_rows(top, moments, misfits, nothing, blocks, together)
 
 
 @compiled

@@ -117,7 +117,7 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
-@compiled
+@inlined
 def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     """Nats by which two segments are more likely one plane than two that are parallel.
 
@@ -140,7 +140,7 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     return 0.5 * (np.log(wide) - spread * spread * along * along / wide)
 
 
-@compiled
+@inlined
 def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
     """`compare_forms` of pairs (n, 2) of forms: writes discord and evidence (n,)."""
     n = discord.size

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,15 +89,21 @@ def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array,
     misfits = workspace.empty((rows, columns))
     blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
     together = workspace.empty(halved)
+    images = frame.w, frame.p, frame.x, frame.y
     out = moments, misfits, blocks, together
 
+    def part(first: int, last: int) -> Iterator[NDArray[Any]]:
+        pixels, cell, block = (slice(n * first, n * last) for n in (2 * SIDE, 2, 1))
+        yield from (image[pixels] for image in images)
+        yield from (moments[cell], misfits[cell], blocks[block], together[block])
+
     def add_up(first: int, last: int) -> None:
-        pixels = slice(2 * SIDE * first, 2 * SIDE * last)
-        images = (image[pixels] for image in (frame.w, frame.p, frame.x, frame.y))
-        cell, block = slice(2 * first, 2 * last), slice(first, last)
-        kernels.cell_moments(
-            *images, frame.straight, moments[cell], misfits[cell], blocks[block], together[block]
-        )
+        whole = frame.w.shape[0] // (2 * SIDE) if frame.straight else 0  # blocks with all rows
+        middle = min(max(first, whole), last)
+        if first < middle:
+            kernels.straight_moments(*part(first, middle))
+        if middle < last:
+            kernels.cell_moments(*part(middle, last), frame.straight)
 
     threads.halves(add_up, halved[0])
     return out
