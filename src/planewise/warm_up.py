@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
+from planewise.kernels.forms import FORM
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
@@ -21,6 +22,8 @@ from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import book_of, groups_of
 from planewise.spatial.labels import label_planes, residual_correlation
 from planewise.spatial.refit import refitted
+from planewise.spatial.search import join_through_gaps
+from planewise.spatial.segments import Segments
 
 _SIZE = 36  # pixels to a side of the frame
 _CREASE = 0.18  # where its two planes meet, in units of 100 pixels
@@ -28,7 +31,7 @@ _PLANES = np.array([[0.5 + _CREASE, -1.0, 0.0], [0.5 - _CREASE, 1.0, 0.0]])  # w
 
 
 def later_stages() -> None:
-    """Label, value and describe the two planes of a made-up frame, a valley.
+    """Join, label, value and describe the two planes of a made-up frame, a valley.
 
     Its arrays have the types and layouts of a real one's.
     """
@@ -51,6 +54,16 @@ def later_stages() -> None:
     cells = _cells(rows[of_unit])
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)
+    segments = Segments(
+        rows=rows,
+        forms=np.ones((2, FORM)),
+        drift=cells.drift[:2],
+        offset_prior=cells.offset_prior[:2],
+        slope_prior=cells.slope_prior[:2],
+        home=np.zeros(2, np.int32),
+        of_unit=of_unit,
+    )
+    join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors, False)
     _, labels = label_planes(frame, cells, of_unit, both, rows[None], both, limits)
     residual_correlation(cells, labels, _PLANES, frame.sectors)
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))

@@ -121,7 +121,7 @@ def segment(
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         price = frame.sectors.price(_PLANE_COST, cost)
         worth, accepted = _accept(beside, segments, price, significance, workspace)
-        chosen, owner, planes = _join_through_gaps(
+        chosen, owner, planes = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
         worth = worth[chosen]
@@ -301,7 +301,7 @@ def _accept(
     return worth, accepted
 
 
-def _join_through_gaps(
+def join_through_gaps(
     segments: Segments,
     worth: Array,
     accepted: NDArray[np.bool_],
