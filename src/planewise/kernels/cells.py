@@ -96,7 +96,7 @@ def _split(row, a, b, c):  # type: ignore[no-untyped-def]
         c[full] = 0.0
 
 
-@inlined
+@internal
 def _column_sums(p0, p1, p2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped-def]
     """Sums of p, pY, pYY, pw, pYw, pww, count, and the product of p w^4, over three readings."""
     a, b, c = np.float64(p0), np.float64(p1), np.float64(p2)
