@@ -8,7 +8,7 @@ import jsonschema
 import numpy as np
 import plyfile
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from shapely import Polygon as Shape
@@ -299,6 +299,7 @@ def test_distortion_bends_borders_in_the_image_only():
 
 
 @settings(max_examples=25)
+@example(seed=2462)  # whose holes touch in a way that GEOS cannot triangulate
 @given(seed=st.integers(0, 10_000))
 def test_meshes_cover_their_polygons(seed):
     rng = np.random.default_rng(seed)

@@ -42,7 +42,7 @@ def triangulate(surface: Surface) -> Mesh:
     shapely = load_shapely()
     if not surface.polygons:
         return Mesh(vertices=np.empty((0, 3)), triangles=np.empty((0, 3), np.int64))
-    parts = shapely.get_parts(shapely.constrained_delaunay_triangles(as_shapely(surface)))
+    parts = _triangles(shapely, as_shapely(surface))
     rings = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
     corners, index = np.unique(rings.reshape(-1, 2), axis=0, return_inverse=True)
     triangles = index.reshape(-1, 3)
@@ -51,6 +51,26 @@ def triangulate(surface: Surface) -> Mesh:
     triangles = np.where(twice[:, None] < 0, triangles[:, ::-1], triangles)
     triangles = triangles[np.abs(twice) > _FLAT * np.abs(twice).max()]
     return Mesh(vertices=surface.frame.to_space(corners), triangles=triangles)
+
+
+def _triangles(shapely: Any, shape: Any, cuts: int = 12) -> NDArray[Any]:
+    """Triangles of a shape; one whose holes touch in a way that GEOS fails on is cut in halves."""
+    try:
+        return np.asarray(shapely.get_parts(shapely.constrained_delaunay_triangles(shape)))
+    except shapely.GEOSException:
+        if not cuts:
+            raise
+    left, low, right, high = shape.bounds
+    if right - left > high - low:
+        middle = (left + right) / 2
+        halves = (left, low, middle, high), (middle, low, right, high)
+    else:
+        middle = (low + high) / 2
+        halves = (left, low, right, middle), (left, middle, right, high)
+    pieces = [shapely.intersection(shape, shapely.box(*half)) for half in halves]
+    areas = [part for piece in pieces for part in shapely.get_parts(piece) if part.area > 0]
+    found = [_triangles(shapely, area, cuts - 1) for area in areas]
+    return np.concatenate(found) if found else np.empty(0, object)
 
 
 def write_obj(path: Path, surfaces: Sequence[Surface], offset: Array) -> None:
