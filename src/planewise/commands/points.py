@@ -86,8 +86,9 @@ def points(
 ) -> None:
     """Find the planes of a point cloud.
 
-    Writes labelled.ply (plane of each point), planes.json, preview.png and curve.png; for LAS and
-    LAZ a copy with the dimension 'plane', too.
+    Writes labelled.ply (plane of each point), planes.json and two pictures.
+
+    For LAS and LAZ there is a copy with the dimension 'plane', too.
     """
     with reported():
         check_numbers(None, seed)
