@@ -14,9 +14,8 @@ from planewise.clouds.information import alone_of, data_of, groups_of
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, held_by, order_of, positions, radix_sort
 from planewise.clouds.rows import covariances
-from planewise.kernels import cloud_cells as cell_loops
 from planewise.kernels import cloud_information as nats
-from planewise.kernels import cloud_keys
+from planewise.kernels import cloud_keys, cubes
 from planewise.kernels import cloud_labels as label_loops
 from planewise.kernels import cloud_rows as rows_of
 from planewise.kernels import cloud_segments as segments
@@ -255,7 +254,7 @@ def test_neighbours_are_cells_side_by_side_on_a_surface(cloud):
     place = {int(key): k for k, key in enumerate(cloud.cubes)}
     near = np.empty(27, np.int64)
     for cube in range(0, len(cloud.cubes), 11):
-        cell_loops.beside(cloud.cubes, cloud.cubes[cube], 0, (7 * cube) % len(cloud.cubes), near)
+        cubes.beside(cloud.cubes, cloud.cubes[cube], 0, (7 * cube) % len(cloud.cubes), near)
         u, v, w = (int(positions(cloud.cubes[cube : cube + 1], axis)[0]) for axis in range(3))
         for direction in range(27):
             i, j, k = direction // 9 - 1, direction // 3 % 3 - 1, direction % 3 - 1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise.kernels import borders, cells, forms, segments
+from planewise.kernels import borders, cells, forms, gaps, segments
 
 from . import spatial_oracles as oracles
 
@@ -466,7 +466,7 @@ def test_join_through_gaps(seed):
     exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
     in_sectors, of_rows = np.stack((rows, rows)), np.stack((forms_of(rows, drift),) * 2)
     home = np.arange(12, dtype=np.int32) % 2
-    segments.join_through_gaps(in_sectors, of_rows, home, drift, slope_prior, 0.3, owner)
+    gaps.join_through_gaps(in_sectors, of_rows, home, drift, slope_prior, 0.3, owner)
     rows = in_sectors[0]
     assert_array_equal(rows[np.unique(owner)], in_sectors[1][np.unique(owner)])
     assert_array_equal(owner, exact_owner)
@@ -481,7 +481,7 @@ def test_find_planes(seed):
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
     of_rows, home = forms_of(rows, drift), np.zeros(12, np.int32)
-    segments.find_planes(rows[None], of_rows[None], home, slope_prior, 0.3, 3, plane)
+    gaps.find_planes(rows[None], of_rows[None], home, slope_prior, 0.3, 3, plane)
     assert_array_equal(plane, oracles.find_planes(rows, drift, slope_prior, 0.3, 3))
     there = np.isin(of[3:], of[:3])
     assert (plane[~there] == -1).all()

@@ -14,6 +14,7 @@ from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, Keys, Order, extent_of, held_by, order_of, positions
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
+from planewise.kernels import cubes as cube_loops
 from planewise.kernels.cloud_rows import ROW
 from planewise.noise import Polynomial
 from planewise.sensor import Sensor
@@ -48,7 +49,7 @@ class Cloud:
     cubes : ndarray of uint64, shape (n,)
         Keys of the occupied cubes, sorted.
     about : ndarray of int32, shape (n, 27)
-        Cubes about each, -1 for none (`kernels.cloud_cells.cubes_about`).
+        Cubes about each, -1 for none (`kernels.cubes.cubes_about`).
     nodes : ndarray, shape (n, 18)
         Moments of the points of each (`kernels.cloud_rows`).
     variance : ndarray, shape (n,)
@@ -230,9 +231,9 @@ def coarse(grid: Grid) -> Grid:
 def write_about(
     cubes: NDArray[np.uint64], first: int, last: int, about: NDArray[np.int32], workers: int
 ) -> None:
-    """Write the cubes about cubes[first:last] to about (`kernels.cloud_cells.cubes_about`)."""
+    """Write the cubes about cubes[first:last] to about (`kernels.cubes.cubes_about`)."""
     over_part(
-        lambda begin, end: kernels.cubes_about(cubes, begin, end, about),
+        lambda begin, end: cube_loops.cubes_about(cubes, begin, end, about),
         first, last, workers, _LEAST_PART,
     )  # fmt: skip
 

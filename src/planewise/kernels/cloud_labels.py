@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cloud_cells import beside
 from planewise.kernels.cloud_keys import middle_of
 from planewise.kernels.cloud_rows import (
     COUNT,
@@ -26,6 +25,7 @@ from planewise.kernels.cloud_rows import (
     YZ,
     ZZ,
 )
+from planewise.kernels.cubes import beside
 from planewise.kernels.jit import compiled, in_order
 
 MOST = 12  # planes that the points of a cube may be on

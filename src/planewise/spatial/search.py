@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.information import plane_information
-from planewise.kernels import borders
+from planewise.kernels import borders, gaps
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE
@@ -322,13 +322,13 @@ def join_through_gaps(
     drift = segments.drift[chosen]
     forms = _forms(planes, drift)
     slope_prior = segments.slope_prior[chosen]
-    merging.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
+    gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
     alive, owner = np.unique(owner, return_inverse=True)
     planes = planes[:, alive]
     rest = order[~accepted[order] & (worth[order] > 0.0)]
     plane = np.empty(len(rest), np.int64)
     others = sectors.everywhere(segments.rows[rest], segments.home[rest])
-    merging.find_planes(
+    gaps.find_planes(
         np.concatenate((planes, others), axis=1),
         np.concatenate((forms[:, alive], _forms(others, segments.drift[rest])), axis=1),
         np.concatenate((home[alive], segments.home[rest])),

@@ -1,0 +1,83 @@
+"""Loops over segments that do not touch: which of them are one plane, seen through gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
+from planewise.kernels.forms import W, compare_forms, compare_parallel, write_form
+from planewise.kernels.jit import compiled, internal
+
+
+@internal
+def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
+    """Nats saved by making two segments that do not touch one plane, seen from the smaller one.
+
+    It has to be more likely than two that have nothing to do with each other, and than two that are
+    parallel: shelves, or the fronts of two cupboards. To say which other segment it is costs
+    `naming` nats, but so does to which it is parallel. Returns the discord, too.
+    """
+    small = i if segments[0, i, COUNT] < segments[0, j, COUNT] else j
+    here = forms[home[small]]
+    offset = (gap_offset * here[small, W]) ** 2
+    discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
+    parallel = compare_parallel(here[small], here[i + j - small], gap_offset)
+    return min(evidence - 0.5 * discord - naming, parallel), discord
+
+
+@compiled
+def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
+    """Join segments of one plane that do not touch, what saves most first.
+
+    segments (K, n, 13), forms (K, n, 12): in the coordinates of every sector; home (n,): sector of
+    each; gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments,
+    forms and home are changed in place; owner (n,): the segment that each becomes part of.
+    """
+    sectors, n = segments.shape[0], segments.shape[1]
+    naming = np.log(n)  # nats to say which other segment it is
+    gain, discord = np.full((n, n), -np.inf), np.zeros((n, n))
+    for i in range(n):
+        owner[i] = i
+        for j in range(i + 1, n):
+            gain[i, j], discord[i, j] = _saved(
+                segments, forms, home, slope_prior, gap_offset, naming, i, j
+            )
+    while n > 1:
+        best = np.argmax(gain)
+        i, j = best // n, best % n
+        if gain[i, j] <= 0.0:
+            break
+        if segments[0, i, COUNT] < segments[0, j, COUNT]:
+            home[i] = home[j]
+        for sector in range(sectors):
+            segments[sector, i, MISFIT] += discord[i, j]
+            for e in range(SEGMENT):
+                segments[sector, i, e] += segments[sector, j, e]
+            write_form(segments[sector, i], drift[i], forms[sector, i])
+        gain[j] = gain[:, j] = -np.inf
+        for k in range(n):
+            if owner[k] == j:
+                owner[k] = i
+        for k in range(n):
+            if owner[k] == k and k != i:
+                a, b = min(i, k), max(i, k)
+                gain[a, b], discord[a, b] = _saved(
+                    segments, forms, home, slope_prior, gap_offset, naming, a, b
+                )
+
+
+@compiled
+def find_planes(segments, forms, home, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
+    """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
+
+    As `join_through_gaps`, but what is joined changes neither the planes nor what else joins them.
+    Writes plane (n - planes,): the one that saves most, -1 where none saves anything.
+    """
+    naming = np.log(planes)
+    for j in range(planes, segments.shape[1]):
+        plane[j - planes] = -1
+        most = 0.0
+        for i in range(planes):
+            gain, _ = _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j)
+            if gain > most:
+                most, plane[j - planes] = gain, i
