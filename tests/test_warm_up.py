@@ -19,7 +19,9 @@ def compiled():
     for module in pkgutil.iter_modules(kernels.__path__):
         names = vars(importlib.import_module("planewise.kernels." + module.name))
         for name, loop in names.items():
-            if isinstance(loop, Dispatcher) and loop.signatures:
+            if not isinstance(loop, Dispatcher) or loop.targetoptions.get("no_cpython_wrapper"):
+                continue  # part of others, and compiled only where these are not kept
+            if loop.signatures:
                 out[module.name + "." + name] = sorted(map(str, loop.signatures))
     return out
 

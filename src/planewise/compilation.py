@@ -15,6 +15,7 @@ from planewise.kernels.readings import score_rays
 from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
+_CLOUD = ("cloud_", "cubes", "pairs")  # modules of kernels that only clouds need
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody waits for them
 
@@ -24,15 +25,16 @@ def cache_directory() -> Path:
     return Path(score_rays.stats.cache_path or "")
 
 
-def is_cached(loops: str = "*") -> bool:
+def is_cached(*, cloud: bool = False) -> bool:
     """Whether the loops of this version have been compiled on this machine before.
 
     Parameters
     ----------
-    loops : str
-        Modules of kernels that count, as a file name pattern.
+    cloud : bool
+        Those of clouds, not of depth images.
     """
-    written = [index.stat().st_mtime for index in cache_directory().glob(f"{loops}.nbi")]
+    indexes = cache_directory().glob("*.nbi")
+    written = [each.stat().st_mtime for each in indexes if each.name.startswith(_CLOUD) == cloud]
     sources = Path(kernels.__path__[0]).glob("*.py")
     return bool(written) and max(written) >= max(source.stat().st_mtime for source in sources)
 
@@ -49,7 +51,7 @@ def announce(*, cloud: bool = False) -> None:
     cloud : bool
         The loops are those of clouds, not of depth images.
     """
-    if is_cached("cloud_*" if cloud else "*"):
+    if is_cached(cloud=cloud):
         return
     _LOG.warning("compiling for this machine, once (some 10 s) ...")
     if available() > 1 and sys.executable and not os.environ.get(_HELPED):
