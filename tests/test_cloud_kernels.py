@@ -20,7 +20,7 @@ from planewise.kernels import cloud_labels as label_loops
 from planewise.kernels import cloud_rows as rows_of
 from planewise.kernels import cloud_segments as segments
 from planewise.kernels import pairs as loops_of_pairs
-from planewise.kernels.masks import CONTEXTS, NONE, PRIOR, SYMBOLS, _code
+from planewise.kernels.masks import CODES, CONTEXTS, NONE, PRIOR, SYMBOLS, _code
 
 SIGMA = 0.01
 SENSOR = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA)
@@ -546,7 +546,7 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
     labels = scattered()[1][cloud.rows].astype(np.uint16)
     place = np.array([0, 2, 3, 1])
     lengths = np.empty(4)
-    changes = np.zeros((4, nats.CODES), np.int64)
+    changes = np.zeros((4, CODES), np.int64)
     alike, previous, middle = np.zeros(4, np.int64), 0, len(cloud.cubes) // 2
     edges = [np.empty((len(labels), 6), np.int32) for _ in range(2)]
     for k, part in enumerate(((0, middle), (middle, len(cloud.cubes)))):

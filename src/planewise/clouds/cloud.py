@@ -217,7 +217,7 @@ def summed(
     seen_from = np.zeros(3) if origin is None else origin
     variance = _variances(points, sensor, sigma, order, starts, seen_from)
     if origin is not None:
-        rays = _mean_origins(origin, order, starts) - grid.centre
+        rays = mean_origins(origin, order, starts) - grid.centre
         kernels.foreshorten(nodes, rays, STEEPEST, FEWEST, _GRAZING, variance)
     kernels.weigh(nodes, variance)
     return starts, cubes, local, nodes, variance
@@ -306,7 +306,7 @@ def _variances(
     return np.asarray(np.add.reduceat(squares[order.rows], starts[:-1]) / np.diff(starts))
 
 
-def _mean_origins(origin: Array, order: Order, starts: NDArray[np.int64]) -> Array:
+def mean_origins(origin: Array, order: Order, starts: NDArray[np.int64]) -> Array:
     """Where the rays of the points of each cube begin, on average: shape (1 or n, 3)."""
     if origin.ndim == 1:
         return origin[None]

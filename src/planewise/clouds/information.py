@@ -23,6 +23,7 @@ from planewise.kernels import cloud_information as kernels
 from planewise.kernels import cloud_labels as label_kernels
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import ROW
+from planewise.kernels.masks import CODES
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -89,7 +90,7 @@ class Mask:
 
     def nats(self, place: NDArray[np.int64]) -> Array:
         """Of the first 0 ... N planes, shape (N + 1,), that place (N + 1,) puts in order."""
-        lengths, changes = np.empty(len(place)), np.zeros((len(place), kernels.CODES), np.int64)
+        lengths, changes = np.empty(len(place)), np.zeros((len(place), CODES), np.int64)
         kernels.mask_lengths(self.edges, self.alike, place, changes, lengths)
         return lengths
 

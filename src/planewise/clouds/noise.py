@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
 from planewise.calibration.fit import fit_polynomial
-from planewise.clouds.cloud import STEEPEST, middle_of, side_for
+from planewise.clouds.cloud import STEEPEST, mean_origins, middle_of, side_for
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, Order, blocks_of, extent_in_blocks, order_of
 from planewise.kernels import cloud_cells, cloud_keys
@@ -279,8 +279,7 @@ def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]
         0, n, local, nodes,
     )  # fmt: skip
     if origin is not None:
-        seen_from = origin[None] if origin.ndim == 1 else _means(origin[order.rows], starts)
-        seen_from = seen_from - grid.centre
+        seen_from = mean_origins(origin, order, starts) - grid.centre
     limits = _FEWEST, _WIDE, STEEPEST, _GRAZING
     for _ in range(_LEVELS):
         out = np.empty((len(nodes), 3))
@@ -297,10 +296,6 @@ def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]
 def _begins(keys: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Whether each of sorted keys is another one than that before it."""
     return np.append(True, keys[1:] != keys[:-1])[: len(keys)]
-
-
-def _means(rows: Array, starts: NDArray[np.int64]) -> Array:
-    return np.asarray(np.add.reduceat(rows, starts[:-1], axis=0) / np.diff(starts)[:, None])
 
 
 @dataclass(frozen=True)

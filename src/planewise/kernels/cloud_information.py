@@ -28,7 +28,7 @@ from planewise.kernels.cloud_rows import (
     write_normal,
 )
 from planewise.kernels.jit import compiled, in_order, internal
-from planewise.kernels.masks import ALIKE, CONTEXTS, SYMBOLS, _add_change, _length
+from planewise.kernels.masks import add_change, write_lengths
 
 BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
 _LATELY = 8192  # neighbourhoods of different labels that are remembered
@@ -233,7 +233,7 @@ def mask_lengths(edges, alike, place, changes, lengths):  # type: ignore[no-unty
     Writes lengths (N + 1,).
     """
     for e in range(edges.shape[0]):
-        _add_change(
+        add_change(
             changes,
             np.int64(place[edges[e, 0]]),
             np.int64(place[edges[e, 1]]),
@@ -242,19 +242,7 @@ def mask_lengths(edges, alike, place, changes, lengths):  # type: ignore[no-unty
             np.int64(place[edges[e, 4]]),
             edges[e, 5],
         )
-    for label in range(alike.size):
-        changes[0, 0] += alike[label]
-        if place[label] > 0:
-            changes[place[label], 0] -= alike[label]
-            changes[place[label], ALIKE] += alike[label]
-    for n in range(lengths.size):
-        if n > 0:
-            for k in range(changes.shape[1]):
-                changes[n, k] += changes[n - 1, k]
-        lengths[n] = _length(changes[n], n)
-
-
-CODES = SYMBOLS * CONTEXTS
+    write_lengths(alike, place, changes, lengths)
 
 
 @in_order

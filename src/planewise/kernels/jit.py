@@ -30,8 +30,5 @@ in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER)
 internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True, forceinline=True)
 """`compiled` for what only other loops call."""
 
-internal_in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER, no_cpython_wrapper=True, forceinline=True)
-"""`in_order` for what only other loops call."""
-
 inlined = _njit(inline="always")
 """Part of its caller: for what is called in one place, or has to be vector code there."""

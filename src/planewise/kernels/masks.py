@@ -21,6 +21,7 @@ from planewise.kernels.jit import in_order, inlined
 NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
 CONTEXTS = 48  # places of three neighbours among the distinct ones, and whether left is on a plane
+CODES = SYMBOLS * CONTEXTS
 ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
 _16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
 _LOW = np.uint64(0xFFFF)
@@ -41,7 +42,7 @@ def _code(left, above, right, corner, label):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _add_change(changes, left, above, right, corner, label, times):  # type: ignore[no-untyped-def]
+def add_change(changes, left, above, right, corner, label, times):  # type: ignore[no-untyped-def]
     """Add what a label is coded as, to changes (N + 1, .) from one number of planes to the next.
 
     times: that it comes with these neighbours.
@@ -92,6 +93,25 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
         if row[NONE] > 0:
             total += row[NONE] * math.log(planes + 1.0 - distinct)
     return total
+
+
+@inlined
+def write_lengths(alike, place, changes, lengths):  # type: ignore[no-untyped-def]
+    """Nats of the labels with the first 0 ... N planes, from the changes between these numbers.
+
+    alike (L,): labels among neighbours of their own, which are added to the changes here; the
+    others are in them (`add_change`). Writes lengths (N + 1,), and sums of the changes to these.
+    """
+    for k in range(alike.size):
+        changes[0, 0] += alike[k]
+        if place[k] > 0:
+            changes[place[k], 0] -= alike[k]
+            changes[place[k], ALIKE] += alike[k]
+    for n in range(lengths.size):
+        if n > 0:
+            for k in range(changes.shape[1]):
+                changes[n, k] += changes[n - 1, k]
+        lengths[n] = _length(changes[n], n)
 
 
 @inlined
@@ -184,7 +204,7 @@ def mask_lengths(around, label, times, readings, place, changes, lengths):  # ty
     """Nats of a label image if only the first 0 ... N planes were there, labels of others 0.
 
     around, label, times (n,): `count_labels`; readings (L,) int64: of every label; place (L,)
-    uint16: 1 ... N of every label in that order, 0 for none; changes (N + 1, SYMBOLS * CONTEXTS)
+    uint16: 1 ... N of every label in that order, 0 for none; changes (N + 1, CODES)
     int64: zeros to work in. Writes lengths (N + 1,).
 
     What a pixel adds depends on its own label and its neighbours', at most five, so it changes at
@@ -192,7 +212,7 @@ def mask_lengths(around, label, times, readings, place, changes, lengths):  # ty
     """
     for k in range(times.size):
         key, raw = around[k], label[k]
-        _add_change(
+        add_change(
             changes,
             np.int64(place[key >> _48]),
             np.int64(place[(key >> _32) & _LOW]),
@@ -206,13 +226,4 @@ def mask_lengths(around, label, times, readings, place, changes, lengths):  # ty
         if place[raw] > 0:
             changes[place[raw], 0] += times[k]
             changes[place[raw], ALIKE] -= times[k]
-    for k in range(readings.size):
-        changes[0, 0] += readings[k]
-        if place[k] > 0:
-            changes[place[k], 0] -= readings[k]
-            changes[place[k], ALIKE] += readings[k]
-    for n in range(lengths.size):
-        if n > 0:
-            for k in range(changes.shape[1]):
-                changes[n, k] += changes[n - 1, k]
-        lengths[n] = _length(changes[n], n)
+    write_lengths(readings, place, changes, lengths)

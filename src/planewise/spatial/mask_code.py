@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels.masks import CONTEXTS, SYMBOLS, count_labels, mask_lengths
+from planewise.kernels.masks import CODES, count_labels, mask_lengths
 
 _ROOM = 2048  # different ones that a frame has, as a rule fewer
 
@@ -106,7 +106,7 @@ class MaskCounts:
             Nats.
         """
         changes, lengths = (
-            np.zeros((len(place), SYMBOLS * CONTEXTS), np.int64),
+            np.zeros((len(place), CODES), np.int64),
             np.empty(len(place)),
         )
         mask_lengths(self.around, self.label, self.times, readings, place, changes, lengths)
