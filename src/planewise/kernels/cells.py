@@ -122,11 +122,10 @@ def _straight_row_moments(w, p, x, y, row, pixels, sums, out):  # type: ignore[n
     y0, y1, y2 = np.float64(y[top, 0]), np.float64(y[top + 1, 0]), np.float64(y[top + 2, 0])
     for start in range(0, out.shape[1], _BATCH):
         n, first = min(_BATCH, out.shape[1] - start), SIDE * start
-        for i in range(SIDE):
+        for i in range(2 * SIDE + 1):
+            image = p[top + i] if i < SIDE else w[top + i - SIDE] if i < 2 * SIDE else x[0]
             j = SIDE * i
-            _split(p[top + i, first:], pixels[j, :n], pixels[j + 1, :n], pixels[j + 2, :n])
-            _split(w[top + i, first:], pixels[j + 9, :n], pixels[j + 10, :n], pixels[j + 11, :n])
-        _split(x[0, first:], pixels[18, :n], pixels[19, :n], pixels[20, :n])
+            _split(image[first:], pixels[j, :n], pixels[j + 1, :n], pixels[j + 2, :n])
         for k in range(n):
             a, ay, ayy, aw, ayw, aww, count_a, product_a = _column_sums(
                 pixels[0, k], pixels[3, k], pixels[6, k],

@@ -163,7 +163,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
             half = following[half]
     for u in range(count):
         root[u] = u
-    size = 0
+    size = np.intp(0)
     for edge in range(edges):
         if alive[edge]:
             u, v = ends[edge, 0], ends[edge, 1]
@@ -250,7 +250,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                     tail[u] = half
             half = after
         if size > 3 * edges:  # full of old copies
-            size = 0
+            size = np.intp(0)
             for other_edge in range(edges):
                 if alive[other_edge] and current[other_edge] > 0.0:
                     size = push(keys, items, size, current[other_edge], other_edge)

@@ -140,18 +140,25 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     return 0.5 * (np.log(wide) - spread * spread * along * along / wide)
 
 
-@inlined
-def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
-    """`compare_forms` of pairs (n, 2) of forms: writes discord and evidence (n,)."""
-    n = discord.size
-    a, b = np.empty((FORM, n)), np.empty((FORM, n))
-    _take(pairs[:, 0], forms, a)
-    _take(pairs[:, 1], forms, b)
+@internal
+def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
+    """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
+    for j in range(chosen.size):
+        k = chosen[j]
+        for e in range(FORM):
+            out[e, j] = forms[k, e] if k >= 0 else 1.0
+
+
+@internal
+def _compare_columns(a, forms, shift, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
+    """`compare_forms` of columns of forms (12, .), the second `shift` farther on."""
     a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
     a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
-    b0, b1, b2, b3, b4, b5 = b[0], b[1], b[2], b[3], b[4], b[5]
-    b6, b7, b8, b9, b10, b11 = b[6], b[7], b[8], b[9], b[10], b[11]
-    for j in range(n):
+    b0, b1, b2 = forms[0, shift:], forms[1, shift:], forms[2, shift:]
+    b3, b4, b5 = forms[3, shift:], forms[4, shift:], forms[5, shift:]
+    b6, b7, b8 = forms[6, shift:], forms[7, shift:], forms[8, shift:]
+    b9, b10, b11 = forms[9, shift:], forms[10, shift:], forms[11, shift:]
+    for j in range(discord.size):
         x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
             a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
             a6[j], a7[j], a8[j], a9[j], a10[j], a11[j],
@@ -164,33 +171,13 @@ def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  
         evidence[j] = 0.5 * logarithm(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
-@internal
-def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
-    """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
-    for j in range(chosen.size):
-        k = chosen[j]
-        for e in range(FORM):
-            out[e, j] = forms[k, e] if k >= 0 else 1.0
-
-
-@internal
-def _discords(a, forms, shift, out):  # type: ignore[no-untyped-def]
-    """Discords of columns of forms (12, .), the second `shift` farther on."""
-    a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
-    a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
-    b0, b1, b2 = forms[0, shift:], forms[1, shift:], forms[2, shift:]
-    b3, b4, b5 = forms[3, shift:], forms[4, shift:], forms[5, shift:]
-    b6, b7, b8 = forms[6, shift:], forms[7, shift:], forms[8, shift:]
-    b9, b10, b11 = forms[9, shift:], forms[10, shift:], forms[11, shift:]
-    for j in range(out.size):
-        x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-            a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
-            a6[j], a7[j], a8[j], a9[j], a10[j], a11[j],
-            b0[j], b1[j], b2[j], b3[j], b4[j], b5[j],
-            b6[j], b7[j], b8[j], b9[j], b10[j], b11[j],
-        )  # fmt: skip
-        form = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
-        out[j] = form / _determinant(c00, c01, c02, c11, c12, c22)
+@inlined
+def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
+    """`compare_forms` of pairs (n, 2) of forms: writes discord and evidence (n,)."""
+    a, b = np.empty((FORM, discord.size)), np.empty((FORM, discord.size))
+    _take(pairs[:, 0], forms, a)
+    _take(pairs[:, 1], forms, b)
+    _compare_columns(a, b, np.intp(0), offset_prior, slope_prior, discord, evidence)
 
 
 @compiled
@@ -202,12 +189,15 @@ def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-de
     """
     rows, columns = squares.shape
     upper, lower = np.empty((FORM, columns)), np.empty((FORM, columns))
+    prior, evidence = np.empty(columns), np.empty(columns)  # which nobody asks for
+    for j in range(columns):
+        prior[j] = 0.0
     _take(squares[0], forms, upper)
     for i in range(rows):
-        _discords(upper, upper, 1, right[i, :-1])
+        _compare_columns(upper, upper, np.intp(1), prior, prior, right[i, :-1], evidence)
         if i + 1 < rows:
             _take(squares[i + 1], forms, lower)
-            _discords(upper, lower, 0, below[i])
+            _compare_columns(upper, lower, np.intp(0), prior, prior, below[i], evidence)
             upper, lower = lower, upper
 
 

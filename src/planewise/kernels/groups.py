@@ -164,7 +164,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
                 moments[COUNT, g] = 0.0
             if mine != SEVERAL:
                 continue
-            found = 0
+            found = np.intp(0)
             for a in range(3 * i, min(3 * i + 3, rows)):
                 for b in range(3 * j, min(3 * j + 3, columns)):
                     if cell[a, b] >= 0:

@@ -281,7 +281,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
     seen[:] = -1
     degree[:] = version[:] = 0
-    edges = 0
+    edges = np.intp(0)  # a literal 0 would be a type of its own, for which callees compile again
     for i in range(rows):
         for j in range(columns):
             u = unit[i, j]
@@ -314,7 +314,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         while half >= 0:
             seen[ends[half >> 1, 1 - (half & 1)]] = -1
             half = following[half]
-    sides, edges = edges, 0
+    sides, edges = edges, np.intp(0)
     for side in range(sides):
         if alive[side]:
             ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
@@ -326,7 +326,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     # heap; misfit: of the two segments then.
     for u in range(count):
         root[u] = u
-    size = 0
+    size = np.intp(0)
     for start in range(0, edges, _BATCH):
         stop = min(start + _BATCH, edges)
         _first_gains(
@@ -341,11 +341,10 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 size = push(keys, items, size, current[edge], edge)
     while size > 0:
         key, edge = keys[0], items[0]
-        if not alive[edge] or key != current[edge]:
-            size = pop(keys, items, size)
-            continue
         u, v = ends[edge, 0], ends[edge, 1]
-        if valued[edge] != version[u] + version[v]:
+        best = alive[edge] and key == current[edge]
+        if best and valued[edge] != version[u] + version[v]:
+            best = False
             valued[edge] = version[u] + version[v]
             current[edge], misfit[edge] = _merge_gain(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
@@ -353,10 +352,10 @@ def agglomerate(  # type: ignore[no-untyped-def]
             )  # fmt: skip
             if current[edge] > 0.0:
                 replace(keys, items, size, current[edge], edge)
-            else:
-                size = pop(keys, items, size)
-            continue
+                continue
         size = pop(keys, items, size)
+        if not best:
+            continue
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         if home[u] != home[v]:
@@ -415,7 +414,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     tail[u] = half
             half = after
         if size > 3 * edges:  # full of old copies
-            size = 0
+            size = np.intp(0)
             for other_edge in range(edges):
                 if alive[other_edge] and current[other_edge] > 0.0:
                     size = push(keys, items, size, current[other_edge], other_edge)
