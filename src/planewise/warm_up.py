@@ -1,11 +1,13 @@
 """Compile the loops of the later stages in a process of their own, while the first ones are.
 
 ``python -m planewise.warm_up`` is what `compilation.announce` starts; what it compiles is found in
-Numba's cache by the time the call that waits gets there.
+Numba's cache by the time the call that waits gets there. It begins with the last stage, so that the
+two meet, whichever is faster.
 """
 
 from __future__ import annotations
 
+import gc
 from types import SimpleNamespace
 from typing import Any
 
@@ -31,7 +33,7 @@ _PLANES = np.array([[0.5 + _CREASE, -1.0, 0.0], [0.5 - _CREASE, 1.0, 0.0]])  # w
 
 
 def later_stages() -> None:
-    """Join, label, value and describe the two planes of a made-up frame, a valley.
+    """Describe, value, label and join the two planes of a made-up frame, a valley.
 
     Its arrays have the types and layouts of a real one's.
     """
@@ -48,12 +50,22 @@ def later_stages() -> None:
         resolution=0.001,
         sectors=camera.sectors((_SIZE, _SIZE)),
     )
+    labels = np.where(x < _CREASE, 1, 2).astype(np.uint16)
+    area, place = camera.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
+    describe_image(frame, area, _PLANES, np.ones((2, 4)), np.zeros((2, 4, 4)), labels, place)
+
     side = _SIZE // SIDE
     of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)
     rows = np.array([_row(plane) for plane in _PLANES])
     cells = _cells(rows[of_unit])
+    groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
+    _, data = refitted(groups, _PLANES)
+    book_of(groups, data, 10.0, 0.001)
+
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)
+    residual_correlation(cells, labels, _PLANES, frame.sectors)
+    label_planes(frame, cells, of_unit, both, rows[None], both, limits)
     segments = Segments(
         rows=rows,
         forms=np.ones((2, FORM)),
@@ -64,15 +76,6 @@ def later_stages() -> None:
         of_unit=of_unit,
     )
     join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors, False)
-    _, labels = label_planes(frame, cells, of_unit, both, rows[None], both, limits)
-    residual_correlation(cells, labels, _PLANES, frame.sectors)
-    groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
-    planes, data = refitted(groups, _PLANES)
-    book = book_of(groups, data, 10.0, 0.001)
-    affine, covariances = planes[book.order], np.zeros((2, 4, 4))
-    place = np.arange(3, dtype=np.uint16)
-    area = camera.pixel_area(labels.shape)
-    describe_image(frame, area, affine, np.ones((2, 4)), covariances, labels, place)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -103,4 +106,5 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a short life
     later_stages()

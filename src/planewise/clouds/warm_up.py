@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -107,4 +109,5 @@ def _rows(centres: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 if __name__ == "__main__":
+    gc.disable()  # a short life
     later_stages()
