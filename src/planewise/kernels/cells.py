@@ -214,7 +214,8 @@ def cell_moments(w, p, x, y, moments, misfits, blocks, together, straight):  # t
     columns / 2), rounded up.
     """
     rows, columns = misfits.shape
-    sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.zeros((MOMENTS + 1, columns))
+    sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.empty((MOMENTS + 1, columns))
+    nothing[:] = 0.0
     line = np.empty(w.shape[1], y.dtype)
     for top in range(0, rows, 2):
         for row in range(top, min(top + 2, rows)):
@@ -229,7 +230,8 @@ def straight_moments(w, p, x, y, moments, misfits, blocks, together):  # type: i
     A loop of its own: few cameras need both, and each takes a second or two to compile.
     """
     pixels, batch = np.empty((21, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
-    nothing = np.zeros((MOMENTS + 1, misfits.shape[1]))
+    nothing = np.empty((MOMENTS + 1, misfits.shape[1]))
+    nothing[:] = 0.0
     for top in range(0, misfits.shape[0], 2):
         for row in range(top, min(top + 2, misfits.shape[0])):
             _straight_row_moments(w, p, x, y, row, pixels, batch, moments[row])

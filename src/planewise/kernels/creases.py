@@ -69,7 +69,10 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
     """
     height, width = label.shape
     count = planes.shape[0]
-    votes, touching = np.zeros((count, count), np.int32), np.zeros((count, count), np.int32)
+    votes, touching = np.empty((count, count), np.int32), np.empty((count, count), np.int32)
+    for a in range(count):
+        for b in range(count):
+            votes[a, b] = touching[a, b] = 0
     for n in range(borders.shape[0]):
         border = borders[n]
         i, j, k = border[0], border[1], border[2]
@@ -126,7 +129,10 @@ def crease_offsets(  # type: ignore[no-untyped-def]
     height, width = label.shape
     last = variance.size - 1
     middle = reach * BINS
-    histogram = np.zeros((offset.size, 2 * middle + 1))
+    histogram = np.empty((offset.size, 2 * middle + 1))
+    for number in range(offset.size):
+        for place in range(2 * middle + 1):
+            histogram[number, place] = 0.0
     for n in range(borders.shape[0]):
         border = borders[n]
         i, j, k = border[0], border[1], border[2]

@@ -51,10 +51,11 @@ def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: igno
             sizes[of_unit[k]] += 1
     strides, wait, taken = (
         np.empty(bins, np.int64),
-        np.zeros(bins, np.int64),
-        np.zeros(bins, np.int64),
+        np.empty(bins, np.int64),
+        np.empty(bins, np.int64),
     )
     for b in range(bins):
+        wait[b] = taken[b] = 0
         strides[b] = (sizes[b] - 1) // samples.shape[2] + 1
     for k in range(steep.size):
         b = of_unit[k]

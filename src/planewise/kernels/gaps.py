@@ -35,17 +35,27 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
     """
     sectors, n = segments.shape[0], segments.shape[1]
     naming = np.log(n)  # nats to say which other segment it is
-    gain, discord = np.full((n, n), -np.inf), np.zeros((n, n))
+    gain, discord = np.empty((n, n)), np.empty((n, n))
     for i in range(n):
         owner[i] = i
-        for j in range(i + 1, n):
-            gain[i, j], discord[i, j] = _saved(
-                segments, forms, home, slope_prior, gap_offset, naming, i, j
-            )
-    while n > 1:
-        best = np.argmax(gain)
-        i, j = best // n, best % n
-        if gain[i, j] <= 0.0:
+        for j in range(n):
+            gain[i, j] = -np.inf
+    changed = -1  # at first, all are compared with all
+    while True:
+        for one in range(n if changed < 0 else 1):
+            i = max(one, changed)
+            for k in range(0 if changed >= 0 else i + 1, n):
+                if owner[k] == k and k != i:
+                    a, b = min(i, k), max(i, k)
+                    gain[a, b], discord[a, b] = _saved(
+                        segments, forms, home, slope_prior, gap_offset, naming, a, b
+                    )
+        best, i, j = 0.0, 0, 0
+        for a in range(n):
+            for b in range(a + 1, n):
+                if gain[a, b] > best:
+                    best, i, j = gain[a, b], a, b
+        if best <= 0.0:
             break
         if segments[0, i, COUNT] < segments[0, j, COUNT]:
             home[i] = home[j]
@@ -54,16 +64,11 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
             for e in range(SEGMENT):
                 segments[sector, i, e] += segments[sector, j, e]
             write_form(segments[sector, i], drift[i], forms[sector, i])
-        gain[j] = gain[:, j] = -np.inf
         for k in range(n):
+            gain[j, k] = gain[k, j] = -np.inf
             if owner[k] == j:
                 owner[k] = i
-        for k in range(n):
-            if owner[k] == k and k != i:
-                a, b = min(i, k), max(i, k)
-                gain[a, b], discord[a, b] = _saved(
-                    segments, forms, home, slope_prior, gap_offset, naming, a, b
-                )
+        changed = i
 
 
 @compiled

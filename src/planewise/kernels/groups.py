@@ -83,7 +83,8 @@ def sum_blocks(cells, white, constant, moments):  # type: ignore[no-untyped-def]
     """
     rows, _, columns = cells.shape
     wide = -(-columns // 3)
-    line = np.zeros(3 * wide)
+    line = np.empty(3 * wide)
+    line[columns:] = 0.0
     for i in range(-(-rows // 3)):
         start = i * wide
         for e in range(NORM + 1):
@@ -150,14 +151,16 @@ def sum_groups(  # type: ignore[no-untyped-def]
     height, width = labels.shape
     rows, columns = cell.shape
     names = np.empty(BLOCK * BLOCK, np.int32)
-    sums = np.zeros((names.size, NORM + 2))
+    sums = np.empty((names.size, NORM + 2))
     for k in range(names.size):
+        for e in range(NORM + 1):
+            sums[k, e] = 0.0
         sums[k, CELL] = 1.0  # product of p w^4 in one cell
     blocks, end = 0, block.size
     for i in range(block.shape[0]):
         for j in range(block.shape[1]):
             g, mine = i * block.shape[1] + j, block[i, j]
-            label[g] = max(mine, 0)
+            label[g] = mine if mine > 0 else 0
             if mine >= 0:
                 readings[mine] += np.int64(moments[COUNT, g])
             else:

@@ -54,7 +54,7 @@ def look_up_levels(raw, inverse, precision, w, p):  # type: ignore[no-untyped-de
     for i in range(raw.shape[0]):
         row = raw[i]
         for j in range(row.size):
-            level = min(row[j], last)
+            level = row[j] if row[j] < last else last
             w[i, j] = inverse[level]
             p[i, j] = precision[level]
 

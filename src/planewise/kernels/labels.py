@@ -245,4 +245,4 @@ def without_margin(label, out):  # type: ignore[no-untyped-def]
     for i in range(out.shape[0]):
         row, source = out[i], label[i + 1]
         for j in range(row.size):
-            row[j] = max(source[j + 1], 0)
+            row[j] = source[j + 1] if source[j + 1] > 0 else 0

@@ -36,7 +36,7 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
     and boxes (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
-    boxes[:, :2] = max(labels.shape)
+    boxes[:, :2] = max(labels.shape[0], labels.shape[1])
     boxes[:, 2:] = 0
     line = np.empty(labels.shape[1], y.dtype)
     for i in range(labels.shape[0]):

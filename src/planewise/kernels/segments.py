@@ -157,7 +157,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
     forms and drift are changed in place; root (n,): the segment that each is part of, the upper
     left one of its square.
     """
-    level = np.zeros(root.size, np.int8)
+    level = np.empty(root.size, np.int8)
     for k in range(root.size):
         root[k] = k
         level[k] = 1 if whole[k] else 0
@@ -168,7 +168,7 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
             for j in range(0, unit.shape[1] - side, 2 * side):
                 a, b = unit[i, j], unit[i, j + side]
                 c, d = unit[i + side, j], unit[i + side, j + side]
-                if min(a, b, c, d) < 0:
+                if a < 0 or b < 0 or c < 0 or d < 0:
                     continue
                 if level[a] != step or level[b] != step or level[c] != step or level[d] != step:
                     continue

@@ -20,7 +20,9 @@ def units_inside(label, grid, side, inside):  # type: ignore[no-untyped-def]
     height, width = label.shape
     rows, columns = grid.shape
     # Whether pixels are like those above and below them in their cell, and the one to the right.
-    column, pair = np.ones(columns * side, np.bool_), np.ones(columns * side, np.bool_)
+    column, pair = np.empty(columns * side, np.bool_), np.empty(columns * side, np.bool_)
+    for j in range(columns * side):
+        column[j] = pair[j] = True
     for k in range(inside.size):
         inside[k] = -1
     for r in range(rows):
@@ -85,7 +87,7 @@ def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
             for _ in range(width - 1 + down):
                 a, b = grid[at], grid[at + step]
                 at += _1
-                if a == b or min(a, b) < 0:
+                if a == b or a < 0 or b < 0:
                     continue
                 here, there = np.uintp(a), np.uintp(b)
                 label = inside[here]
