@@ -2,7 +2,8 @@
 
 ``error_model="numpy"``, for the default checks every division and keeps loops from being vector
 code; of ``fastmath`` only what honours NaN and infinity; no wrappers that nobody calls, for each
-costs compilation time.
+costs compilation time. So do types: a literal handed to another loop is a type of its own, for
+which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, once for every type.
 """
 
 from __future__ import annotations

@@ -281,7 +281,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
     seen[:] = -1
     degree[:] = version[:] = 0
-    edges = np.intp(0)  # a literal 0 would be a type of its own, for which callees compile again
+    edges = np.intp(0)
     for i in range(rows):
         for j in range(columns):
             u = unit[i, j]
