@@ -71,7 +71,7 @@ def announce(*, cloud: bool = False) -> None:
             _helpers.append(helper)
 
 
-class _Uncollected(event.Listener):  # type: ignore[misc]
+class _Uncollected(event.Listener):
     """Keeps the garbage collector still while Numba compiles a loop of this package.
 
     It would look through all of the compiler's objects again and again, a fifth of the whole time.
@@ -95,4 +95,5 @@ class _Uncollected(event.Listener):  # type: ignore[misc]
             gc.enable()
 
 
-event.register("numba:compile", _Uncollected())
+_register: Any = event.register  # has no types
+_register("numba:compile", _Uncollected())
