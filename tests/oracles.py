@@ -56,6 +56,21 @@ def phi(depth, rays, labels, planes, sigma, R, eps):
     return total
 
 
+LEVELS = np.arange(21)
+
+
+def group_level(misfit, count):
+    """k of every group's white variance, 2^k: of all that there are the shortest for a surface."""
+    nats = 0.5 * np.multiply.outer(count, LEVELS) * math.log(2)
+    nats += 0.5 * np.multiply.outer(misfit, 0.5**LEVELS) + LEVELS * math.log(2)
+    return LEVELS[nats.argmin(axis=-1)]
+
+
+def group_level_nats(level):
+    """(k + 1) ln 2: the probability of k is 2^-(k + 1), their sum less than one."""
+    return (level + 1) * math.log(2)
+
+
 def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     """Nats of groups on none and on a plane each: columns of moments and of planes with extents."""
     near, slow, bent, bend, lateral = error
@@ -76,6 +91,11 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
         )
         return explained, np.linalg.slogdet(matrix)[1]
 
+    misfit = square - integrated_slopes(slope_prior * mean**2, xw, yw)[0]
+    level = group_level(misfit, count)
+    norm = norm + 0.5 * count * level * math.log(2) + group_level_nats(level)
+    p, own = m[0] / count, 0.5**level
+    weight, xx, xy, yy, xw, yw, square = own * np.array([m[0], xx, xy, yy, xw, yw, square])
     explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
     smooth = surface + 0.5 * (square - explained + determinant) + norm
     alone = math.log(2) + np.minimum(smooth, count * coordinate)
@@ -83,14 +103,14 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     rows = np.arange(shared.size)
     shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
     off = mean - (t0 + t1 * cx + t2 * cy)
-    chi2 = square + m[0] * off**2 - 2 * (t1 * xw + t2 * yw)
+    chi2 = square + weight * off**2 - 2 * (t1 * xw + t2 * yw)
     chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
-    steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * m[0] / count
+    steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * p
     offset = steep * (near * (shared + step) + slow * extent * drift)
     tilt = steep * (bent * shared + bend * drift)
     explained, determinant = integrated_slopes(tilt, xw - t1 * xx - t2 * xy, yw - t1 * xy - t2 * yy)
-    spread = 1 + offset * m[0]
-    chi2 -= offset * (m[0] * off) ** 2 / spread + explained
+    spread = 1 + offset * weight
+    chi2 -= offset * (weight * off) ** 2 / spread + explained
     on = math.log(2) + np.minimum(
         0.5 * (chi2 + np.log(spread) + determinant) + norm, count * coordinate
     )

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import frame_error, images, planes
-from planewise.kernels.elementary import logarithm
+from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.jit import compiled
 from planewise.spatial.frame import ErrorTable
 
@@ -25,6 +25,21 @@ def test_logarithm():
     exact = np.log(x)
     assert (np.abs(out - exact) <= 3 * np.spacing(np.abs(exact))).all()
     assert out[0] == 0
+
+
+@compiled
+def exponents(x, k, out):
+    for i in range(x.size):
+        k[i] = exponent(x[i])
+        out[i] = power_of_two(k[i])
+
+
+def test_powers_of_two():
+    x = np.concatenate((np.exp(np.random.default_rng(1).uniform(-700, 700, 1000)), [1, 0.5, 1024]))
+    k, out = np.empty(x.size, np.int64), np.empty(x.size)
+    exponents(x, k, out)
+    assert_array_equal(k, np.frexp(x)[1] - 1)
+    assert_array_equal(out, np.exp2(k))
 
 
 def test_affine_planes():

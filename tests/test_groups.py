@@ -87,8 +87,13 @@ def test_cells_are_those_of_the_search():
 
 @pytest.mark.parametrize("off", [0.0, 1e-3, 0.02])
 def test_nats_of_groups(off):
-    """Readings on their planes, a little off, and so far that they are surfaces of their own."""
+    """Readings on their planes, a little off, and so far that they are surfaces of their own.
+
+    In the right half they err five times as much as told.
+    """
     labels, images = patches(np.random.default_rng(6), (90, 120))
+    loud = np.random.default_rng(8).normal(0, 5 * SIGMA, (90, 60)).astype(np.float32)
+    images[0][:, 60:] += np.where(images[1][:, 60:] > 0, loud, 0)
     moments, label, first = grouped(labels, images)
     end = first[-1]
     planes = np.vstack((PLANES.T, [0.0, 0.4, 0.3, 0.5]))  # and the side of a square as large
@@ -96,11 +101,11 @@ def test_nats_of_groups(off):
     rng = np.random.default_rng(7)
     table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
     error, prior = (0.8, 0.1, 60.0, 9.0, 0.3), (0.05, 8.0, 9.0)
-    alone, data = np.empty((2, moments.shape[1]))
+    alone, data, white = np.empty((3, moments.shape[1]))
     worth, saved, leaving = np.full((3, 4), 5.0)
     arguments = (*table, 120.0, error, prior)
     total = group_data.group_data(
-        moments, label, first, planes, *arguments, alone, data, worth, saved, leaving
+        moments, label, first, planes, *arguments, alone, data, white, worth, saved, leaving
     )
     there = np.flatnonzero(moments[COUNT, :end] > 0)
     m, name = moments[:, there], label[there]
@@ -109,6 +114,7 @@ def test_nats_of_groups(off):
     assert_allclose(alone[there], expected_alone, rtol=1e-9)
     assert_allclose(data[there], expected, rtol=1e-9)
     assert total == pytest.approx(expected.sum(), rel=1e-12)
+    assert set(white[there]) >= {1.0, 0.125}
     shorter = np.bincount(name, expected - expected_alone, 4) * [0, 1, 1, 1]
     assert_allclose(worth, 5 + shorter, rtol=1e-9)
     shorter = np.bincount(name, expected - m[COUNT] * prior[2], 4) * [0, 1, 1, 1]

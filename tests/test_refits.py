@@ -18,6 +18,8 @@ from planewise.spatial.information import GROUP_SIDE, book_of, groups_of, ledger
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import segment
 
+from .oracles import group_level, group_level_nats
+
 PARTS = pw.noise.ErrorParts(
     white=pw.noise.constant(0.003),
     shared=pw.noise.constant(0.002),
@@ -68,8 +70,12 @@ def oracle(frame, error, affine, labels, pixel_size):
                 extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
                 offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                 tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
-                C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
-                wide = np.diag(v) + J @ np.diag([0, 1, 1]) @ J.T * (slope * mean) ** 2
+                slopes = J @ np.diag([0, 1, 1]) @ J.T * (slope * mean) ** 2
+                misfit = (w - mean) @ np.linalg.solve(np.diag(v) + slopes, w - mean)
+                level = group_level(misfit, w.size)
+                change += group_level_nats(level)
+                own = np.diag(v * 2.0**level)
+                C, wide = own + J @ np.diag([offset, tilt, tilt]) @ J.T, own + slopes
                 on = described(w - t[0] - t[1] * x - t[2] * y, C, change)
                 alone = math.log(0.05) - min(L + described(w - mean, wide, change), w.size * L)
                 if on >= w.size * L:

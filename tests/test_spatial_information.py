@@ -15,6 +15,8 @@ from planewise.spatial.information import GROUP_SIDE, ledger
 from planewise.spatial.mask_code import spatial_mask_information
 from planewise.workspace import Workspace
 
+from .oracles import group_level, group_level_nats
+
 PARTS = pw.noise.ErrorParts(
     white=pw.noise.constant(0.003),
     shared=pw.noise.constant(0.002),
@@ -63,8 +65,12 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 unbiased = 1 + error.seen * frame.table.noise_bias(of_block)
                 w, mean = unbiased * w, unbiased * mean
                 s = (slope * mean) ** 2
-                C = np.diag(v) + J @ np.diag([0, s, s]) @ J.T
-                smooth = L + normal_nats(w - mean, C) + change
+                slopes = J @ np.diag([0, s, s]) @ J.T
+                misfit = (w - mean) @ np.linalg.solve(np.diag(v) + slopes, w - mean)
+                level = group_level(misfit, w.size)
+                change += group_level_nats(level)
+                own = np.diag(v * 2.0**level)
+                smooth = L + normal_nats(w - mean, own + slopes) + change
                 nats = math.log(2) + min(smooth, w.size * L)
                 if label:
                     t = affine[label - 1]
@@ -76,7 +82,7 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                     extent = math.sqrt(np.sum(whole & (frame.p > 0))) / 100
                     offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                     tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
-                    C = np.diag(v) + J @ np.diag([offset, tilt, tilt]) @ J.T
+                    C = own + J @ np.diag([offset, tilt, tilt]) @ J.T
                     fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C) + change
                     fitted = math.log(2) + min(fitted, w.size * L)
                     nats = -np.logaddexp(math.log(0.95) - fitted, math.log(0.05) - nats)
@@ -152,6 +158,25 @@ def test_without_planes_all_is_on_none(scene):
     book = ledger(frame, None, affine[:0], 0 * labels, 8, 0.001, size)
     expected = oracle(frame, FrameError(), affine[:0], 0 * labels, 8, 0.001, size)
     assert book.curve == pytest.approx([expected], rel=1e-9)
+
+
+def test_loud_readings_of_a_plane_stay_on_it(camera):
+    """Stripes that err more than told make a plane no better without its worst readings."""
+    rng, shape = np.random.default_rng(0), (48, 64)
+    plane, sigma = np.array([0.5, 0.01, -0.02]), np.full(shape, 0.003)
+    sigma[20:30] *= 4
+    seen = pw.observe(np.full(shape, 2.0), camera, SENSOR)
+    frame, size = frame_of(seen), seen.pixel_size
+    depth = 1 / (plane[0] + plane[1] * frame.x + plane[2] * frame.y) + rng.normal(0, sigma)
+    seen = pw.observe(depth, camera, SENSOR)
+    frame = frame_of(seen)
+    off = depth - 1 / (plane[0] + plane[1] * frame.x + plane[2] * frame.y)
+    phi = [
+        ledger(frame, None, plane[None], labels.astype(int), 8, 0.001, size).curve[-1]
+        for labels in (off < np.inf, np.abs(off) < 0.012)
+    ]
+    assert (np.abs(off) > 0.012).sum() > 50
+    assert phi[0] < phi[1]
 
 
 def test_memory_may_be_reused(scene):

@@ -5,7 +5,8 @@
 Two coordinates of a point take ln(R / eps) each in any case, nothing where its ray is known; the
 third is data: of a group, the
 points of one label in one cube, normal about a plane, a random offset and tilt of the group
-integrated out; about a smooth surface of its own; or anything at all. As `spatial.information`.
+integrated out; about a smooth surface of its own; or anything at all. As `spatial.information`, but
+for the white variance, which is the cloud's.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The logarithm written out, so that loops which take many are vector code.
+"""The logarithm and powers of two written out, so that loops which take many are vector code.
 
 A call of the C library's ends a vector loop; these few multiplications are part of one.
 """
@@ -13,6 +13,7 @@ from planewise.kernels.jit import inlined
 
 _LN2 = math.log(2.0)
 _FRACTION = np.int64((1 << 52) - 1)  # bits of a float64 that are not its exponent
+_BIAS = np.int64(1023)  # what exponents are written with
 _ROOT_HALF = np.int64(np.float64(math.sqrt(0.5)).view(np.int64))
 
 
@@ -32,3 +33,15 @@ def logarithm(x):  # type: ignore[no-untyped-def]
         1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * (1 / 11 + q * (1 / 13 + q * tail)))))
     )
     return (shifted >> 52) * _LN2 + (2.0 * s + 2.0 * s * tail)
+
+
+@inlined
+def exponent(x):  # type: ignore[no-untyped-def]
+    """k with 2^k <= x < 2^(k + 1) of a normal number x > 0."""
+    return (np.float64(x).view(np.int64) >> 52) - _BIAS
+
+
+@inlined
+def power_of_two(k):  # type: ignore[no-untyped-def]
+    """2^k."""
+    return np.int64((np.int64(k) + _BIAS) << 52).view(np.float64)

@@ -1,4 +1,8 @@
-"""Loops over groups: their nats on planes and on none, as closed forms of their moments."""
+"""Loops over groups: their nats on planes and on none, as closed forms of their moments.
+
+The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, which takes
+(k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +11,30 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
-from planewise.kernels.jit import compiled, internal
+from planewise.kernels.jit import compiled, inlined, internal
 
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
+_LOUDEST = 2.0**20  # white variance of a group, times the frame's
+_LN2 = math.log(2.0)
 _BATCH = 256
 
 
-@internal
+@inlined
+def _level(misfit, count):  # type: ignore[no-untyped-def]
+    """k that makes n / 2 ln 2^k + chi^2 / 2^(k + 1) + k ln 2 least."""
+    best = misfit / (_LN2 * (count + 2.0))
+    return exponent(min(best, _LOUDEST) if best > 1.0 else 1.0)
+
+
+@inlined
+def _level_nats(level, count):  # type: ignore[no-untyped-def]
+    """Nats of a level, and of readings whose density is so much lower."""
+    return _LN2 * (0.5 * count * level + level + 1.0)
+
+
+@inlined
 def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-untyped-def]
     """chi^2 with random slopes of a variance integrated out, and det(I + variance A)."""
     a, b, c = 1.0 + variance * xx, variance * xy, 1.0 + variance * yy
@@ -23,20 +43,32 @@ def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-un
     return square - variance * explained / determinant, determinant
 
 
+@inlined
+def _about_surface(slopes, square, xx, xy, yy, xw, yw, count):  # type: ignore[no-untyped-def]
+    """Level k of a group, chi^2 about a smooth surface under it, and the determinant of slopes."""
+    misfit, _ = _without_slopes(slopes, square, xx, xy, yy, xw, yw)
+    level = _level(misfit, count)
+    own = power_of_two(-level)
+    chi2, determinant = _without_slopes(
+        slopes, own * square, own * xx, own * xy, own * yy, own * xw, own * yw
+    )
+    return level, chi2, determinant
+
+
 @internal
-def _on_none(misfit, determinant, norm, count, prior):  # type: ignore[no-untyped-def]
+def _on_none(smooth, count, prior):  # type: ignore[no-untyped-def]
     """Nats of a group on none: a smooth surface or anything at all, whichever is shorter.
 
-    prior: variance of a surface's slopes at w = 1, nats of its depth, and of any reading's.
+    smooth: nats about a surface of known depth; prior: variance of its slopes at w = 1, nats of its
+    depth, and of any reading's.
     """
-    smooth = prior[1] + 0.5 * (misfit + math.log(determinant)) + norm
-    return math.log(2.0) + min(smooth, count * prior[2])
+    return _LN2 + min(prior[1] + smooth, count * prior[2])
 
 
 @compiled
 def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
-    worth, saved, leaving,
+    white, worth, saved, leaving,
 ):  # fmt: skip
     """Nats of every group on none and as labelled.
 
@@ -46,20 +78,22 @@ def group_data(  # type: ignore[no-untyped-def]
     and of slow variance of a group's offset, of both of its tilt, and the lateral variance. prior:
     `_on_none`.
 
-    Writes alone and data (.). Adds to worth (N + 1,) data - alone, to saved (N + 1,) data less what
-    readings take that may be anything at all, and to leaving (N + 1,) what blocks that are all on a
-    plane have more without it. Returns the sum of data.
+    Writes alone and data (.), and white (.): its readings' precision, times the frame's. Adds to
+    worth (N + 1,) data - alone, to saved (N + 1,) data less what readings take that may be anything
+    at all, and to leaving (N + 1,) what blocks that are all on a plane have more without it.
+    Returns the sum of data.
     """
     blocks, groups = first[0], first[-1]
     near, slow, bent, bend, lateral = error
     last = np.float64(shared.size - 2)
     in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
-    work = np.empty((23, _BATCH))
+    work = np.empty((24, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
     m6, m7, m8, m9, count, norm = work[6], work[7], work[8], work[9], work[10], work[11]
     t0, t1, t2, extent, common, fine = work[12], work[13], work[14], work[15], work[16], work[17]
     wander, smooth, spread, fitted, turned = work[18], work[19], work[20], work[21], work[22]
+    precision = work[23]
     total = 0.0
     for start in range(0, groups, _BATCH):
         stop = min(start + _BATCH, groups)
@@ -85,9 +119,12 @@ def group_data(  # type: ignore[no-untyped-def]
             xx, xy, yy = m3[k] - cx * m1[k], m4[k] - cx * m2[k], m5[k] - cy * m2[k]
             xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
             square = m9[k] - mean * m6[k]
-            smooth[k], spread[k] = _without_slopes(
-                prior[0] * mean * mean, square, xx, xy, yy, xw, yw
+            slopes = prior[0] * mean * mean
+            level, smooth[k], spread[k] = _about_surface(
+                slopes, square, xx, xy, yy, xw, yw, count[k]
             )
+            precision[k] = own = power_of_two(-level)
+            norm[k] += _level_nats(level, count[k])
 
             a, b = t1[k], t2[k]
             off = mean - (t0[k] + a * cx + b * cy)
@@ -96,21 +133,25 @@ def group_data(  # type: ignore[no-untyped-def]
             tilt = steep * (bent * common[k] + bend * wander[k])
             # chi^2 about the plane: the part that an offset explains apart
             square += a * a * xx + 2.0 * a * b * xy + b * b * yy - 2.0 * (a * xw + b * yw)
-            xw, yw = xw - a * xx - b * xy, yw - a * xy - b * yy
+            xw, yw = own * (xw - a * xx - b * xy), own * (yw - a * xy - b * yy)
+            square, xx, xy, yy = own * square, own * xx, own * xy, own * yy
             chi2, determinant = _without_slopes(tilt, square, xx, xy, yy, xw, yw)
-            wide = 1.0 + offset * m0[k]
-            fitted[k] = chi2 + m0[k] * off * off / wide
+            wide = 1.0 + offset * own * m0[k]
+            fitted[k] = chi2 + own * m0[k] * off * off / wide
             turned[k] = determinant * wide
         for k in range(n):
+            smooth[k] = 0.5 * (smooth[k] + logarithm(spread[k])) + norm[k]
+            fitted[k] = 0.5 * (fitted[k] + logarithm(turned[k])) + norm[k]
+        for k in range(n):
             g, j = start + k, label[start + k]
+            white[g] = precision[k]
             if not count[k] > 0.0:
                 alone[g] = data[g] = 0.0
                 continue
-            nats = _on_none(smooth[k], spread[k], norm[k], count[k], prior)
+            nats = _on_none(smooth[k], count[k], prior)
             alone[g] = nats
             if j > 0:
-                on = 0.5 * (fitted[k] + math.log(turned[k])) + norm[k]
-                on = math.log(2.0) + min(on, count[k] * prior[2])
+                on = _LN2 + min(fitted[k], count[k] * prior[2])
                 # -ln(0.95 exp(-on) + 0.05 exp(-alone))
                 odds = (on_its_own - nats) - (in_common - on)
                 if odds > 0.0:
@@ -155,15 +196,13 @@ def groups_left(moments, label, first, place, prior, data, leaving):  # type: ig
             for e in range(NORM + 1):
                 m[e] += moments[e, at]
             cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
-            misfit, determinant = _without_slopes(
-                prior[0] * mean * mean,
-                m[9] - mean * m[6],
-                m[3] - cx * m[1],
-                m[4] - cx * m[2],
-                m[5] - cy * m[2],
-                m[7] - cx * m[6],
-                m[8] - cy * m[6],
+            slopes, square = prior[0] * mean * mean, m[9] - mean * m[6]
+            xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
+            xw, yw = m[7] - cx * m[6], m[8] - cy * m[6]
+            level, misfit, determinant = _about_surface(
+                slopes, square, xx, xy, yy, xw, yw, m[COUNT]
             )
-            now = _on_none(misfit, determinant, m[NORM], m[COUNT], prior)
+            smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
+            now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)
             leaving[label[at]] += now - paid - data[at]
             paid, behind = now, gone

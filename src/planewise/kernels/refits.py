@@ -16,8 +16,9 @@ _FAR = 40.0  # nats by which a smooth surface has to be shorter for the other no
 
 @compiled
 def refit_sums(  # type: ignore[no-untyped-def]
-    moments, label, planes, shared, step, drift, per_metre, error, anything, alone, data, sums
-):
+    moments, label, planes, shared, step, drift, per_metre, error, anything, alone, data, white,
+    sums,
+):  # fmt: skip
     """Information of the groups of every label on its plane, random effects integrated out.
 
     All as `kernels.group_data` takes and writes it; anything: nats of any reading. Writes sums
@@ -55,6 +56,8 @@ def refit_sums(  # type: ignore[no-untyped-def]
         steep = 1.0 + lateral * slope / UNIT**2 * m0 / count
         offset = steep * (near * (common + fine) + slow * planes[3, j] * wander)
         tilt = steep * (bent * common + bend * wander)
+        own = white[g]
+        m0, xx, xy, yy, xw, yw = own * m0, own * xx, own * xy, own * yy, own * xw, own * yw
         level = weight * m0 / (1.0 + offset * m0)
         # (A^-1 + tilt)^-1 = (1 + tilt A)^-1 A, with A the moments about the centroid
         a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy

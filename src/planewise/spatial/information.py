@@ -3,7 +3,8 @@
     Phi = mask + N * 3 ln(R / eps) + sum over groups of their data
 
 A group is the readings of one label in one block of 9 x 9 pixels, 3 x 3 of the finest cells. Its
-data are normal with the white variance of each reading, and
+data are normal with the white variance of each reading, times a power of two that is the group's
+own (`kernels.group_data`), and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
   with these integrated out, their variances those at the group's mean inverse depth,
@@ -110,8 +111,9 @@ class Groups:
         Factors of the variances of a group's offset and tilt (`kernels.group_data`).
     prior : tuple of float
         Of groups on none.
-    nats : ndarray, shape (2, groups)
-        Room for the nats of every group on none and as labelled.
+    nats : ndarray, shape (3, groups)
+        Room for the nats of every group on none and as labelled, and for the precision of its
+        readings, times the frame's.
     """
 
     moments: Array
@@ -136,10 +138,10 @@ class Groups:
         """What the groups take on planes, shape (N K, 3); overwrites `nats`."""
         worth, saved, leaving = np.zeros((3, len(affine) + 1))
         shared, step, drift, per_metre = self.table
-        alone, data = self.nats
+        alone, data, white = self.nats
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
-            per_metre, self.sizes, self.prior, alone, data, worth, saved, leaving,
+            per_metre, self.sizes, self.prior, alone, data, white, worth, saved, leaving,
         )  # fmt: skip
         by_plane = self.sectors.summed
         return GroupData(total, by_plane(worth[1:]), by_plane(saved[1:]), leaving)
@@ -305,7 +307,7 @@ def groups_of(
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
-        nats=workspace.empty((2, moments.shape[1])),
+        nats=workspace.empty((3, moments.shape[1])),
     )
 
 

@@ -37,10 +37,10 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
     before = groups.data(affine)
     sums = np.empty((len(affine) + 1, 9))
     shared, step, drift, per_metre = groups.table
-    alone, nats = groups.nats
+    alone, nats, white = groups.nats
     refit_sums(
         groups.moments, groups.label[: groups.first[-1]], groups.planes(affine), shared, step,
-        drift, per_metre, groups.sizes, groups.prior[2], alone, nats, sums,
+        drift, per_metre, groups.sizes, groups.prior[2], alone, nats, white, sums,
     )  # fmt: skip
     rows = groups.sectors.together(sums[1:])
     told = _told(rows)
