@@ -33,7 +33,7 @@ BLOCK = 3 * SQUARE  # columns in which squares and groups begin together
 GAP = 4 * SQUARE  # columns between sectors: the farthest that cells in a row lie apart
 _MARGIN = 9  # columns beyond a seam that are shown in a gap ...
 _FAR = np.radians(10.0)  # ... and how wide they are at most
-_FULL = 1 << 17  # pixels of a range image in which planes cost what they do in a depth image
+_FULL = 1 << 17  # pixels of an image from which on planes cost the same
 _WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
 _UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
 _ROW = [0, 1, 2, 4, 5, 8]  # and back
@@ -96,14 +96,13 @@ class Sectors:
 
     @cached_property
     def fineness(self) -> float:
-        """Pixels of a range image against those of a fine one, at most 1; 1 for depth images.
+        """Pixels of the image against those of a fine one, at most 1.
 
         What only looks like a plane saves nats in proportion to the readings that see it, as planes
         do: so does what a plane has to save beyond its parameters (`price`).
         """
-        if self.column is None:
-            return 1.0
-        return min(1.0, len(self.x) * np.count_nonzero(self.column >= 0) / _FULL)
+        columns = self.x.shape[1] if self.column is None else np.count_nonzero(self.column >= 0)
+        return min(1.0, len(self.x) * columns / _FULL)
 
     def price(self, factor: float, parameters: float) -> float:
         """Nats that a plane has to save: `factor` times its parameters in a fine image."""

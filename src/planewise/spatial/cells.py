@@ -18,6 +18,7 @@ from planewise.spatial.frame_error import (
     FrameError,
     drift_factor,
     lateral_variance,
+    levelled_off,
     shared_factors,
     white_seen,
 )
@@ -209,14 +210,20 @@ def _without_shared_error(
         offset, tilt, described, _, inflation = errors
         # Cells of 2 x 2 stand for the frame.
         factor = drift_factor(squares, planes, inflation, described, workspace)
+        factor, own = 1.0 if factor is None else factor, 0.0
         if frame.known:
             factor = min(factor, 1.0)
+        else:
+            apart = levelled_off(squares, planes, inflation, described, workspace)
+            if apart is not None:
+                factor, own = min(factor, apart[0]), apart[1] * described.sum() / offset.sum()
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
         np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
+        near = max(near, own)
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)

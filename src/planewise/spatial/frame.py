@@ -139,7 +139,7 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         y=sectors.y,
         straight=sectors.straight,
         table=ErrorTable(image.per_metre / ratio, int(image.levels[0]), *table),
-        known=parts is not None,
+        known=parts is not None and observation.estimate is None,
         resolution=observation.resolution,
         sectors=sectors,
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -26,6 +27,8 @@ _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standa
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
 _LAG = 2  # cells from the middle of three in a row to the others
+_LAGS = (4, 8)  # the same: two distances tell a walk from an error that soon levels off
+_CELL = 2 * SIDE / UNIT
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 
@@ -112,20 +115,52 @@ def _line(points: list[tuple[float, float]], weights: list[float]) -> tuple[floa
 
 
 def drift_factor(
-    grid: Grid, planes: Array, inflation: Array, drift: Array, workspace: Workspace
-) -> float:
-    """Drift against its description, as a variance: from three cells in a row.
+    grid: Grid,
+    planes: Array,
+    inflation: Array,
+    drift: Array,
+    workspace: Workspace,
+    lag: int = _LAG,
+) -> float | None:
+    """Drift against its description, as a variance: from three cells in a row; None if it is open.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
     drift adds. Its median among those within three standard deviations is that of chi^2: what lies
     across an edge is left out, not taken for drift. grid holds whole cells only, -1 elsewhere.
     """
-    triples = workspace.empty((3, 2 * grid.size))
-    n = kernels.rows_of_three(grid, planes, inflation, drift, _LAG, *triples)
-    square, own, slow = triples[:, :n]
-    if n < _FEWEST or not slow.any():
-        return 1.0
-    return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
+    with workspace.stage():
+        triples = workspace.empty((3, 2 * grid.size))
+        n = kernels.rows_of_three(grid, planes, inflation, drift, lag, *triples)
+        square, own, slow = triples[:, :n]
+        if n < _FEWEST or not slow.any():
+            return None
+        return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
+
+
+def levelled_off(
+    grid: Grid, planes: Array, inflation: Array, drift: Array, workspace: Workspace
+) -> tuple[float, float] | None:
+    """Drift, and what a cell's readings share, that two distances tell apart; None if they do not.
+
+    Three cells in a row, r from the middle to the others, have an error of the variance
+
+        3/2 s + D f(r)    (f: `kernels.frame_error.rows_of_three`)
+
+    s what every cell has of its own, such as an error that is the same over a few pixels and then
+    another one, D the random walk. Both against the described variance of the drift.
+    """
+    near, far = (drift_factor(grid, planes, inflation, drift, workspace, lag) for lag in _LAGS)
+    if near is None or far is None:
+        return None
+    nearer, farther = (_of_three(lag * _CELL) for lag in _LAGS)
+    walk = max(far * farther - near * nearer, 0.0) / (farther - nearer)
+    return walk, max(near - walk, 0.0) * nearer / 1.5
+
+
+def _of_three(r: float) -> float:
+    """f(r) of `levelled_off`."""
+    near, far = (d + _CELL * _CELL / (12 * d) for d in (r, 2 * r))
+    return near - 0.25 * far - 0.75 * kernels.MEAN_DISTANCE * _CELL
 
 
 def shared_factors(
