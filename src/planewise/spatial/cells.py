@@ -120,7 +120,7 @@ def cells_of(
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
     full = kernels.whole_misfits(moments, misfits, sample)
-    seen = white_seen(sample[:full], SIDE * SIDE - 3)
+    seen = white_seen(sample[:full], SIDE * SIDE - 3, frame.w, frame.p)
     white = max(seen, 1.0)  # no frame is trusted to err less than its sensor
 
     most = shape[0] * shape[1]

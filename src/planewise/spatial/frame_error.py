@@ -18,11 +18,13 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Grid = NDArray[np.int32]
+Image = NDArray[np.float32]
 
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 _FEWEST = 100  # cells, pairs or triples that can tell
-_WHITE_LIMIT = 25.0  # five times the described standard deviation
+_USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
+_ROUGHEST = 0.1  # of its depth: no sensor's reading errs by more
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
@@ -31,6 +33,7 @@ _LAGS = (4, 8)  # the same: two distances tell a walk from an error that soon le
 _CELL = 2 * SIDE / UNIT
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
+_BEYOND = 0.99  # of the largest factor: none was found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,18 +63,22 @@ class FrameError:
     bent: float = 1.0
 
 
-def white_seen(misfits: Array, freedom: int) -> float:
+def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:
     """White variance against the description: the median whole cell about its own plane says it.
 
     A frame whose cells are farther from planes than a sensor can err has no such noise, but no
-    planes: then the description stands.
+    planes: then the description stands. w, p (H, W): inverse depth, and its described precision.
     """
     if not misfits.size:
         return 1.0
     median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
     middle = misfits.size // 2
     factor = float(np.partition(misfits, middle)[middle]) / median
-    return factor if factor <= _WHITE_LIMIT else 1.0
+    if factor > _USUAL:
+        there = p > 0
+        most = _ROUGHEST**2 * float(np.median(np.square(w[there]) * p[there]))
+        return factor if factor <= most else 1.0
+    return factor
 
 
 def lateral_variance(
@@ -192,7 +199,9 @@ def _bisect(
 ) -> float:
     """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0.
 
-    Of those up to `widest`.
+    Of those up to `widest`. Where what is described is next to nothing, no factor explains the
+    rest: then the description stands.
     """
     limits = (*_BISECTED, _BISECTIONS)
-    return float(kernels.bisect(square, own, added, share, reference, widest, *limits))
+    factor = float(kernels.bisect(square, own, added, share, reference, widest, *limits))
+    return factor if factor < _BEYOND * _BISECTED[1] else 1.0
