@@ -18,8 +18,8 @@ from planewise.spatial.frame_error import (
     FrameError,
     drift_factor,
     lateral_variance,
-    levelled_off,
     shared_factors,
+    walk_and_shared,
     white_seen,
 )
 from planewise.workspace import Workspace
@@ -214,9 +214,9 @@ def _without_shared_error(
         if frame.known:
             factor = min(factor, 1.0)
         else:
-            apart = levelled_off(squares, planes, inflation, described, workspace)
+            apart = walk_and_shared(squares, planes, inflation, described, workspace)
             if apart is not None:
-                factor, own = min(factor, apart[0]), apart[1] * described.sum() / offset.sum()
+                factor, own = apart[0], apart[1] * described.sum() / offset.sum()
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
         np.multiply(drift, _SATURATION, out=told)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
+from planewise.noise import NOTHING
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.workspace import Workspace
@@ -113,8 +114,9 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
     image, parts = observation.image, observation.sensor.parts
     z = image.depth
     quarter = 1.0 / z**4
-    if parts is None:
-        white = observation.level_sigma
+    estimated = observation.estimate is not None
+    if parts is None or (estimated and parts.drift == NOTHING):
+        white = observation.level_sigma if parts is None else np.asarray(parts.white(z))
         shared, drift = _UNKNOWN_SHARED * white, _UNKNOWN_DRIFT * white
     else:
         white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
@@ -139,7 +141,7 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         y=sectors.y,
         straight=sectors.straight,
         table=ErrorTable(image.per_metre / ratio, int(image.levels[0]), *table),
-        known=parts is not None and observation.estimate is None,
+        known=parts is not None and not estimated,
         resolution=observation.resolution,
         sectors=sectors,
     )

@@ -29,7 +29,7 @@ _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standa
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
 _LAG = 2  # cells from the middle of three in a row to the others
-_LAGS = (4, 8)  # the same: two distances tell a walk from an error that soon levels off
+_LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
 _CELL = 2 * SIDE / UNIT
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
@@ -144,28 +144,34 @@ def drift_factor(
         return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
 
 
-def levelled_off(
+def walk_and_shared(
     grid: Grid, planes: Array, inflation: Array, drift: Array, workspace: Workspace
 ) -> tuple[float, float] | None:
-    """Drift, and what a cell's readings share, that two distances tell apart; None if they do not.
+    """Drift, and what a cell's readings share, that several distances tell apart; None if too few.
 
     Three cells in a row, r from the middle to the others, have an error of the variance
 
-        3/2 s + D f(r)    (f: `kernels.frame_error.rows_of_three`)
+        V(r) = 3/2 s + D f(r)    (f: `kernels.frame_error.rows_of_three`)
 
     s what every cell has of its own, such as an error that is the same over a few pixels and then
-    another one, D the random walk. Both against the described variance of the drift.
+    another one; D the random walk, the least slope of V: an error that levels off is none. Both
+    against the described variance of the drift.
     """
-    near, far = (drift_factor(grid, planes, inflation, drift, workspace, lag) for lag in _LAGS)
-    if near is None or far is None:
+    told, of_three = [], []
+    for lag in _LAGS:
+        factor = drift_factor(grid, planes, inflation, drift, workspace, lag)
+        if factor is None:
+            break
+        of_three.append(_of_three(lag * _CELL))
+        told.append(factor * of_three[-1])
+    if len(told) < 2:
         return None
-    nearer, farther = (_of_three(lag * _CELL) for lag in _LAGS)
-    walk = max(far * farther - near * nearer, 0.0) / (farther - nearer)
-    return walk, max(near - walk, 0.0) * nearer / 1.5
+    walk = max(0.0, min(told[1] / of_three[1], *(np.diff(told) / np.diff(of_three))))
+    return float(walk), max(told[0] - walk * of_three[0], 0.0) / 1.5
 
 
 def _of_three(r: float) -> float:
-    """f(r) of `levelled_off`."""
+    """f(r) of `walk_and_shared`."""
     near, far = (d + _CELL * _CELL / (12 * d) for d in (r, 2 * r))
     return near - 0.25 * far - 0.75 * kernels.MEAN_DISTANCE * _CELL
 
