@@ -92,7 +92,7 @@ def unit_errors(  # type: ignore[no-untyped-def]
         slow, square = _between(drift, row, last), _between(step, row, last)  # q^2 / 12
         coarse = 0.0
         if square > 0.0:
-            noise = white * (new + square) - square
+            noise = max(white * (new + square) - square, 0.0)
             coarse = square * np.exp(-4 * np.pi**2 * noise / (12 * square))
         half = 0.5 * size[k] * SIDE / UNIT
         larger = 1.0 + lateral * min(steep[k], STEEPEST * STEEPEST)

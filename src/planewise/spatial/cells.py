@@ -20,6 +20,7 @@ from planewise.spatial.frame_error import (
     lateral_variance,
     shared_factors,
     walk_and_shared,
+    white_of_quiet,
     white_seen,
 )
 from planewise.workspace import Workspace
@@ -121,7 +122,9 @@ def cells_of(
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
     full = kernels.whole_misfits(moments, misfits, sample)
     seen = white_seen(sample[:full], SIDE * SIDE - 3, frame.w, frame.p)
-    white = max(seen, 1.0)  # no frame is trusted to err less than its sensor
+    white = max(seen, 1.0)  # no frame is trusted to err less than a sensor that was measured
+    if seen < 1.0 and not (frame.known or frame.estimated):
+        white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)
 
     most = shape[0] * shape[1]
     grid = workspace.kept(shape, np.int32)
@@ -207,6 +210,8 @@ def _without_shared_error(
             steep,
             errors,
         )
+        quiet = min(white, 1.0)  # then all parts are described as too large
+        errors[:3] *= quiet
         offset, tilt, described, _, inflation = errors
         # Cells of 2 x 2 stand for the frame.
         factor = drift_factor(squares, planes, inflation, described, workspace)
@@ -227,9 +232,14 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    factor *= _SATURATION
     drift *= _SATURATION
-    error = FrameError(white=white, lateral=lateral, drift=factor, near=near, bent=bent)
+    error = FrameError(
+        white=white,
+        lateral=lateral,
+        drift=quiet * _SATURATION * factor,
+        near=quiet * near,
+        bent=quiet * bent,
+    )
     return drift, told, squares, error
 
 

@@ -91,6 +91,8 @@ class Frame:
     known : bool
         Whether shared and drift are what the sensor shows at most; else only their course over
         depth is taken from them, and their size from the frame.
+    estimated : bool
+        Whether its noise was estimated from these readings.
     resolution : float
         Step between two readings in metres.
     sectors : Sectors
@@ -104,6 +106,7 @@ class Frame:
     straight: bool
     table: ErrorTable
     known: bool
+    estimated: bool
     resolution: float
     sectors: Sectors
 
@@ -142,6 +145,7 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         straight=sectors.straight,
         table=ErrorTable(image.per_metre / ratio, int(image.levels[0]), *table),
         known=parts is not None and not estimated,
+        estimated=estimated,
         resolution=observation.resolution,
         sectors=sectors,
     )

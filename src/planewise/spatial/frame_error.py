@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
-from planewise.kernels.cells import SIDE, UNIT
+from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.spatial.frame import ErrorTable
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -43,7 +44,7 @@ class FrameError:
     Attributes
     ----------
     white : float
-        Of the white part, at least 1.
+        Of the white part; below 1 only where the description is no more than a data sheet's.
     seen : float
         The same as cells show it, be it below 1.
     lateral : float
@@ -71,14 +72,38 @@ def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:
     """
     if not misfits.size:
         return 1.0
-    median = freedom * (1 - 2 / (9 * freedom)) ** 3  # of chi^2 (Wilson and Hilferty)
-    middle = misfits.size // 2
-    factor = float(np.partition(misfits, middle)[middle]) / median
+    factor = _against_chi2(misfits, freedom)
     if factor > _USUAL:
         there = p > 0
         most = _ROUGHEST**2 * float(np.median(np.square(w[there]) * p[there]))
         return factor if factor <= most else 1.0
     return factor
+
+
+def white_of_quiet(
+    seen: float, moments: Array, misfits: Array, table: ErrorTable, resolution: float
+) -> float:
+    """White variance against a description of more than the frame shows.
+
+    Data sheets state limits, and then the frame is right; but readings that were smoothed show less
+    than they err, and then it is not. So half-way, as a ratio. moments (rows, 11, columns), misfits
+    (rows, columns): of blocks of 2 x 2 cells, which show more of an error that is smooth than
+    cells, of which `seen` is; at least rounding is there.
+    """
+    whole = moments[:, COUNT] == 4 * SIDE * SIDE
+    if np.count_nonzero(whole) < _FEWEST:
+        return 1.0
+    w = np.median(moments[:, 6][whole] / moments[:, 0][whole])
+    white, _, _, step = (float(part) for part in table.at(w))
+    rounding = max(step, float(w) ** 4 * resolution**2 / 12) / (white + step)
+    return min(max(seen, _against_chi2(misfits[whole], 4 * SIDE * SIDE - 3), rounding), 1.0) ** 0.5
+
+
+def _against_chi2(misfits: Array, freedom: int) -> float:
+    """Median misfit against that of chi^2 (Wilson and Hilferty)."""
+    middle = misfits.size // 2
+    median = float(np.partition(misfits, middle)[middle])
+    return median / (freedom * (1 - 2 / (9 * freedom)) ** 3)
 
 
 def lateral_variance(
@@ -127,7 +152,7 @@ def drift_factor(
     inflation: Array,
     drift: Array,
     workspace: Workspace,
-    lag: int = _LAG,
+    lag: int | None = None,
 ) -> float | None:
     """Drift against its description, as a variance: from three cells in a row; None if it is open.
 
@@ -137,7 +162,7 @@ def drift_factor(
     """
     with workspace.stage():
         triples = workspace.empty((3, 2 * grid.size))
-        n = kernels.rows_of_three(grid, planes, inflation, drift, lag, *triples)
+        n = kernels.rows_of_three(grid, planes, inflation, drift, lag or _LAG, *triples)
         square, own, slow = triples[:, :n]
         if n < _FEWEST or not slow.any():
             return None
@@ -154,8 +179,9 @@ def walk_and_shared(
         V(r) = 3/2 s + D f(r)    (f: `kernels.frame_error.rows_of_three`)
 
     s what every cell has of its own, such as an error that is the same over a few pixels and then
-    another one; D the random walk, the least slope of V: an error that levels off is none. Both
-    against the described variance of the drift.
+    another one, D the random walk. Where an error levels off, D lies between the least slope of V
+    and the walk without s that explains as much: their mean is taken. Both are against the described
+    variance of the drift.
     """
     told, of_three = [], []
     for lag in _LAGS:
@@ -166,8 +192,10 @@ def walk_and_shared(
         told.append(factor * of_three[-1])
     if len(told) < 2:
         return None
-    walk = max(0.0, min(told[1] / of_three[1], *(np.diff(told) / np.diff(of_three))))
-    return float(walk), max(told[0] - walk * of_three[0], 0.0) / 1.5
+    most = np.divide(told, of_three)[1:]
+    least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
+    walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
+    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5
 
 
 def _of_three(r: float) -> float:
