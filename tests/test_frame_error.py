@@ -115,7 +115,7 @@ def test_drift_of_a_simulated_random_walk_is_told(drift):
         w = 0.5 + random_walk((240, 320), drift, rng) + rng.normal(0, SIGMA, (240, 320))
         error, described = told(1 / w, FINE)
         ratios.append(np.sqrt(error.drift * described) / drift)
-    assert_allclose(ratios, 1, atol=0.2)
+    assert_allclose(ratios, 1, atol=0.1)
 
 
 def test_independent_noise_has_no_drift_and_shares_nothing():

@@ -86,8 +86,14 @@ def test_planes_cost_less_in_coarse_images():
         assert sectors.fineness == fineness
         assert sectors.price(5.0, 30.0) == 150.0 * fineness
         assert sectors.price(1.5, 30.0) == max(45.0 * fineness, 30.0)
-    pinhole = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=15, width=40, height=30)
-    assert pinhole.sectors((30, 40)).price(3.0, 30.0) == 90.0
+    for shape, price in (
+        ((480, 640), 90.0),
+        ((256, 512), 90.0),
+        ((256, 256), 45.0),
+        ((30, 40), 30.0),
+    ):
+        pinhole = pw.PinholeCamera(fx=300, fy=300, cx=shape[1] / 2, cy=shape[0] / 2)
+        assert pinhole.sectors(shape).price(3.0, 30.0) == price
 
 
 def test_the_frame_has_depth_along_the_axis_of_each_sector(camera):

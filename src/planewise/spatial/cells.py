@@ -211,7 +211,8 @@ def _without_shared_error(
             errors,
         )
         quiet = min(white, 1.0)  # then all parts are described as too large
-        errors[:3] *= quiet
+        if quiet < 1.0:
+            errors[:3] *= quiet
         offset, tilt, described, _, inflation = errors
         # Cells of 2 x 2 stand for the frame.
         factor = drift_factor(squares, planes, inflation, described, workspace)
@@ -219,9 +220,8 @@ def _without_shared_error(
         if frame.known:
             factor = min(factor, 1.0)
         else:
-            apart = walk_and_shared(squares, planes, inflation, described, workspace)
-            if apart is not None:
-                factor, own = apart[0], apart[1] * described.sum() / offset.sum()
+            factor, own = walk_and_shared(squares, planes, inflation, described, factor, workspace)
+            own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
         np.multiply(drift, _SATURATION, out=told)

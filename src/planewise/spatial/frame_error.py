@@ -32,6 +32,7 @@ _LATERAL_LIMIT = 1.5  # pixels^2
 _LAG = 2  # cells from the middle of three in a row to the others
 _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
 _CELL = 2 * SIDE / UNIT
+_ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 _BEYOND = 0.99  # of the largest factor: none was found
@@ -170,9 +171,14 @@ def drift_factor(
 
 
 def walk_and_shared(
-    grid: Grid, planes: Array, inflation: Array, drift: Array, workspace: Workspace
-) -> tuple[float, float] | None:
-    """Drift, and what a cell's readings share, that several distances tell apart; None if too few.
+    grid: Grid,
+    planes: Array,
+    inflation: Array,
+    drift: Array,
+    nearest: float,
+    workspace: Workspace,
+) -> tuple[float, float]:
+    """Drift, and what a cell's readings share, that several distances tell apart.
 
     Three cells in a row, r from the middle to the others, have an error of the variance
 
@@ -180,8 +186,9 @@ def walk_and_shared(
 
     s what every cell has of its own, such as an error that is the same over a few pixels and then
     another one, D the random walk. Where an error levels off, D lies between the least slope of V
-    and the walk without s that explains as much: their mean is taken. Both are against the described
-    variance of the drift.
+    and the walk without s that explains as much: their mean is taken. Where that is about
+    `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
+    certain. Both against the described variance of the drift.
     """
     told, of_three = [], []
     for lag in _LAGS:
@@ -191,10 +198,12 @@ def walk_and_shared(
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
     if len(told) < 2:
-        return None
+        return nearest, 0.0
     most = np.divide(told, of_three)[1:]
     least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
     walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
+    if abs(walk - nearest) < _ABOUT * nearest:
+        return nearest, 0.0
     return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5
 
 

@@ -1,0 +1,257 @@
+"""Synthetic rooms as other sensors and drivers deliver them: prints a Markdown table.
+
+python -m benchmarks.other_sensors [--rooms N] [--only WORD]
+
+Every room is read in many ways. given: the noise that a data sheet would state; auto:
+``noise="auto"``; 1 %: `planewise.Sensor` as it is. VOI and SC on the true planes of at least 0.25 %
+of the image, R: share of these that are found, P: share of what is found that is a flat face of any
+size. Last in every cell: planes found, on average.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+import planewise as pw
+from benchmarks.simulated import DRIFT, STEP, WHITE, random_walk
+from planewise import noise
+from planewise.metrics import evaluate
+from planewise.scenes.furniture import Block, Room
+from planewise.scenes.rooms import _arrange, cast, truth
+
+Array = NDArray[np.float64]
+Grid = NDArray[np.integer]
+FIRST = 200  # seed of the first room
+SMALLEST = 0.0025  # share of the image from which a true plane counts
+VGA = (480, 640)
+FB = 525 * 0.05  # focal length times baseline of a small stereo camera, in pixels and metres
+SUBPIXEL = 0.08  # standard deviation of its disparity
+
+
+@dataclass(frozen=True)
+class Exact:
+    """What a camera would see without any error: depth, true labels, numbers of flat faces."""
+
+    z: Array
+    labels: Grid
+    faces: Grid
+    rng: np.random.Generator
+
+    def white(self) -> Array:
+        """Independent errors of standard deviation 1."""
+        return self.rng.standard_normal(self.z.shape)
+
+    def smooth(self, width: float) -> Array:
+        """Errors of standard deviation 1 that a Gaussian of so many pixels has smoothed."""
+        squared = sum(np.square(np.fft.fftfreq(n)).reshape(shape) for n, shape in
+                      zip(self.z.shape, ((-1, 1), (1, -1)), strict=True))  # fmt: skip
+        kernel = np.exp(-2 * (np.pi * width) ** 2 * squared)
+        field = np.fft.ifft2(np.fft.fft2(self.white()) * kernel).real
+        return np.asarray(field / field.std())
+
+    def nearest(self) -> Array:
+        """Least depth of the 5 x 5 pixels about every one: stereo fattens what is in front."""
+        padded = np.pad(self.z, 2, mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(padded, (5, 5))
+        return np.asarray(windows.min(axis=(2, 3)))
+
+
+def camera_of(size: tuple[int, int]) -> pw.PinholeCamera:
+    """The same view at every size."""
+    height, width = size
+    focal = 525.0 * width / 640
+    return pw.PinholeCamera(fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
+
+
+@cache
+def exact(seed: int, size: tuple[int, int], distortion: float = 0.0) -> tuple[Array, Grid, Grid]:
+    """Depth, labels and flat faces of a room."""
+    camera = replace(camera_of(size), distortion=(distortion, 0.0, 0.0, 0.0))
+    solids, view = _arrange(np.random.default_rng(seed))
+    hit = cast(solids, view, camera, size)
+    labels, _ = truth(solids, view, hit, np.ones(size, bool))
+    flat = np.array([isinstance(each, Block | Room) for each in solids])
+    return hit.depth, labels, np.where(flat[hit.solid], 6 * hit.solid + hit.face + 1, 0)
+
+
+def flying(z: Array, rng: np.random.Generator) -> Array:
+    """Mix the depths on both sides of jumps, in a band of three pixels."""
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(z, 1, mode="edge"), (3, 3))
+    near, far = windows.min(axis=(2, 3)), windows.max(axis=(2, 3))
+    share = rng.random(z.shape)
+    mixed = (far - near > 0.05 * z) & (rng.random(z.shape) < 0.7)
+    return np.where(mixed, share * near + (1 - share) * far, z)
+
+
+def enlarged(z: Array, size: tuple[int, int]) -> Array:
+    """Interpolate linearly between pixels of a coarser image."""
+    for axis in (0, 1):
+        n, m = size[axis], z.shape[axis]
+        place = (np.arange(n) + 0.5) * m / n - 0.5
+        lines = np.moveaxis(z, axis, -1).reshape(-1, m)
+        z = np.array([np.interp(place, np.arange(m), line) for line in lines])
+        z = np.moveaxis(z.reshape(size[0] if axis else -1, n), -1, axis)
+    return z
+
+
+def filled(depth: Array, hole: NDArray[np.bool_]) -> Array:
+    """Fill holes from the left, and smooth what was filled."""
+    column = np.where(hole, -1, np.arange(depth.shape[1]))
+    column = np.maximum.accumulate(column, axis=1)
+    out = np.take_along_axis(depth, np.maximum(column, 0), axis=1)
+    for _ in range(8):
+        windows = np.lib.stride_tricks.sliding_window_view(np.pad(out, 3, mode="edge"), (7, 7))
+        out = np.where(hole, windows.mean(axis=(2, 3)), out)
+    return out
+
+
+def kinect(scene: Exact) -> Array:
+    """White noise and steps of disparity."""
+    w = 1 / np.maximum(scene.z + noise.KINECT(scene.z) * scene.white(), 0.1)
+    return np.asarray(1 / (np.round(w / STEP) * STEP))
+
+
+def kinect_drift(scene: Exact) -> Array:
+    """The same with an error that wanders."""
+    shape = (scene.z.shape[0], scene.z.shape[1])
+    w = 1 / scene.z + WHITE * scene.white() + random_walk(shape, DRIFT, scene.rng)
+    return np.asarray(1 / (np.round(np.maximum(w, 0.1) / STEP) * STEP))
+
+
+def kinect_filled(scene: Exact) -> Array:
+    """In-painted where two fifths of the readings were lost, in patches."""
+    patches = scene.smooth(6)
+    return filled(kinect(scene), patches < np.quantile(patches, 0.4))
+
+
+def stereo(width: float, fb: float = FB, scale: float = 1.0) -> Callable[[Exact], Array]:
+    """Disparities whose error is smooth over some pixels, in steps of 1/32."""
+
+    def read(scene: Exact) -> Array:
+        disparity = fb / (scale * scene.nearest()) + SUBPIXEL * scene.smooth(width)
+        return np.asarray(fb / np.maximum(np.round(32 * disparity) / 32, 0.4))
+
+    return read
+
+
+def time_of_flight(bumps: float) -> Callable[[Exact], Array]:
+    """3 mm, mixed pixels at jumps, and bumps of so many metres, 40 pixels wide."""
+
+    def read(scene: Exact) -> Array:
+        z = scene.z + 0.003 * scene.white() + bumps * scene.smooth(40)
+        return flying(z, scene.rng)
+
+    return read
+
+
+def coarse(scene: Exact) -> Array:
+    """Noise of 3 mm and 0.3 %, linearly interpolated from a fourth of the rows and columns."""
+    z = scene.z[2::4, 2::4]
+    z = z * (1 + 0.003 * scene.rng.standard_normal(z.shape))
+    return enlarged(z + 0.003 * scene.rng.standard_normal(z.shape), VGA)
+
+
+def millimetres(sigma: float) -> Callable[[Exact], Array]:
+    """White noise."""
+    return lambda scene: scene.z + 1e-3 * sigma * scene.white()
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A way to read a room: what comes out, and the noise that a data sheet would state."""
+
+    name: str
+    read: Callable[[Exact], Array]
+    sensor: pw.Sensor
+    size: tuple[int, int] = VGA
+    distortion: float = 0.0
+
+
+KINECT = pw.sensors.KINECT_V1
+PHONE = pw.Sensor(noise=0.01)  # +-1 cm
+STEREO = pw.Sensor(noise=noise.Polynomial(quadratic=SUBPIXEL / FB))
+OUTDOOR = pw.Sensor(
+    max_depth=150, resolution=0.01, noise=noise.Polynomial(quadratic=SUBPIXEL / 500)
+)
+READINGS = (
+    Reading("Kinect", kinect, KINECT),
+    Reading("Kinect, error that wanders", kinect_drift, KINECT),
+    Reading("Kinect, 2/5 in-painted", kinect_filled, KINECT),
+    Reading("Kinect, 320 x 240", kinect, KINECT, (240, 320)),
+    Reading("Kinect, 160 x 120", kinect, KINECT, (120, 160)),
+    Reading("stereo, smooth over 8 px", stereo(3.4), STEREO),
+    Reading("stereo, smooth over 14 px", stereo(6.0), STEREO),
+    Reading("stereo, smooth over 20 px", stereo(8.5), STEREO),
+    Reading("stereo outdoors, 5-60 m", stereo(3.4, 500.0, 10.0), OUTDOOR),
+    Reading("time of flight", time_of_flight(0.0), pw.Sensor(noise=0.003)),
+    Reading("time of flight, bumps of 1 cm", time_of_flight(0.01), pw.Sensor(noise=0.003)),
+    Reading("phone, 256 x 192", millimetres(5), PHONE, (192, 256)),
+    Reading("phone, enlarged 4 times", coarse, PHONE),
+    Reading("2 mm", millimetres(2), pw.Sensor(noise=0.002)),
+    Reading("2 mm, said to be 20 mm", millimetres(2), pw.Sensor(noise=0.02)),
+    Reading("10 mm, said to be 1 mm", millimetres(10), pw.Sensor(noise=0.001)),
+    Reading("3 mm, k1 = -0.03 left", millimetres(3), pw.Sensor(noise=0.003), distortion=-0.03),
+)
+
+
+def frame(reading: Reading, seed: int) -> tuple[NDArray[np.generic], Grid, Grid]:
+    """Depth image, true labels and flat faces."""
+    z, labels, faces = exact(seed, reading.size, reading.distortion)
+    rng = np.random.default_rng([seed, *reading.name.encode()])
+    depth = reading.read(Exact(z, labels, faces, rng))
+    depth[depth > reading.sensor.max_depth] = 0
+    if reading.sensor.max_depth / reading.sensor.resolution < np.iinfo(np.uint16).max:
+        return np.round(depth / reading.sensor.resolution).astype(np.uint16), labels, faces
+    return depth, labels, faces
+
+
+def scored(number: int, seed: int) -> Array:
+    """VOI, SC, P, R and planes of a room under every noise, shape (3, 5), read in that way."""
+    reading = READINGS[number]
+    depth, labels, faces = frame(reading, seed)
+    labels, faces = (np.where(depth > 0, each, 0) for each in (labels, faces))
+    out = []
+    for sensor in (
+        reading.sensor,
+        replace(reading.sensor, noise="auto", parts=None),
+        replace(reading.sensor, noise=noise.proportional(0.01), parts=None),
+    ):
+        model = pw.detect_planes(depth, camera_of(reading.size), sensor, threads=1)
+        row = evaluate(
+            model.labels, labels, minimum_pixels=max(1, int(SMALLEST * labels.size))
+        ).row()
+        precision = evaluate(model.labels, faces).row()["precision@0.5"]
+        found = [row[name] for name in ("voi_labelled", "sc_labelled", "recall@0.5")]
+        out.append([*found[:2], precision, found[2], len(model)])
+    return np.array(out)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--rooms", type=int, default=8)
+    parser.add_argument("--only", default="", help="readings whose name has this in it")
+    given = parser.parse_args()
+    chosen = [k for k, each in enumerate(READINGS) if given.only in each.name]
+    print("| readings | given: VOI, SC, P, R, planes | auto | 1 % |\n|---|---|---|---|")
+    with ProcessPoolExecutor() as workers:
+        for number in chosen:
+            seeds = range(FIRST, FIRST + given.rooms)
+            rows = list(workers.map(scored, [number] * given.rooms, seeds))
+            cells = (
+                " ".join(f"{x:.2f}" for x in row[:4]) + f" {row[4]:.1f}"
+                for row in np.nanmean(rows, axis=0)
+            )
+            print(f"| {READINGS[number].name} | {' | '.join(cells)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()

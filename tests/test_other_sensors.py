@@ -1,0 +1,154 @@
+"""Depth as other sensors deliver it: smoothed, bent, coarse, filled in, wrongly described."""
+
+import numpy as np
+import pytest
+from benchmarks import other_sensors
+from benchmarks.other_sensors import Exact
+from numpy.testing import assert_allclose
+
+import planewise as pw
+from planewise.kernels.frame_error import bisect
+from planewise.spatial import cells, frame_error
+from planewise.spatial.frame import frame_of
+
+from .conftest import render
+
+SHAPE = (240, 320)
+CAMERA = pw.PinholeCamera(fx=262, fy=262, cx=159.5, cy=119.5)
+CORNER = np.array([[0.0, -0.9, -0.436, 1.4], [0.5, 0.0, -0.866, 2.6], [-0.6, 0.0, -0.8, 3.2]])
+
+
+@pytest.fixture(scope="module")
+def corner():
+    """Floor and two walls without any error, and which is where."""
+    return render(CORNER, CAMERA, SHAPE)
+
+
+def exact(z, seed=0):
+    nothing = np.zeros(z.shape, int)
+    return Exact(z, nothing, nothing, np.random.default_rng(seed))
+
+
+def found(labels, truth):
+    """Share of true planes that one label covers at an IoU of 0.8."""
+    covered = 0
+    for k in np.unique(truth):
+        each = [
+            ((labels == j) & (truth == k)).sum() / ((labels == j) | (truth == k)).sum()
+            for j in range(1, labels.max() + 1)
+        ]
+        covered += max(each, default=0) > 0.8
+    return covered / len(np.unique(truth))
+
+
+STEREO = [pw.noise.quadratic(0, 0.003), "auto", pw.noise.proportional(0.01)]
+
+
+@pytest.mark.parametrize("noise", STEREO, ids=str)
+def test_stereo_with_a_smooth_error(corner, noise):
+    z, truth = corner
+    for seed in range(2):
+        w = 1 / z + 0.003 * exact(z, seed).smooth(3.4)
+        model = pw.detect_planes(1 / w, CAMERA, pw.Sensor(noise=noise))
+        assert len(model) == 3
+        assert found(model.labels, truth) == 1
+
+
+@pytest.mark.parametrize("noise", [0.003, "auto"])
+def test_walls_with_bumps_stay_whole(corner, noise):
+    z, truth = corner
+    scene = exact(z)
+    bumpy = z + 0.003 * scene.white() + 0.01 * scene.smooth(40)
+    model = pw.detect_planes(bumpy, CAMERA, pw.Sensor(noise=noise))
+    assert len(model) <= 4
+    assert found(model.labels, truth) == 1
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.01, 0.002, 0.0005])
+def test_noise_that_is_described_wrongly(noise):
+    """A board of 4 cm before a wall, read with 5 mm."""
+    z = np.full(SHAPE, 2.0)
+    z[60:180, 80:240] -= 0.04
+    depth = z + 0.005 * exact(z).white()
+    model = pw.detect_planes(depth, CAMERA, pw.Sensor(noise=noise))
+    assert len(model) == 2
+    assert found(model.labels, z) == 1
+
+
+@pytest.mark.parametrize(
+    ("noise", "width"),
+    [(0.005, 0.0), (0.02, 0.0), (0.005, 1.5), (0.02, 4.0), ("auto", 1.5), ("auto", 4.0)],
+)
+def test_leaves_are_no_planes(noise, width):
+    """Of no sensor are readings half a metre off at three metres."""
+    scene = exact(np.full(SHAPE, 3.0))
+    rough = scene.smooth(width) if width else scene.white()
+    depth = np.clip(3 + 0.5 * rough, 0.5, 9)
+    assert len(pw.detect_planes(depth, CAMERA, pw.Sensor(noise=noise))) == 0
+
+
+def test_a_small_image_shows_what_a_large_one_shows():
+    """A box of 14 x 14 pixels."""
+    z = np.full((96, 128), 2.5)
+    z[40:54, 50:64] = 2.3
+    depth = z + 0.005 * exact(z).white()
+    camera = pw.PinholeCamera(fx=105, fy=105, cx=63.5, cy=47.5)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.005))
+    assert len(model) == 2
+    assert found(model.labels, z) == 1
+
+
+def test_estimated_noise_where_much_is_filled_in(corner):
+    z, truth = corner
+    scene = exact(z)
+    patches = scene.smooth(6)
+    depth = z + 0.02 * scene.white()
+    depth = other_sensors.filled(depth, patches < np.quantile(patches, 0.4))
+    model = pw.detect_planes(depth, CAMERA, pw.Sensor(noise="auto"))
+    assert found(model.labels, truth) == 1
+
+
+def test_an_error_of_cells_is_no_walk():
+    """Every 6 x 6 pixels have an error of their own: 0.003, beside a white one of 0.0015."""
+    rng = np.random.default_rng(0)
+    own = np.kron(rng.standard_normal((60, 80)), np.ones((6, 6)))
+    w = 0.5 + 0.003 * own + rng.normal(0, 0.0015, own.shape)
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=240, cy=180)
+    sensor = pw.Sensor(resolution=1e-5, noise=pw.noise.quadratic(0, 0.0015))
+    seen = pw.observe(1 / w, camera, sensor)
+    frame = frame_of(seen)
+    error = cells.cells_of(frame, seen.pixel_size).error
+    _, shared, drift, _ = (float(part) for part in frame.table.at(0.5))
+    assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
+    walk = error.drift / cells._SATURATION * drift
+    assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
+
+
+def test_what_no_factor_explains_stays_as_described():
+    square, own = np.full(1000, 4.0), np.ones(1000)
+    nothing = np.full(1000, 1e-9)
+    args = (0.5, frame_error._MEDIAN_CHI2_1)
+    assert frame_error._bisect(square, own, nothing, *args) == 1.0
+    factor = frame_error._bisect(square, own, own, *args)
+    assert_allclose(factor, 4.0 / frame_error._MEDIAN_CHI2_1 - 1, rtol=0.01)
+    limits = (np.inf, *frame_error._BISECTED, frame_error._BISECTIONS)
+    assert bisect(square, own, own, *args, *limits) == factor
+
+
+@pytest.mark.parametrize("number", range(len(other_sensors.READINGS)))
+def test_readings_are_near_the_truth(number, monkeypatch):
+    """As the table of docs/noise.md has them, of small images."""
+    reading = other_sensors.READINGS[number]
+    if reading.size == other_sensors.VGA:
+        monkeypatch.setattr(other_sensors, "VGA", SHAPE)
+        reading = other_sensors.replace(reading, size=SHAPE)
+    depth, labels, faces = other_sensors.frame(reading, 200)
+    z, _, _ = other_sensors.exact(200, reading.size, reading.distortion)
+    metres = depth * (reading.sensor.resolution if depth.dtype == np.uint16 else 1.0)
+    z = z * (10.0 if "outdoors" in reading.name else 1.0)
+    there = metres > 0
+    assert there.mean() > 0.95
+    off = np.abs(metres[there] / z[there] - 1)
+    assert 1e-4 < np.median(off) < 0.03
+    assert labels.shape == faces.shape == depth.shape
+    assert (faces[labels > 0] > 0).all()
