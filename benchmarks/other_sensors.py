@@ -15,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,7 +202,7 @@ READINGS = (
 )
 
 
-def frame(reading: Reading, seed: int) -> tuple[NDArray[np.generic], Grid, Grid]:
+def frame(reading: Reading, seed: int) -> tuple[NDArray[Any], Grid, Grid]:
     """Depth image, true labels and flat faces."""
     z, labels, faces = exact(seed, reading.size, reading.distortion)
     rng = np.random.default_rng([seed, *reading.name.encode()])

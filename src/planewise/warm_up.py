@@ -47,6 +47,7 @@ def later_stages() -> None:
         straight=True,
         table=ErrorTable(1000.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
+        estimated=False,
         resolution=0.001,
         sectors=camera.sectors((_SIZE, _SIZE)),
     )

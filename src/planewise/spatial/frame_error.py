@@ -25,6 +25,7 @@ _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 _FEWEST = 100  # cells, pairs or triples that can tell
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
+_AS_MUCH = 1.3  # times what cells show of an error, blocks of four may show of it if it is white
 _ROUGHEST = 0.1  # of its depth: no sensor's reading errs by more
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
@@ -87,24 +88,27 @@ def white_of_quiet(
     """White variance against a description of more than the frame shows.
 
     Data sheets state limits, and then the frame is right; but readings that were smoothed show less
-    than they err, and then it is not. So half-way, as a ratio. moments (rows, 11, columns), misfits
-    (rows, columns): of blocks of 2 x 2 cells, which show more of an error that is smooth than
-    cells, of which `seen` is; at least rounding is there.
+    than they err, and then it is not. Smooth error shows more in larger cells, white error as much.
+    moments (rows, 11, columns), misfits (rows, columns): of blocks of 2 x 2 cells, of which each
+    shows `seen`. At least rounding is there.
     """
     whole = moments[:, COUNT] == 4 * SIDE * SIDE
     if np.count_nonzero(whole) < _FEWEST:
         return 1.0
-    w = np.median(moments[:, 6][whole] / moments[:, 0][whole])
-    white, _, _, step = (float(part) for part in table.at(w))
-    rounding = max(step, float(w) ** 4 * resolution**2 / 12) / (white + step)
-    return min(max(seen, _against_chi2(misfits[whole], 4 * SIDE * SIDE - 3), rounding), 1.0) ** 0.5
+    larger = _against_chi2(misfits[whole], 4 * SIDE * SIDE - 3)
+    if larger > _AS_MUCH * seen:
+        return 1.0
+    w = float(np.median(moments[:, 6][whole] / moments[:, 0][whole]))
+    white, _, _, step = (float(part) for part in table.at(np.array(w)))
+    rounding = max(step, w**4 * resolution**2 / 12) / (white + step)
+    return min(max(larger, rounding), 1.0)
 
 
 def _against_chi2(misfits: Array, freedom: int) -> float:
     """Median misfit against that of chi^2 (Wilson and Hilferty)."""
     middle = misfits.size // 2
     median = float(np.partition(misfits, middle)[middle])
-    return median / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+    return median / float(freedom * (1 - 2 / (9 * freedom)) ** 3)
 
 
 def lateral_variance(
