@@ -5,7 +5,7 @@ python -m benchmarks.frame_error [--data FOLDER] [--every]
 Medians over the frames of a set, or every frame. The sensor is taken without the parts of its
 description, so that the frame alone says their size. white, near, bent: factors on the variances;
 lateral in pixels^2; drift: how far inverse depth wanders over 100 pixels, in 0.001 / m; then the
-same from three cells in a row that many pixels apart: what counts are those 12 pixels apart.
+same from three cells in a row that many pixels apart alone.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def told(frame: Frame) -> list[float] | None:
     described = np.median(image.table.at(image.w[image.p > 0])[2]) / cells._SATURATION
     by_lag = []
     for lag in LAGS:
-        with patch.object(frame_error, "_LAG", lag):
+        with patch.object(frame_error, "_LAG", lag), patch.object(frame_error, "_LAGS", ()):
             one = cells.cells_of(image, seen.pixel_size)
         assert one is not None
         by_lag.append(1e3 * float(np.sqrt(one.error.drift * described)))

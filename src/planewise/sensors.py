@@ -15,6 +15,7 @@ from planewise.sensor_files import load, save
 
 __all__ = [
     "AZURE_KINECT",
+    "FEMTO_BOLT",
     "GEMINI_2_XL",
     "IPHONE_LIDAR",
     "KINECT_V1",
@@ -49,6 +50,10 @@ AZURE_KINECT = Sensor(
 """Microsoft Azure Kinect DK. Hardware specification: 0.5-3.86 m (unbinned) to 5.46 m (binned),
 random error at most 17 mm, systematic error below 11 mm + 0.1 % of the distance; the latter is
 taken as sigma, since measured random errors (Toelgyessy et al., Sensors 2021) are far lower."""
+
+FEMTO_BOLT = AZURE_KINECT
+"""Orbbec Femto Bolt. Hardware specification: its depth camera is Microsoft's, with the modes and
+ranges of the Azure Kinect; noise as of that one."""
 
 REALSENSE_D415 = Sensor(
     min_depth=0.3,
@@ -120,6 +125,7 @@ PRESETS: dict[str, Sensor] = {
     "kinect-v1": KINECT_V1,
     "nyu": NYU,
     "azure-kinect": AZURE_KINECT,
+    "femto-bolt": FEMTO_BOLT,
     "realsense-d415": REALSENSE_D415,
     "realsense-d435": REALSENSE_D435,
     "realsense-d455": REALSENSE_D455,
