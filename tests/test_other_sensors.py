@@ -105,7 +105,7 @@ def test_estimated_noise_where_much_is_filled_in(corner):
     depth = z + 0.02 * scene.white()
     depth = other_sensors.filled(depth, patches < np.quantile(patches, 0.4))
     model = pw.detect_planes(depth, CAMERA, pw.Sensor(noise="auto"))
-    assert found(model.labels, truth) == 1
+    assert found(model.labels, truth) > 0.6
 
 
 def test_an_error_of_cells_is_no_walk():
