@@ -15,7 +15,7 @@ from planewise.kernels.forms import (
     compare_pairs,
     write_form,
 )
-from planewise.kernels.heap import pop, push, replace
+from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
@@ -234,7 +234,7 @@ def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type
 
 def room(sides: int, segments: int) -> tuple[int, int]:
     """Sizes of the integers and floating-point numbers that `agglomerate` works in."""
-    return 10 * sides + 16 + 5 * segments, 7 * sides + 16
+    return 8 * sides + SPARE + 5 * segments, 3 * sides + SPARE
 
 
 @compiled
@@ -265,20 +265,20 @@ def agglomerate(  # type: ignore[no-untyped-def]
     beside the first. Writes the root of every segment. ints, floats: room to work in,
     `room` of so many sides and segments.
 
-    Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
-    whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
+    Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
+    one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
     half-edges, 2 e and 2 e + 1.
     """
     count = segments.shape[0]
     rows, columns = unit.shape
-    most_edges = (ints.size - 5 * count - 16) // 10
+    most_edges = (ints.size - 5 * count - SPARE) // 8
     ends = ints[: 2 * most_edges].reshape((most_edges, 2))
     following = ints[2 * most_edges : 4 * most_edges]
     alive, valued = ints[4 * most_edges : 5 * most_edges], ints[5 * most_edges : 6 * most_edges]
-    items = ints[6 * most_edges : 10 * most_edges + 16]
-    head, tail, degree, seen, version = ints[10 * most_edges + 16 :].reshape((5, count))
-    boundary, current = floats[:most_edges], floats[most_edges : 2 * most_edges]
-    misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
+    place, items = ints[6 * most_edges : 7 * most_edges], ints[7 * most_edges : -5 * count]
+    head, tail, degree, seen, version = ints[ints.size - 5 * count :].reshape((5, count))
+    boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
+    keys = floats[2 * most_edges :]
     seen[:] = -1
     degree[:] = version[:] = 0
     edges = 0
@@ -322,41 +322,34 @@ def agglomerate(  # type: ignore[no-untyped-def]
             edges += 1
     _list_edges(ends, edges, head, tail, following)
 
-    # valued: versions of both ends when an edge was last valued; current: its only valid key in the
-    # heap; misfit: of the two segments then.
+    # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
         root[u] = u
-    size = 0
+    clear(keys, place[:edges])
+    size, gains = 0, np.empty(_BATCH)
     for start in range(0, edges, _BATCH):
         stop = min(start + _BATCH, edges)
         _first_gains(
             segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
-            offset_prior, slope_prior, most, current[start:stop], misfit[start:stop],
+            offset_prior, slope_prior, most, gains, misfit[start:stop],
         )  # fmt: skip
         for edge in range(start, stop):
             degree[ends[edge, 0]] += 1
             degree[ends[edge, 1]] += 1
             valued[edge] = 0
-            if current[edge] > 0.0:
-                size = push(keys, items, size, current[edge], edge)
+            size = update(keys, items, place, size, edge, gains[edge - start])
     while size > 0:
-        key, edge = keys[0], items[0]
-        if not alive[edge] or key != current[edge]:
-            size = pop(keys, items, size)
-            continue
+        edge = items[0]
         u, v = ends[edge, 0], ends[edge, 1]
         if valued[edge] != version[u] + version[v]:
             valued[edge] = version[u] + version[v]
-            current[edge], misfit[edge] = _merge_gain(
+            gain, misfit[edge] = _merge_gain(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
                 slope_prior, most,
             )  # fmt: skip
-            if current[edge] > 0.0:
-                replace(keys, items, size, current[edge], edge)
-            else:
-                size = pop(keys, items, size)
+            size = update(keys, items, place, size, edge, gain)
             continue
-        size = pop(keys, items, size)
+        size = update(keys, items, place, size, edge, 0.0)
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
         if home[u] != home[v]:
@@ -398,12 +391,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
-                    current[kept], misfit[kept] = _merge_gain(
+                    gain, misfit[kept] = _merge_gain(
                         segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
                         slope_prior, most,
                     )  # fmt: skip
-                    if current[kept] > 0.0:
-                        size = push(keys, items, size, current[kept], kept)
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -414,11 +407,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
                         following[tail[u]] = half
                     tail[u] = half
             half = after
-        if size > 3 * edges:  # full of old copies
-            size = 0
-            for other_edge in range(edges):
-                if alive[other_edge] and current[other_edge] > 0.0:
-                    size = push(keys, items, size, current[other_edge], other_edge)
     for u in range(count):
         top = root[u]
         while root[top] != top:
