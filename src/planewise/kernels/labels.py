@@ -1,8 +1,9 @@
 """Loops over pixels near the borders of segments: which plane each of them is on.
 
 Planes are rows (t0, t1, t2) of inverse depth w = t0 + t1 x + t2 y; row 0 is no plane. w, p, x, y
-(H, W): inverse depth, its weight (0 without a reading), coordinates. The variance of a reading is
-looked up by its depth: row round(per_metre / w) of a table.
+(H, W): inverse depth, its weight (0 without a reading), coordinates; x (1, W) and y (H, 1) where
+all rows or columns are alike (`Sectors.coordinates`), which spares the cache. The variance of a
+reading is looked up by its depth: row round(per_metre / w) of a table.
 
 While they change, labels have a margin of a pixel and are `NONE` there and wherever there is no
 reading. An image of the same layout holds the pixels' states: 0, waiting for a look, `FIXED`, or
@@ -85,7 +86,7 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, st
     for chunks that hold pixels that wait.
     """
     height, width = w.shape
-    columns = apart.shape[1]
+    columns, alike = apart.shape[1], x.shape[0] == 1
     listed = np.empty(columns, np.uintp)
     for r in range(first, last):
         found, others = 0, apart[r]
@@ -96,7 +97,8 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, st
         for i in range(top, min(top + side, height)):
             row = coarse[r + 1]
             other = coarse[r + 2] if i == top + side - 1 else coarse[r] if i == top else row
-            ws, ps, xs, ys, states, flags = w[i], p[i], x[i], y[i], state[i + 1], busy[i + 1]
+            ws, ps, states, flags = w[i], p[i], state[i + 1], busy[i + 1]
+            xs, ys = x[0 if alike else i], y[i]
             for n in range(found):
                 c = listed[n]
                 mine = row[c + _1]
@@ -109,7 +111,7 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, st
                 start = c * np.uintp(side)
                 for k in range(min(side, width - np.intp(start))):
                     j = start + np.uintp(k)
-                    e = ws[j] - t0 - t1 * xs[j] - t2 * ys[j]
+                    e = ws[j] - t0 - t1 * xs[j] - t2 * ys[_0 if alike else j]
                     waits = left if k == 0 else right if k == side - 1 else beyond
                     waits |= 0.5 * e * e * ps[j] > limit
                     waits &= states[j + _1] != FIXED
@@ -146,7 +148,7 @@ def label_pixels(  # type: ignore[no-untyped-def]
     """
     last = variance.size - 1
     stride, chunks = np.uintp(margin), np.uintp(margin // CHUNK)
-    height = w.size // width
+    height, alike = w.size // width, x.size < w.size
     tenth = 0.1 * differing
     changed = 0
     for sweep in range(sweeps):
@@ -193,7 +195,8 @@ def label_pixels(  # type: ignore[no-untyped-def]
 
                     j = at - i * stride
                     r = (i - _1) * np.uintp(width) + j - _1
-                    value, xj, yj = np.float64(w[r]), np.float64(x[r]), np.float64(y[r])
+                    value, xj = np.float64(w[r]), np.float64(x[j - _1 if alike else r])
+                    yj = np.float64(y[i - _1 if alike else r])
                     v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
                     none = null + tenth * (around - of_none)
                     t = np.uintp(mine)

@@ -333,8 +333,8 @@ def _groups(
     label = workspace.empty(block.size + most, np.uint16)
     first = np.empty(several + 1, np.int32)
     tiles.sum_groups(
-        labels, frame.w, frame.p, frame.x, frame.y, blocks.of_cells, cell, block, blocks.white,
-        blocks.constant, first, moments, label, readings,
+        labels, frame.w, frame.p, *frame.sectors.coordinates, blocks.of_cells, cell, block,
+        blocks.white, blocks.constant, first, moments, label, readings,
     )  # fmt: skip
     tiles.correct_groups(moments, first, block, blocks.factor, blocks.finer)
     return moments, label, first

@@ -122,6 +122,7 @@ def _label_pixels(
     apart = workspace.empty((rows, columns), np.bool_)
     count, affine = cells.moments[:, COUNT], affine_planes(planes, with_none=True)
     bound = _SURE * cells.error.white * null
+    x, y = frame.sectors.coordinates
 
     def lay_out(first: int, last: int) -> None:
         label_loops.lay_out(
@@ -129,7 +130,7 @@ def _label_pixels(
             marks.state,
         )  # fmt: skip
         label_loops.find_waiting(
-            coarse, apart, frame.w, frame.p, frame.x, frame.y, affine, bound, SIDE, first, last,
+            coarse, apart, frame.w, frame.p, x, y, affine, bound, SIDE, first, last,
             marks.state, marks.busy,
         )  # fmt: skip
 
@@ -143,8 +144,8 @@ def _label_pixels(
         marks.seen.reshape(-1),
         marks.label.shape[1],
         frame.w.reshape(-1),
-        frame.x.reshape(-1),
-        frame.y.reshape(-1),
+        x.reshape(-1),
+        y.reshape(-1),
         frame.w.shape[1],
         variance,
         frame.table.per_metre,
@@ -175,9 +176,9 @@ def _put_creases(
     borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
-    images, per_metre = (frame.w, frame.x, frame.y), frame.table.per_metre
+    coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
     found = crease_loops.find_creases(
-        borders, labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, UNIT, crease, lines
+        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
     )
     if not found:
         return False
@@ -188,7 +189,8 @@ def _put_creases(
         crease,
         lines,
         affine,
-        *images,
+        frame.w,
+        *coordinates,
         variance,
         per_metre,
         _lateral(cells, affine),
@@ -204,7 +206,8 @@ def _put_creases(
         crease,
         lines,
         offset,
-        *images,
+        frame.w,
+        *coordinates,
         variance,
         slow,
         per_metre,

@@ -19,7 +19,7 @@ from planewise.information import plane_information
 from planewise.kernels import borders, gaps
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE
+from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -203,50 +203,20 @@ def _agglomerate(
 
     Returns which cells are neighbours, too.
     """
-    count, grid = len(cells.rows), cells.grid if grid is None else grid
-    forms = workspace.empty((count, comparing.FORM))
+    grid = cells.grid if grid is None else grid
+    forms = workspace.empty((len(cells.rows), comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
-    segments = Segments(
-        rows=workspace.copy(cells.rows),
-        forms=workspace.copy(forms),
-        drift=cells.drift.copy(),
-        offset_prior=cells.offset_prior.copy(),
-        slope_prior=cells.slope_prior.copy(),
-        home=sector_of_units(cells, sectors),
-        of_unit=np.arange(count, dtype=np.int32),
-    )
-    comparing.free_prices(
-        forms,
-        cells.offset_prior,
-        cells.slope_prior,
-        cells.rows[:, COUNT],
-        _FITTED_AWAY,
-        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
-        segments.rows[:, FREE],
-    )
     right = workspace.empty(cells.squares.shape)
     below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
-    root = np.empty(count, np.int32)
-    merging.join_blocks(
-        grid,
-        cells.whole,
-        right,
-        segments.rows,
-        segments.forms,
-        segments.drift,
-        _SAME,
-        _LEVELS,
-        root,
-    )
-    segments = segments.kept(root)
+    segments = _joined_squares(cells, sectors, grid, forms, right, workspace)
     discords = workspace.empty((2, *cells.grid.shape))
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
     ints, floats = merging.room(beside.sides, len(segments.rows))
-    root = root[: len(segments.rows)]
+    root = np.empty(len(segments.rows), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
         merging.agglomerate(
             segments.of_cell(beside.grid, workspace),
@@ -266,6 +236,52 @@ def _agglomerate(
             workspace.empty(floats),
         )
     return segments.kept(root), beside
+
+
+def _joined_squares(
+    cells: Cells,
+    sectors: Sectors,
+    grid: NDArray[np.int32],
+    forms: Array,
+    right: Array,
+    workspace: Workspace,
+) -> Segments:
+    """Units of `grid`, and what squares of them are at once."""
+    count = len(cells.rows)
+    free, drift = workspace.empty(count), workspace.copy(cells.drift)
+    comparing.free_prices(
+        forms,
+        cells.offset_prior,
+        cells.slope_prior,
+        cells.rows[:, COUNT],
+        _FITTED_AWAY,
+        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
+        free,
+    )
+    root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
+    joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
+    left = merging.join_blocks(
+        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS, root, square,
+        *joined,
+    )  # fmt: skip
+    home = np.zeros(left, np.int32)
+    if sectors.count > 1:
+        home = sector_of_units(cells, sectors)[root == np.arange(count)]
+    rows, shapes = workspace.empty((left, SEGMENT)), workspace.empty((left, comparing.FORM))
+    numbers = workspace.empty((3, left))
+    merging.keep_roots(
+        root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
+        cells.slope_prior, rows, shapes, numbers,
+    )  # fmt: skip
+    return Segments(
+        rows=rows,
+        forms=shapes,
+        drift=numbers[0],
+        offset_prior=numbers[1],
+        slope_prior=numbers[2],
+        home=home,
+        of_unit=root,
+    )
 
 
 def _nothing_else() -> None:
