@@ -104,7 +104,7 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     bands = ((0, 3), (3, len(grid)))  # one after the other, as threads have them
     for band in bands:
         images = coarse, beside, marks.label, marks.state
-        labels.lay_out(grid, number, count, p, SIDE, *band, *images)
+        labels.lay_out(grid, number, count, p, *band, *images)
     assert_array_equal(beside, apart)
     assert_array_equal(marks.label[marks.inner], label)
     assert_array_equal(marks.state[marks.inner], np.where(fixed, labels.FIXED, 0))
@@ -117,7 +117,7 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     for band in bands:
         coordinates = (x[:1], y[:, :1].copy()) if seed % 2 else (x, y)
         images = coarse, beside, w, p, *coordinates
-        labels.find_waiting(*images, table, NULL, SIDE, *band, marks.state, marks.busy)
+        labels.find_waiting(*images, table, NULL, *band, marks.state, marks.busy)
     exact = oracles.waiting(grid, number, fixed, w, p, x, y, table, NULL, SIDE)
     assert_array_equal(marks.state[marks.inner] == 1, exact)
     assert 0 < exact.sum() < (p > 0).sum()

@@ -126,11 +126,11 @@ def _label_pixels(
 
     def lay_out(first: int, last: int) -> None:
         label_loops.lay_out(
-            cells.grid, number, count, frame.p, SIDE, first, last, coarse, apart, marks.label,
+            cells.grid, number, count, frame.p, first, last, coarse, apart, marks.label,
             marks.state,
         )  # fmt: skip
         label_loops.find_waiting(
-            coarse, apart, frame.w, frame.p, x, y, affine, bound, SIDE, first, last,
+            coarse, apart, frame.w, frame.p, x, y, affine, bound, first, last,
             marks.state, marks.busy,
         )  # fmt: skip
 
