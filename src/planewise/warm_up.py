@@ -19,7 +19,7 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.information import book_of, groups_of
+from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.labels import label_planes, residual_correlation
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import join_through_gaps
@@ -68,7 +68,7 @@ def later_stages() -> None:
     residual_correlation(cells, labels, _PLANES, frame.sectors)
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
     planes, data = refitted(groups, _PLANES)
-    book = book_of(groups, data, 10.0, 0.001)
+    book = book_of(groups, data, mask_of(frame, labels), 10.0, 0.001)
     affine, covariances = planes[book.order], np.zeros((2, 4, 4))
     place = np.arange(3, dtype=np.uint16)
     area = camera.pixel_area(labels.shape)

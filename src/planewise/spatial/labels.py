@@ -99,9 +99,18 @@ def label_planes(
     null = float(np.log(observation.range / observation.resolution))
     variance, slow = _variances(frame, cells, workspace)
     _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
-    label_loops.without_margin(marks.label, labels)
-    planes = _refit(cells, labels, planes, sectors)
-    if _put_creases(frame, cells, planes, variance, slow, marks, labels, workspace):
+    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
+    borders, found = workspace.empty((most, 3), np.int32), 0
+
+    def find_borders() -> None:
+        nonlocal found
+        flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+        found = crease_loops.find_borders(*flat, marks.label.shape[1], borders)
+
+    with threads.beside(find_borders):
+        label_loops.without_margin(marks.label, labels)
+        planes = _refit(cells, labels, planes, sectors)
+    if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders[:found]):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
 
@@ -166,14 +175,10 @@ def _put_creases(
     slow: Array,
     marks: Marks,
     labels: Labels,
-    workspace: Workspace,
+    borders: NDArray[np.int32],
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     affine = affine_planes(planes, with_none=True)
-    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
-    borders = workspace.empty((most, 3), np.int32)
-    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
-    borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre

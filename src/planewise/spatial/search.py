@@ -9,7 +9,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,6 @@ from planewise.spatial.labels import (
     affine_planes,
     information_matrices,
     label_planes,
-    residual_correlation,
     sector_of_units,
 )
 from planewise.spatial.seams import Neighbours, neighbours
@@ -66,7 +65,7 @@ class Segmentation:
     affine : ndarray, shape (N K, 3)
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
-        Of cells side by side on each plane (`spatial.labels`).
+        Of cells side by side on each plane (`spatial.labels`), once that was looked at.
     left_out : int
         Planes that pay but are more than was asked for.
     """
@@ -75,7 +74,7 @@ class Segmentation:
     labels: Labels
     significance: Array
     affine: Array
-    residual_correlation: Array
+    residual_correlation: Array = field(default_factory=lambda: np.empty(0))
     left_out: int = 0
 
 
@@ -137,7 +136,7 @@ def segment(
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], planes.shape[1])
-    found = _segmentation(cells, rows, labels, np.asarray(total), frame.sectors)
+    found = _segmentation(rows, labels, np.asarray(total), frame.sectors)
     return replace(found, left_out=left_out)
 
 
@@ -376,9 +375,7 @@ def _most_significant(
     return planes[:, keep], place[owner]
 
 
-def _segmentation(
-    cells: Cells, planes: Array, labels: Labels, worth: Array, sectors: Sectors
-) -> Segmentation:
+def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     affine = affine_planes(planes)
     turn = sectors.turn[0]
@@ -388,7 +385,6 @@ def _segmentation(
         labels=labels,
         significance=worth,
         affine=affine,
-        residual_correlation=residual_correlation(cells, labels, affine, sectors),
     )
 
 
@@ -398,5 +394,4 @@ def _nothing(shape: tuple[int, ...]) -> Segmentation:
         labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
-        residual_correlation=np.empty(0),
     )
