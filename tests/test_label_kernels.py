@@ -289,7 +289,7 @@ def roof(ridge, convex=True, shape=(30, 40), slope=4e-4, tilt=2e-4):
 
 def alike(x, y):
     """One row of x and one column of y, if all are the same."""
-    straight = (x == x[0]).all() and (y.T == y[:, 0]).all()
+    straight = (x == x[0]).all() and (y[:, 0] == y.T).all()
     return (x[:1].copy(), y[:, :1].copy()) if straight else (x, y)
 
 

@@ -141,11 +141,11 @@ def sum_groups(  # type: ignore[no-untyped-def]
 ):
     """Moments and labels of all groups.
 
-    w, p, x, y as of `kernels.labels`; cells (rows, 12, columns): moments of cells; white: noise of the frame against its description;
-    constant: ln(2 pi white / eps^2). moments (12, .) begins with those of `sum_blocks`, of which
-    only the count is changed: there is no group where a block has several. Writes first (blocks
-    with several labels + 1,), where the groups of each begin and end; adds to readings (N + 1,)
-    those of every label.
+    w, p, x, y as of `kernels.labels`; cells (rows, 12, columns): moments of cells; white: noise of
+    the frame against its description; constant: ln(2 pi white / eps^2). moments (12, .) begins with
+    those of `sum_blocks`, of which only the count is changed: there is no group where a block has
+    several. Writes first (blocks with several labels + 1,), where the groups of each begin and end;
+    adds to readings (N + 1,) those of every label.
     """
     height, width = labels.shape
     rows, columns = cell.shape

@@ -129,9 +129,7 @@ def solve(
             told: list[Array] = []
 
             def correlate() -> None:
-                told.append(
-                    residual_correlation(cells, found.labels, found.affine, frame.sectors)
-                )
+                told.append(residual_correlation(cells, found.labels, found.affine, frame.sectors))
 
             solution = judged(observation, frame, cells, found, workspace, blocks, correlate)
             return replace(solution, found=replace(found, residual_correlation=told[0]))
