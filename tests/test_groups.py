@@ -47,6 +47,8 @@ def grouped(labels, images):
     of_blocks = np.empty((12, block.size))
     groups.sum_blocks(of_cells, WHITE, constant, of_blocks)
     moments[:, : block.size] = of_blocks
+    # Of a straight image, one row of x and one column of y will do.
+    x, y = (x[:1], y[:, :1].copy()) if shape[0] % 2 else (x, y)
     groups.sum_groups(
         labels, w, p, x, y, of_cells, cell, block, WHITE, constant, first, moments, label, readings
     )

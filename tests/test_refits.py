@@ -14,7 +14,7 @@ from planewise.kernels.refits import refit_sums
 from planewise.sectors import turn_to_theta
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of
-from planewise.spatial.information import GROUP_SIDE, book_of, groups_of, ledger
+from planewise.spatial.information import GROUP_SIDE, book_of, groups_of, ledger, mask_of
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import segment
 
@@ -128,7 +128,7 @@ def test_data_are_those_of_the_planes_returned(scene):
     before = ledger(frame, cells, affine, labels, RANGE, RESOLUTION, pixel_size).curve[-1]
     moved, data = refitted(groups, affine)
     assert (moved != affine).all()
-    found = book_of(groups, data, RANGE, RESOLUTION)
+    found = book_of(groups, data, mask_of(frame, labels), RANGE, RESOLUTION)
     again = ledger(frame, cells, moved, labels, RANGE, RESOLUTION, pixel_size)
     assert_allclose(found.curve, again.curve, rtol=1e-12)
     assert_allclose(found.worth, again.worth, rtol=1e-12)

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import borders, cells, forms, gaps, segments
+from planewise.spatial.segments import Segments
 
 from . import spatial_oracles as oracles
 
@@ -367,33 +368,52 @@ def test_join_blocks(seed, limit):
     images = readings(rng, PLANES, quilt(rng, (61, 73), 2, pieces=3), holes=0.03)
     grid, units, size = merge(images)
     rows = segment_rows(units, np.full(len(units), 0.1 * DRIFT), np.full(len(units), 4 * DRIFT))
+    rows[:, 12] = rng.uniform(1, 3, len(units))
     drift = DRIFT * rng.uniform(0.5, 2, len(units))
     exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3)
-    root, of = np.empty(len(rows), np.int32), forms_of(rows, drift)
+    count, of = len(rows), forms_of(rows, drift)
+    root, square = np.empty(count, np.int32), np.empty(count, np.int32)
+    joined = np.empty((count // 4, 13)), np.empty((count // 4, segments.FORM))
     right, _ = square_discords(grid, size == 2, of)
-    segments.join_blocks(grid, size == 2, right, rows, of, drift, limit, 3, root)
+    free, rows[:, 12] = rows[:, 12].copy(), 0
+    told, known = drift.copy(), (rows.copy(), of.copy())
+    left = segments.join_blocks(
+        grid, size == 2, right, rows, of, free, drift, limit, 3, root, square, *joined
+    )
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
-    assert_allclose(rows[ids], exact_rows[ids], rtol=1e-6, atol=1e-9)
-    assert_allclose(of[ids], forms_of(rows, drift)[ids], rtol=1e-12)
-    assert len(ids) < 0.9 * len(root)
+    assert left == len(ids)
+    assert_array_equal(square[ids] >= 0, np.bincount(root)[ids] > 1)
+    assert left < 0.9 * count
     assert max(np.bincount(root)) > (4 if limit > 10 else 3)
+    for array, before in zip((rows, of), known, strict=True):
+        assert_array_equal(array, before)
+
+    priors, numbers = rng.random((2, count)), np.empty((3, left))
+    kept = np.empty((left, 13)), np.empty((left, segments.FORM))
+    arrays = (rows, of, free, *joined, drift, *priors, *kept, numbers)
+    segments.keep_roots(root, square, *arrays)
+    assert_array_equal(ids[root], exact_root)
+    assert_allclose(kept[0], exact_rows[ids], rtol=1e-6, atol=1e-9)
+    assert_allclose(kept[1], forms_of(kept[0], drift[ids]), rtol=1e-12)
+    assert_array_equal(numbers, [drift[ids], *priors[:, ids]])
+    assert (drift[ids] != told[ids]).any()
 
 
-def test_roots_move_to_the_front():
+def test_only_roots_are_kept():
     _, rows, drift, offset_prior, slope_prior = random_segments(4)
     of, n = forms_of(rows, drift), len(rows)
     rng = np.random.default_rng(4)
     root = np.where(rng.random(n) < 0.4, np.arange(n), -1)
     ids = np.flatnonzero(root >= 0)
     root[root < 0] = rng.choice(ids, (root < 0).sum())
-    root, arrays = root.astype(np.int32), (rows, of, drift, offset_prior, slope_prior)
-    before, wanted = [array.copy() for array in arrays], root.copy()
-    found = segments.keep_roots(root, *arrays)
-    assert found == len(ids)
-    assert_array_equal(ids[root], wanted)
-    for array, old in zip(arrays, before, strict=True):
-        assert_array_equal(array[:found], old[ids])
+    arrays = rows, of, drift, offset_prior, slope_prior, np.arange(n, dtype=np.int32)
+    of_unit = rng.integers(n, size=3 * n).astype(np.int32)
+    kept = Segments(*arrays, of_unit).kept(root.astype(np.int32))
+    assert_array_equal(ids[kept.of_unit], root[of_unit])
+    names = ("rows", "forms", "drift", "offset_prior", "slope_prior", "home")
+    for name, old in zip(names, arrays, strict=True):
+        assert_array_equal(getattr(kept, name), old[ids])
 
 
 def test_borders_of_segments_are_paid_for_once():

@@ -97,6 +97,7 @@ class DepthImage:
         high = int(min(np.floor(sensor.max_depth / scale + 1e-9), np.iinfo(np.uint16).max))
         seen = np.zeros(max(high, low) + 1, np.uint8)
         count, present = kernels.mark_levels(values, low, high, seen)
+        seen[0] = 0
         levels = np.flatnonzero(seen)
         return cls(
             values=values,

@@ -88,6 +88,16 @@ class Sectors:
         return len(self.turn)
 
     @cached_property
+    def coordinates(self) -> tuple[Image, Image]:
+        """x and y for loops that look at few pixels.
+
+        Where the image is straight, x has one row and y one column: these stay in the cache.
+        """
+        if not self.straight:
+            return self.x, self.y
+        return self.x[:1].copy(), self.y[:, :1].copy()
+
+    @cached_property
     def mean_ratio(self) -> float:
         """Root mean square of c: depth z against range of a usual reading."""
         if self.ratio is None or self.column is None:

@@ -21,7 +21,7 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.information import book_of, groups_of
+from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.labels import label_planes, residual_correlation
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import join_through_gaps
@@ -61,7 +61,7 @@ def later_stages() -> None:
     cells = _cells(rows[of_unit])
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
     _, data = refitted(groups, _PLANES)
-    book_of(groups, data, 10.0, 0.001)
+    book_of(groups, data, mask_of(frame, labels), 10.0, 0.001)
 
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)

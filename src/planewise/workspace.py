@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
+
+Type = type[np.generic] | np.dtype[Any]
 
 _ALIGNED = 64  # bytes: of a cache line
 
@@ -23,15 +24,15 @@ class Workspace:
 
     def __init__(self) -> None:
         self._memory: NDArray[np.uint8] = np.empty(0, np.uint8)
-        self._kept = self._lent = self._most = 0
+        self._held = self._kept = self._lent = self._most = 0
 
     @contextmanager
     def frame(self) -> Iterator[None]:
         """All memory is free for a frame."""
-        if self._most > self._memory.nbytes:
-            self._memory = np.empty(self._most + _ALIGNED, np.uint8)
-            start = -self._memory.ctypes.data % _ALIGNED
-            self._memory = self._memory[start : start + self._most]
+        if self._most > self._held:
+            memory = np.empty(self._most + _ALIGNED, np.uint8)
+            start = -memory.ctypes.data % _ALIGNED
+            self._memory, self._held = memory[start : start + self._most], self._most
         self._kept = self._lent = 0
         yield
 
@@ -42,22 +43,22 @@ class Workspace:
         yield
         self._lent = lent
 
-    def kept(self, shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    def kept(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the frame, with arbitrary content.
 
         Parameters
         ----------
         shape, dtype
-            As of `numpy.empty`.
+            As of `numpy.empty`; dtype a class such as `numpy.int32`.
         """
         start = self._kept
-        self._kept += self._size(shape, dtype)
+        self._kept += _size(shape, dtype)
         return self._part(start, shape, dtype)
 
-    def empty(self, shape: int | tuple[int, ...], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
-        self._lent += self._size(shape, dtype)
-        return self._part(self._memory.nbytes - self._lent, shape, dtype)
+        self._lent += _size(shape, dtype)
+        return self._part(self._held - self._lent, shape, dtype)
 
     def copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return a copy that lasts as long as the stage."""
@@ -68,15 +69,25 @@ class Workspace:
     @property
     def nbytes(self) -> int:
         """Memory held."""
-        return self._memory.nbytes
+        return self._held
 
-    @staticmethod
-    def _size(shape: int | tuple[int, ...], dtype: DTypeLike) -> int:
-        count = shape if isinstance(shape, int) else math.prod(shape)
-        return -(-count * np.dtype(dtype).itemsize // _ALIGNED) * _ALIGNED
-
-    def _part(self, start: int, shape: int | tuple[int, ...], dtype: DTypeLike) -> NDArray[Any]:
-        self._most = max(self._most, self._kept + self._lent)
-        if self._kept + self._lent > self._memory.nbytes:
+    def _part(self, start: int, shape: int | tuple[int, ...], dtype: Type) -> NDArray[Any]:
+        used = self._kept + self._lent
+        if used > self._held:
+            self._most = max(self._most, used)
             return np.empty(shape, dtype)
-        return np.ndarray(shape, dtype, self._memory.data, start)
+        return np.ndarray(shape, dtype, self._memory, start)
+
+
+_BYTES: dict[Type, int] = {}  # of an item
+
+
+def _size(shape: int | tuple[int, ...], dtype: Type) -> int:
+    """Bytes of an array, in whole lines of the cache."""
+    size = _BYTES.get(dtype) or _BYTES.setdefault(dtype, np.dtype(dtype).itemsize)
+    if isinstance(shape, int):
+        size *= shape
+    else:
+        for length in shape:
+            size *= length
+    return -(-size // _ALIGNED) * _ALIGNED

@@ -23,7 +23,7 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
-from planewise.kernels.heap import pop, push, replace
+from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
@@ -122,8 +122,8 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
     waits (n,): segments that are left alone, which is changed: what would merge with one of them
     before all others waits, too. Writes the root of every segment.
 
-    Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
-    whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
+    Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
+    one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
     half-edges, 2 e and 2 e + 1.
     """
     # A twin of `segments.agglomerate`: what they weigh differs, and a loop that is given functions
@@ -135,8 +135,8 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
     degree, version = np.zeros(count, np.int64), np.zeros(count, np.int64)
     alive = np.ones(edges, np.bool_)
     valued = np.zeros(edges, np.int64)
-    current, misfit = np.zeros(edges), np.zeros(edges)
-    keys, items = np.empty(4 * edges + 16), np.empty(4 * edges + 16, np.int64)
+    misfit, place = np.zeros(edges), np.empty(edges, np.int64)
+    keys, items = np.empty(edges + SPARE), np.empty(edges + SPARE, np.int64)
     for half in range(2 * edges):
         u = ends[half >> 1, half & 1]
         if head[u] < 0:
@@ -163,6 +163,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
             half = following[half]
     for u in range(count):
         root[u] = u
+    clear(keys, place)
     size = np.intp(0)
     for edge in range(edges):
         if alive[edge]:
@@ -173,26 +174,17 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                 count_of = min(rows[u, COUNT], rows[v, COUNT])
                 misfit[edge] = tempered(discords[edge], count_of)
                 gain = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
-                current[edge] = gain
-            if current[edge] > 0.0:
-                size = push(keys, items, size, current[edge], edge)
+                size = update(keys, items, place, size, edge, gain)
     while size > 0:
-        key, edge = keys[0], items[0]
-        if not alive[edge] or key != current[edge]:
-            size = pop(keys, items, size)
-            continue
+        edge, gain = items[0], 0.0
         u, v = ends[edge, 0], ends[edge, 1]
-        if valued[edge] != version[u] + version[v]:
+        old = valued[edge] != version[u] + version[v]
+        if old:
             valued[edge] = version[u] + version[v]
-            current[edge], misfit[edge] = _merge_gain(
-                rows, u, v, boundary[edge], drift, prior, most
-            )
-            if current[edge] > 0.0:
-                replace(keys, items, size, current[edge], edge)
-            else:
-                size = pop(keys, items, size)
+            gain, misfit[edge] = _merge_gain(rows, u, v, boundary[edge], drift, prior, most)
+        size = update(keys, items, place, size, edge, gain)
+        if old:
             continue
-        size = pop(keys, items, size)
         if waits[u] or waits[v]:
             waits[u] = waits[v] = True
             continue
@@ -234,11 +226,11 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
-                    current[kept], misfit[kept] = _merge_gain(
+                    gain, misfit[kept] = _merge_gain(
                         rows, u, other, boundary[kept], drift, prior, most
                     )
-                    if current[kept] > 0.0:
-                        size = push(keys, items, size, current[kept], kept)
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -249,11 +241,6 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                         following[tail[u]] = half
                     tail[u] = half
             half = after
-        if size > 3 * edges:  # full of old copies
-            size = np.intp(0)
-            for other_edge in range(edges):
-                if alive[other_edge] and current[other_edge] > 0.0:
-                    size = push(keys, items, size, current[other_edge], other_edge)
     for u in range(count):
         top = root[u]
         while root[top] != top:

@@ -68,7 +68,7 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
     lines; returns the number of lines.
     """
     height, width = label.shape
-    count = planes.shape[0]
+    count, own = planes.shape[0], 1 if x.shape[0] > 1 else 0
     votes, touching = np.empty((count, count), np.int32), np.empty((count, count), np.int32)
     for a in range(count):
         for b in range(count):
@@ -89,7 +89,8 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
         ib, jb = row + k * on, column + (1 - k) * on
         s, t = planes[here], planes[there]
         d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
-        near, far = d0 + d1 * x[ia, ja] + d2 * y[ia, ja], -d0 - d1 * x[ib, jb] - d2 * y[ib, jb]
+        near = d0 + d1 * x[own * ia, ja] + d2 * y[ia, own * ja]
+        far = -d0 - d1 * x[own * ib, jb] - d2 * y[ib, own * jb]
         a, b = min(here, there), max(here, there)
         touching[a, b] += 1
         if near > 0.0 and far > 0.0:
@@ -127,7 +128,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
     the pair. Writes offset (lines,).
     """
     height, width = label.shape
-    last = variance.size - 1
+    last, own = variance.size - 1, 1 if x.shape[0] > 1 else 0
     middle = reach * BINS
     histogram = np.empty((offset.size, 2 * middle + 1))
     for number in range(offset.size):
@@ -153,7 +154,8 @@ def crease_offsets(  # type: ignore[no-untyped-def]
                     break
                 if label[r, c] != a and label[r, c] != b:
                     break
-                xr, yr, value = np.float64(x[r, c]), np.float64(y[r, c]), np.float64(w[r, c])
+                value = np.float64(w[r, c])
+                xr, yr = np.float64(x[own * r, c]), np.float64(y[r, own * c])
                 place = int(np.rint((d0 + d1 * xr + d2 * yr) * BINS)) + middle
                 if 0 <= place < places.size:
                     v = variance[min(int(per_metre / value + 0.5), last)]
@@ -186,7 +188,7 @@ def snap_creases(  # type: ignore[no-untyped-def]
     backwards by turns. label has a margin and is changed in place; state and busy: zeros of the
     shapes that `kernels.labels.lay_out` takes.
     """
-    height, last = w.shape[0], variance.size - 1
+    height, last, alike = w.shape[0], variance.size - 1, x.shape[0] == 1
     for n in range(borders.shape[0]):
         border = borders[n]
         i, left, k = border[0] + 1, border[1] + 1, border[2]
@@ -223,7 +225,8 @@ def snap_creases(  # type: ignore[no-untyped-def]
                         if number < 0:
                             continue
                         line = lines[np.uintp(number)]
-                        xj, yj = x[i - 1, j - _1], y[i - 1, j - _1]
+                        xj = x[0 if alike else i - 1, j - _1]
+                        yj = y[i - 1, np.uintp(0) if alike else j - _1]
                         distance = line[0] + line[1] * xj + line[2] * yj
                         place = distance - offset[np.uintp(number)]
                         wanted = min(here, there) if place > 0.0 else max(here, there)

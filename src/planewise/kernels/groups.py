@@ -142,14 +142,15 @@ def sum_groups(  # type: ignore[no-untyped-def]
 ):
     """Moments and labels of all groups.
 
-    cells (rows, 12, columns): moments of cells; white: noise of the frame against its description;
-    constant: ln(2 pi white / eps^2). moments (12, .) begins with those of `sum_blocks`, of which
-    only the count is changed: there is no group where a block has several. Writes first (blocks
-    with several labels + 1,), where the groups of each begin and end; adds to readings (N + 1,)
-    those of every label.
+    w, p, x, y as of `kernels.labels`; cells (rows, 12, columns): moments of cells; white: noise of
+    the frame against its description; constant: ln(2 pi white / eps^2). moments (12, .) begins with
+    those of `sum_blocks`, of which only the count is changed: there is no group where a block has
+    several. Writes first (blocks with several labels + 1,), where the groups of each begin and end;
+    adds to readings (N + 1,) those of every label.
     """
     height, width = labels.shape
     rows, columns = cell.shape
+    own = 1 if x.shape[0] > 1 else 0
     names = np.empty(BLOCK * BLOCK, np.int32)
     sums = np.empty((names.size, NORM + 2))
     for k in range(names.size):
@@ -182,7 +183,8 @@ def sum_groups(  # type: ignore[no-untyped-def]
                                 if p[v, u] > 0.0:
                                     k = _place(names, found, np.int32(labels[v, u]))
                                     found = max(found, k + 1)
-                                    _add_reading(sums[k], p[v, u], x[v, u], y[v, u], w[v, u])
+                                    across, down = x[own * v, u], y[v, own * u]
+                                    _add_reading(sums[k], p[v, u], across, down, w[v, u])
                         for k in range(found):
                             sums[k, NORM] += math.log(sums[k, CELL])
                             sums[k, CELL] = 1.0

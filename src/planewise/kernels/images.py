@@ -12,19 +12,20 @@ from planewise.kernels.jit import in_order, inlined
 
 @in_order
 def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
-    """seen[v] = 1 for every value low <= v <= high of raw (H, W).
+    """seen[v] = 1 for every value low <= v <= high of raw (H, W), and seen[0]; low > 0.
 
     Returns how many values are in that range, and how many are not zero.
     """
     count = present = 0
+    none = np.uintp(0)
     for i in range(raw.shape[0]):
         row = raw[i]
         for j in range(row.size):
             present += row[j] > 0
             count += low <= row[j] <= high
         for j in range(row.size):
-            if low <= row[j] <= high:
-                seen[row[j]] = 1
+            # Without a branch, which is dear where it is hard to foresee.
+            seen[np.uintp(row[j]) if low <= row[j] <= high else none] = 1
     return count, present
 
 

@@ -1,8 +1,9 @@
 """Loops over pixels near the borders of segments: which plane each of them is on.
 
 Planes are rows (t0, t1, t2) of inverse depth w = t0 + t1 x + t2 y; row 0 is no plane. w, p, x, y
-(H, W): inverse depth, its weight (0 without a reading), coordinates. The variance of a reading is
-looked up by its depth: row round(per_metre / w) of a table.
+(H, W): inverse depth, its weight (0 without a reading), coordinates; x (1, W) and y (H, 1) where
+all rows or columns are alike (`Sectors.coordinates`), which spares the cache. The variance of a
+reading is looked up by its depth: row round(per_metre / w) of a table.
 
 While they change, labels have a margin of a pixel and are `NONE` there and wherever there is no
 reading. An image of the same layout holds the pixels' states: 0, waiting for a look, `FIXED`, or
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.cells import SIDE
 from planewise.kernels.jit import compiled, internal
 
 NONE = np.int16(-1)
@@ -23,16 +25,17 @@ WAITING, FIXED = np.uint8(1), np.uint8(2)
 
 _CHUNK = np.uintp(CHUNK)
 _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
+_ONES = np.uint64(0x0101010101010101)
 _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
 
 
 @compiled
-def lay_out(grid, number, count, p, side, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
+def lay_out(grid, number, count, p, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
     """Write every cell's label onto its pixels, in rows first ... last - 1 of cells.
 
-    The label of a cell of side x side pixels is number[grid], 0 where grid is -1; count (rows,
+    The label of a cell is number[grid], 0 where grid is -1; count (rows,
     columns): its readings. Writes coarse (rows + 2, columns + 2): these labels, those at the edge
-    twice; apart (rows, columns): cells beside another label; label (H + 2, at least W + 1 + side),
+    twice; apart (rows, columns): cells beside another label; label (H + 2, at least W + 1 + SIDE),
     but for its first and last row; and state alike: fixed without a reading and on a plane, in a
     cell among others of that plane, 0 elsewhere.
     """
@@ -56,11 +59,15 @@ def lay_out(grid, number, count, p, side, first, last, coarse, apart, label, sta
             there = readings[c] > 0.0
             filled[c] = mine if there else NONE
             fixed[c] = FIXED if (same & (mine > 0)) | (not there) else 0
-        top, bottom = r * side, min((r + 1) * side, height)
+        top, bottom = r * SIDE, min((r + 1) * SIDE, height)
         labels, states = label[top + 1], state[top + 1]
-        for k in range(side):
-            for c in range(columns):
-                labels[side * c + k + 1], states[side * c + k + 1] = filled[c], fixed[c]
+        # Threes written out, which makes them vector code.
+        for c in range(columns):
+            k = SIDE * c
+            labels[k + 1] = labels[k + 2] = labels[k + 3] = filled[c]
+        for c in range(columns):
+            k = SIDE * c
+            states[k + 1] = states[k + 2] = states[k + 3] = fixed[c]
         labels[0], states[0] = NONE, FIXED
         for j in range(width + 1, labels.size):
             labels[j], states[j] = NONE, FIXED
@@ -69,15 +76,15 @@ def lay_out(grid, number, count, p, side, first, last, coarse, apart, label, sta
             for j in range(labels.size):
                 copy[j], copied[j] = labels[j], states[j]
         for c in range(columns):
-            if 0.0 < readings[c] < side * side:
+            if 0.0 < readings[c] < SIDE * SIDE:
                 for i in range(top, bottom):
-                    for j in range(c * side, min((c + 1) * side, width)):
+                    for j in range(c * SIDE, min((c + 1) * SIDE, width)):
                         if p[i, j] <= 0.0:
                             label[i + 1, j + 1], state[i + 1, j + 1] = NONE, FIXED
 
 
 @compiled
-def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, state, busy):  # type: ignore[no-untyped-def]
+def find_waiting(coarse, apart, w, p, x, y, planes, bound, first, last, state, busy):  # type: ignore[no-untyped-def]
     """Let pixels wait for a look that lie beside a cell of another label, or off their own plane.
 
     In rows first ... last - 1 of cells.
@@ -85,18 +92,19 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, st
     for chunks that hold pixels that wait.
     """
     height, width = w.shape
-    columns = apart.shape[1]
+    columns, alike = apart.shape[1], x.shape[0] == 1
     listed = np.empty(columns, np.uintp)
     for r in range(first, last):
         found, others = 0, apart[r]
         for c in range(columns):
             listed[found] = c
             found += others[c]
-        top = r * side
-        for i in range(top, min(top + side, height)):
+        top = r * SIDE
+        for i in range(top, min(top + SIDE, height)):
             row = coarse[r + 1]
-            other = coarse[r + 2] if i == top + side - 1 else coarse[r] if i == top else row
-            ws, ps, xs, ys, states, flags = w[i], p[i], x[i], y[i], state[i + 1], busy[i + 1]
+            other = coarse[r + 2] if i == top + SIDE - 1 else coarse[r] if i == top else row
+            ws, ps, states, flags = w[i], p[i], state[i + 1], busy[i + 1]
+            xs, ys = x[0 if alike else i], y[i]
             for n in range(found):
                 c = listed[n]
                 mine = row[c + _1]
@@ -106,11 +114,11 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, side, first, last, st
                 beyond = other[c + _1] != mine
                 left = beyond | (row[c] != mine) | (other[c] != mine)
                 right = beyond | (row[c + _2] != mine) | (other[c + _2] != mine)
-                start = c * np.uintp(side)
-                for k in range(min(side, width - np.intp(start))):
+                start = c * np.uintp(SIDE)
+                for k in range(min(SIDE, width - np.intp(start))):
                     j = start + np.uintp(k)
-                    e = ws[j] - t0 - t1 * xs[j] - t2 * ys[j]
-                    waits = left if k == 0 else right if k == side - 1 else beyond
+                    e = ws[j] - t0 - t1 * xs[j] - t2 * ys[_0 if alike else j]
+                    waits = left if k == 0 else right if k == SIDE - 1 else beyond
                     waits |= 0.5 * e * e * ps[j] > limit
                     waits &= states[j + _1] != FIXED
                     states[j + _1] = WAITING if waits else states[j + _1]
@@ -146,8 +154,9 @@ def label_pixels(  # type: ignore[no-untyped-def]
     """
     last = variance.size - 1
     stride, chunks = np.uintp(margin), np.uintp(margin // CHUNK)
-    height = w.size // width
+    height, alike = w.size // width, x.size < w.size
     tenth = 0.1 * differing
+    eights = state.view(np.uint64)
     changed = 0
     for sweep in range(sweeps):
         changed = 0
@@ -166,6 +175,10 @@ def label_pixels(  # type: ignore[no-untyped-def]
                 if not busy[chunk]:
                     continue
                 busy[chunk] = False
+                # Sixteen states at once: most chunks beside a change hold none that waits.
+                left, right = eights[chunk << _1], eights[(chunk << _1) + _1]
+                if ((left & ~(left >> _1)) | (right & ~(right >> _1))) & _ONES == _0:
+                    continue
                 at = i * stride + (chunk - i * chunks) * _CHUNK
                 at += (_0 if ahead else _CHUNK - _1) - step
                 for _ in range(CHUNK):
@@ -193,7 +206,8 @@ def label_pixels(  # type: ignore[no-untyped-def]
 
                     j = at - i * stride
                     r = (i - _1) * np.uintp(width) + j - _1
-                    value, xj, yj = np.float64(w[r]), np.float64(x[r]), np.float64(y[r])
+                    value, xj = np.float64(w[r]), np.float64(x[j - _1 if alike else r])
+                    yj = np.float64(y[i - _1 if alike else r])
                     v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
                     none = null + tenth * (around - of_none)
                     t = np.uintp(mine)

@@ -155,6 +155,24 @@ def assign_points(h, x, tau, first, last, best, second, label, cumulative):  # t
 
 
 @compiled
+def claim(label, best, plane, free, labels, gains, left):  # type: ignore[no-untyped-def]
+    """Give the readings that a plane explains to it, and list those that are left.
+
+    label, best (n,): gains on that plane alone; free (n,): which readings these are, of which those
+    that are left move to the front. Writes labels and gains (k,) of the others, and left (n,): the
+    places of those without a label. Returns how many are left.
+    """
+    found = 0
+    for i in range(label.size):
+        if label[i] > 0:
+            labels[free[i]], gains[free[i]] = plane, best[i]
+        else:
+            left[found], free[found] = i, free[i]
+            found += 1
+    return found
+
+
+@compiled
 def normal_sums(theta, a, s, label, first, last, sums):  # type: ignore[no-untyped-def]
     """Sums of one least-squares step of every plane on its readings in parts first <= p < last.
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.borders import border_price
-from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
+from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
     compare_pairs,
     write_form,
 )
-from planewise.kernels.heap import pop, push, replace
+from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
@@ -131,16 +131,16 @@ def _first_gains(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _mix_drift(segments, drift, u, v):  # type: ignore[no-untyped-def]
-    """Drift of segment u when v becomes part of it: their mean by readings."""
-    share = segments[v, COUNT] / (segments[u, COUNT] + segments[v, COUNT])
+def _mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
+    """Drift of segment u when v becomes part of it: their mean by readings, of_u and of_v."""
+    share = of_v / (of_u + of_v)
     drift[u] += share * (drift[v] - drift[u])
 
 
 @internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u, in whose coordinates it is."""
-    _mix_drift(segments, drift, u, v)
+    _mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
     for e in range(SEGMENT):
         segments[u, e] += segments[v, e]
     segments[u, MISFIT] += misfit
@@ -148,22 +148,28 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root):  # type: ignore[no-untyped-def]
+def join_blocks(  # type: ignore[no-untyped-def]
+    unit, whole, right, rows, forms, free, drift, limit, levels, root, square, joined, shapes
+):
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
-    unit (rows, columns): segment of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
+    unit (rows, columns): unit of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
     first level joins, and right: discords of those side by side (`square_discords`). Squares are
-    joined where no discord (left and right, then upper and lower half) is above `limit`. segments,
-    forms and drift are changed in place; root (n,): the segment that each is part of, the upper
-    left one of its square.
+    joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
+    forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
+    in place. Writes root (n,): the unit that each is part of, the upper left one of its square;
+    square (n,): where its joined row and form (n / 4, .) are, if any. Returns the number of roots.
     """
     level = np.empty(root.size, np.int8)
     for k in range(root.size):
-        root[k] = k
+        root[k], square[k] = k, -1
         level[k] = 1 if whole[k] else 0
     halves, shape = np.empty((2, SEGMENT)), np.empty((2, FORM))
-    side = 2
+    side, squares, left = 2, 0, root.size
     for step in range(1, levels + 1):
+        of, like = joined, shapes
+        if step == 1:
+            of, like = rows, forms
         for i in range(0, unit.shape[0] - side, 2 * side):
             for j in range(0, unit.shape[1] - side, 2 * side):
                 a, b = unit[i, j], unit[i, j + side]
@@ -173,68 +179,87 @@ def join_blocks(unit, whole, right, segments, forms, drift, limit, levels, root)
                 if level[a] != step or level[b] != step or level[c] != step or level[d] != step:
                     continue
                 if step == 1:
+                    m, n, o, p = a, b, c, d
                     upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
                 else:
+                    m, n, o, p = square[a], square[b], square[c], square[d]
                     upper, lower = (
-                        compare_forms(forms[a], forms[b], 0.0, 0.0)[0],
-                        compare_forms(forms[c], forms[d], 0.0, 0.0)[0],
+                        compare_forms(like[m], like[n], 0.0, 0.0)[0],
+                        compare_forms(like[o], like[p], 0.0, 0.0)[0],
                     )
                 if upper > limit or lower > limit:
                     continue
                 for e in range(SEGMENT):
-                    halves[0, e] = segments[a, e] + segments[b, e]
-                    halves[1, e] = segments[c, e] + segments[d, e]
+                    halves[0, e] = of[m, e] + of[n, e]
+                    halves[1, e] = of[o, e] + of[p, e]
+                if step == 1:
+                    halves[0, FREE], halves[1, FREE] = free[a] + free[b], free[c] + free[d]
                 write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
                 write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
                 both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
                 if both > limit:
                     continue
                 misfit = _tempered(both, halves[1, COUNT])
-                misfit += _tempered(upper, segments[b, COUNT])
-                misfit += _tempered(lower, segments[d, COUNT])
-                _mix_drift(segments, drift, c, d)
-                _mix_drift(segments, drift, a, b)
-                share = halves[1, COUNT] / (halves[0, COUNT] + halves[1, COUNT])
-                drift[a] += share * (drift[c] - drift[a])
+                misfit += _tempered(upper, of[n, COUNT])
+                misfit += _tempered(lower, of[p, COUNT])
+                _mix_drift(drift, c, d, of[o, COUNT], of[p, COUNT])
+                _mix_drift(drift, a, b, of[m, COUNT], of[n, COUNT])
+                _mix_drift(drift, a, c, halves[0, COUNT], halves[1, COUNT])
+                if step == 1:
+                    square[a] = squares
+                    squares += 1
+                row = joined[square[a]]
                 for e in range(SEGMENT):
-                    segments[a, e] = halves[0, e] + halves[1, e]
-                segments[a, MISFIT] += misfit
-                write_form(segments[a], drift[a], forms[a])
+                    row[e] = halves[0, e] + halves[1, e]
+                row[MISFIT] += misfit
+                write_form(row, drift[a], shapes[square[a]])
                 root[b] = root[c] = root[d] = a
                 level[a] = step + 1
+                left -= 3
         side *= 2
     for k in range(root.size):
         top = root[k]
         while root[top] != top:
             top = root[top]
         root[k] = top
+    return left
 
 
 @compiled
-def keep_roots(root, segments, forms, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
-    """Move the rows of roots to the front, and say in root (n,) where. Returns how many."""
+def keep_roots(  # type: ignore[no-untyped-def]
+    root, square, rows, forms, free, joined, shapes, drift, offset_prior, slope_prior,
+    out_rows, out_forms, numbers,
+):  # fmt: skip
+    """Copy what `join_blocks` left, and say in root (n,) where each unit's segment is.
+
+    Writes rows and forms of the segments, as many as there are roots, and numbers (3, .): their
+    drift and priors.
+    """
     found = 0
     place = np.empty(root.size, np.int32)
     for k in range(root.size):
         if root[k] == k:
             place[k] = found
+            source, like, at = rows, forms, np.int32(k)
+            if square[k] >= 0:
+                source, like, at = joined, shapes, square[k]
             # Written out: assigning rows would compile checks of their shapes.
             for e in range(SEGMENT):
-                segments[found, e] = segments[k, e]
+                out_rows[found, e] = source[at, e]
             for e in range(FORM):
-                forms[found, e] = forms[k, e]
-            drift[found] = drift[k]
-            offset_prior[found] = offset_prior[k]
-            slope_prior[found] = slope_prior[k]
+                out_forms[found, e] = like[at, e]
+            if square[k] < 0:
+                out_rows[found, FREE] = free[k]
+            numbers[0, found] = drift[k]
+            numbers[1, found], numbers[2, found] = offset_prior[k], slope_prior[k]
             found += 1
     for k in range(root.size):
         root[k] = place[root[k]]
-    return found
 
 
 def room(sides: int, segments: int) -> tuple[int, int]:
     """Sizes of the integers and floating-point numbers that `agglomerate` works in."""
-    return 10 * sides + 16 + 5 * segments, 7 * sides + 16
+    return 8 * sides + SPARE + 5 * segments, 3 * sides + SPARE
 
 
 @compiled
@@ -265,20 +290,20 @@ def agglomerate(  # type: ignore[no-untyped-def]
     beside the first. Writes the root of every segment. ints, floats: room to work in,
     `room` of so many sides and segments.
 
-    Gains are valued lazily: a popped edge whose segments have changed since is valued again; one
-    whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
+    Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
+    one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
     half-edges, 2 e and 2 e + 1.
     """
     count = segments.shape[0]
     rows, columns = unit.shape
-    most_edges = (ints.size - 5 * count - 16) // 10
+    most_edges = (ints.size - 5 * count - SPARE) // 8
     ends = ints[: 2 * most_edges].reshape((most_edges, 2))
     following = ints[2 * most_edges : 4 * most_edges]
     alive, valued = ints[4 * most_edges : 5 * most_edges], ints[5 * most_edges : 6 * most_edges]
-    items = ints[6 * most_edges : 10 * most_edges + 16]
-    head, tail, degree, seen, version = ints[10 * most_edges + 16 :].reshape((5, count))
-    boundary, current = floats[:most_edges], floats[most_edges : 2 * most_edges]
-    misfit, keys = floats[2 * most_edges : 3 * most_edges], floats[3 * most_edges :]
+    place, items = ints[6 * most_edges : 7 * most_edges], ints[7 * most_edges : -5 * count]
+    head, tail, degree, seen, version = ints[ints.size - 5 * count :].reshape((5, count))
+    boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
+    keys = floats[2 * most_edges :]
     seen[:] = -1
     degree[:] = version[:] = 0
     edges = np.intp(0)
@@ -322,39 +347,34 @@ def agglomerate(  # type: ignore[no-untyped-def]
             edges += 1
     _list_edges(ends, edges, head, tail, following)
 
-    # valued: versions of both ends when an edge was last valued; current: its only valid key in the
-    # heap; misfit: of the two segments then.
+    # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
         root[u] = u
-    size = np.intp(0)
+    clear(keys, place[:edges])
+    size, gains = np.intp(0), np.empty(_BATCH)
     for start in range(0, edges, _BATCH):
-        stop = min(start + _BATCH, edges)
+        stop = min(start + _BATCH, int(edges))
         _first_gains(
             segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
-            offset_prior, slope_prior, most, current[start:stop], misfit[start:stop],
+            offset_prior, slope_prior, most, gains, misfit[start:stop],
         )  # fmt: skip
         for edge in range(start, stop):
             degree[ends[edge, 0]] += 1
             degree[ends[edge, 1]] += 1
             valued[edge] = 0
-            if current[edge] > 0.0:
-                size = push(keys, items, size, current[edge], edge)
+            size = update(keys, items, place, size, edge, gains[edge - start])
     while size > 0:
-        key, edge = keys[0], items[0]
+        edge, gain = items[0], 0.0
         u, v = ends[edge, 0], ends[edge, 1]
-        best = alive[edge] and key == current[edge]
-        if best and valued[edge] != version[u] + version[v]:
-            best = False
+        old = valued[edge] != version[u] + version[v]
+        if old:
             valued[edge] = version[u] + version[v]
-            current[edge], misfit[edge] = _merge_gain(
+            gain, misfit[edge] = _merge_gain(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
                 slope_prior, most,
             )  # fmt: skip
-            if current[edge] > 0.0:
-                replace(keys, items, size, current[edge], edge)
-                continue
-        size = pop(keys, items, size)
-        if not best:
+        size = update(keys, items, place, size, edge, gain)
+        if old:
             continue
         if segments[u, COUNT] < segments[v, COUNT]:
             u, v = v, u
@@ -397,12 +417,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
-                    current[kept], misfit[kept] = _merge_gain(
+                    gain, misfit[kept] = _merge_gain(
                         segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
                         slope_prior, most,
                     )  # fmt: skip
-                    if current[kept] > 0.0:
-                        size = push(keys, items, size, current[kept], kept)
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
@@ -413,11 +433,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
                         following[tail[u]] = half
                     tail[u] = half
             half = after
-        if size > 3 * edges:  # full of old copies
-            size = np.intp(0)
-            for other_edge in range(edges):
-                if alive[other_edge] and current[other_edge] > 0.0:
-                    size = push(keys, items, size, current[other_edge], other_edge)
     for u in range(count):
         top = root[u]
         while root[top] != top:

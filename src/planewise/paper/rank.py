@@ -31,7 +31,7 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     Solution
         With Phi no higher; the same object if nothing was merged.
     """
-    labels, gains = solution.assignment.labels.copy(), solution.assignment.best.copy()
+    labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
     alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
     merged = False
@@ -43,6 +43,8 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         offer = readings.assign(planes[better[pick]][None])
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
         if problem.weight * (offer.gain - gains[mine].sum()) < saved:
+            if not merged:
+                labels, gains = labels.copy(), gains.copy()
             gains[mine] = offer.best
             labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
             alive.remove(worse)

@@ -22,6 +22,8 @@ from planewise.paper.evaluate import (
 from planewise.paper.runs import Runs
 from planewise.threads import over_chunks
 
+_FEWEST_OFFERED = 8  # parts whose sums for one plane take as long as a thread to begin with them
+
 
 class RayEvaluator(Evaluator):
     """Evaluator of readings on rays; parameters are theta = -normal / distance."""
@@ -121,7 +123,7 @@ class RayEvaluator(Evaluator):
             ),
             parts,
             self.threads,
-            FEWEST_PARTS,
+            _FEWEST_OFFERED,
         )
         moved = np.empty((1, 3))
         kernels.gauss_newton(theta, sums, np.empty((1, 3, 3)), moved)

@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.kernels.readings import claim
 from planewise.model import Curve, Move
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
@@ -77,7 +78,7 @@ def sequential_search(
     """
     everything, n = problem.evaluator, problem.evaluator.dimension
     found: list[Array] = []
-    claims: list[tuple[NDArray[np.int64], Array]] = []
+    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
     phi = [problem.phi(0, 0.0)]
     moves: list[Move] = []
     total = 0.0
@@ -95,16 +96,15 @@ def sequential_search(
         found.append(plane)
         total += gain
         assigned = rest.assign(plane[None])
-        explained = assigned.labels > 0
-        taken, left = np.flatnonzero(explained), np.flatnonzero(~explained)
-        claims.append((free.take(taken), assigned.best.take(taken)))
-        free, rest = free.take(left), rest.subset(left)
+        left = np.empty(free.size, np.int64)
+        count = claim(assigned.labels, assigned.best, len(found), free, labels, gains, left)
+        free, rest = free[:count], rest.subset(left[:count])
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
     chosen = int(np.argmin(phi))
-    labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
-    for j, (mine, saved) in enumerate(claims[:chosen], start=1):
-        labels[mine], gains[mine] = j, saved
+    if chosen < len(found):
+        beyond = labels > chosen
+        labels[beyond], gains[beyond] = 0, 0.0
     curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
     return Solution(
         np.array(found[:chosen]).reshape(chosen, everything.width),

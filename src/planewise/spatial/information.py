@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
@@ -101,8 +100,6 @@ class Groups:
         As `kernels.groups` writes them.
     readings : ndarray of int, shape (N K + 1,)
         Of every label.
-    mask : MaskCounts
-        Of the labels.
     sectors : Sectors
         Labels are those of planes in sectors.
     table : tuple
@@ -120,7 +117,6 @@ class Groups:
     label: NDArray[np.uint16]
     first: NDArray[np.int32]
     readings: NDArray[np.int64]
-    mask: MaskCounts
     sectors: Sectors
     table: tuple[Array, Array, Array, float]
     sizes: tuple[float, ...]
@@ -182,17 +178,21 @@ def ledger(
     """
     mask = np.ascontiguousarray(labels, np.uint16)
     groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
-    return book_of(groups, groups.data(affine), range, resolution)
+    return book_of(groups, groups.data(affine), mask_of(frame, mask), range, resolution)
 
 
 def book_of(
     groups: Groups,
     data: GroupData,
+    mask: MaskCounts,
     range: float,
     resolution: float,
     order: NDArray[np.intp] | None = None,
 ) -> Ledger:
-    """`ledger` of what the groups took last, in any order; uses the data up."""
+    """`ledger` of what the groups took last, in any order; uses the data up.
+
+    mask: `mask_of` the same labels.
+    """
     worth, saved, leaving, sectors = data.worth, data.saved, data.leaving, groups.sectors
     planes = len(worth)
     if order is None:
@@ -205,7 +205,7 @@ def book_of(
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
-    curve += groups.mask.lengths(groups.readings, place)[: planes + 1]
+    curve += mask.lengths(groups.readings, place)[: planes + 1]
     return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
 
 
@@ -260,6 +260,11 @@ class Blocks:
         return self
 
 
+def mask_of(frame: Frame, labels: NDArray[np.uint16]) -> MaskCounts:
+    """What the length of the mask depends on."""
+    return MaskCounts.of(frame.sectors.image(labels), frame.sectors.image(frame.p))
+
+
 def groups_of(
     frame: Frame,
     cells: Cells | None,
@@ -278,14 +283,8 @@ def groups_of(
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
-    counts: list[MaskCounts] = []
-
-    def count() -> None:
-        counts.append(MaskCounts.of(frame.sectors.image(labels), frame.sectors.image(frame.p)))
-
-    with threads.beside(count):
-        blocks = blocks or Blocks(frame, cells, resolution, workspace).add_up()
-        moments, label, first = _groups(frame, blocks, labels, readings, workspace)
+    blocks = blocks or Blocks(frame, cells, resolution, workspace).add_up()
+    moments, label, first = _groups(frame, blocks, labels, readings, workspace)
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
@@ -302,7 +301,6 @@ def groups_of(
         label=label,
         first=first,
         readings=readings,
-        mask=counts[0],
         sectors=frame.sectors,
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
@@ -335,8 +333,8 @@ def _groups(
     label = workspace.empty(block.size + most, np.uint16)
     first = np.empty(several + 1, np.int32)
     tiles.sum_groups(
-        labels, frame.w, frame.p, frame.x, frame.y, blocks.of_cells, cell, block, blocks.white,
-        blocks.constant, first, moments, label, readings,
+        labels, frame.w, frame.p, *frame.sectors.coordinates, blocks.of_cells, cell, block,
+        blocks.white, blocks.constant, first, moments, label, readings,
     )  # fmt: skip
     tiles.correct_groups(moments, first, block, blocks.factor, blocks.finer)
     return moments, label, first

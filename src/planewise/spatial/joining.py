@@ -17,7 +17,6 @@ from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.information import Groups, groups_of
-from planewise.spatial.labels import residual_correlation
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation
 from planewise.workspace import Workspace
@@ -69,7 +68,6 @@ def joined(
         affine=affine,
         covariance=np.asarray(np.linalg.inv(together), np.float64),
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
-        residual_correlation=residual_correlation(cells, labels, affine, frame.sectors),
     )
 
 

@@ -99,9 +99,18 @@ def label_planes(
     null = float(np.log(observation.range / observation.resolution))
     variance, slow = _variances(frame, cells, workspace)
     _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
-    label_loops.without_margin(marks.label, labels)
-    planes = _refit(cells, labels, planes, sectors)
-    if _put_creases(frame, cells, planes, variance, slow, marks, labels, workspace):
+    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
+    borders, found = workspace.empty((most, 3), np.int32), 0
+
+    def find_borders() -> None:
+        nonlocal found
+        flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+        found = crease_loops.find_borders(*flat, marks.label.shape[1], borders)
+
+    with threads.beside(find_borders):
+        label_loops.without_margin(marks.label, labels)
+        planes = _refit(cells, labels, planes, sectors)
+    if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders[:found]):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
 
@@ -122,14 +131,15 @@ def _label_pixels(
     apart = workspace.empty((rows, columns), np.bool_)
     count, affine = cells.moments[:, COUNT], affine_planes(planes, with_none=True)
     bound = _SURE * cells.error.white * null
+    x, y = frame.sectors.coordinates
 
     def lay_out(first: int, last: int) -> None:
         label_loops.lay_out(
-            cells.grid, number, count, frame.p, SIDE, first, last, coarse, apart, marks.label,
+            cells.grid, number, count, frame.p, first, last, coarse, apart, marks.label,
             marks.state,
         )  # fmt: skip
         label_loops.find_waiting(
-            coarse, apart, frame.w, frame.p, frame.x, frame.y, affine, bound, SIDE, first, last,
+            coarse, apart, frame.w, frame.p, x, y, affine, bound, first, last,
             marks.state, marks.busy,
         )  # fmt: skip
 
@@ -143,8 +153,8 @@ def _label_pixels(
         marks.seen.reshape(-1),
         marks.label.shape[1],
         frame.w.reshape(-1),
-        frame.x.reshape(-1),
-        frame.y.reshape(-1),
+        x.reshape(-1),
+        y.reshape(-1),
         frame.w.shape[1],
         variance,
         frame.table.per_metre,
@@ -165,19 +175,15 @@ def _put_creases(
     slow: Array,
     marks: Marks,
     labels: Labels,
-    workspace: Workspace,
+    borders: NDArray[np.int32],
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     affine = affine_planes(planes, with_none=True)
-    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
-    borders = workspace.empty((most, 3), np.int32)
-    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
-    borders = borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
-    images, per_metre = (frame.w, frame.x, frame.y), frame.table.per_metre
+    coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
     found = crease_loops.find_creases(
-        borders, labels, affine, frame.p, frame.x, frame.y, _CREASE_REACH, UNIT, crease, lines
+        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
     )
     if not found:
         return False
@@ -188,7 +194,8 @@ def _put_creases(
         crease,
         lines,
         affine,
-        *images,
+        frame.w,
+        *coordinates,
         variance,
         per_metre,
         _lateral(cells, affine),
@@ -204,7 +211,8 @@ def _put_creases(
         crease,
         lines,
         offset,
-        *images,
+        frame.w,
+        *coordinates,
         variance,
         slow,
         per_metre,

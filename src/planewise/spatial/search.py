@@ -9,7 +9,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from planewise.information import plane_information
 from planewise.kernels import borders, gaps
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SIDE
+from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -28,7 +28,6 @@ from planewise.spatial.labels import (
     affine_planes,
     information_matrices,
     label_planes,
-    residual_correlation,
     sector_of_units,
 )
 from planewise.spatial.seams import Neighbours, neighbours
@@ -66,7 +65,7 @@ class Segmentation:
     affine : ndarray, shape (N K, 3)
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
-        Of cells side by side on each plane (`spatial.labels`).
+        Of cells side by side on each plane (`spatial.labels`), once that was looked at.
     left_out : int
         Planes that pay but are more than was asked for.
     """
@@ -75,7 +74,7 @@ class Segmentation:
     labels: Labels
     significance: Array
     affine: Array
-    residual_correlation: Array
+    residual_correlation: Array = field(default_factory=lambda: np.empty(0))
     left_out: int = 0
 
 
@@ -137,7 +136,7 @@ def segment(
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], planes.shape[1])
-    found = _segmentation(cells, rows, labels, np.asarray(total), frame.sectors)
+    found = _segmentation(rows, labels, np.asarray(total), frame.sectors)
     return replace(found, left_out=left_out)
 
 
@@ -203,50 +202,20 @@ def _agglomerate(
 
     Returns which cells are neighbours, too.
     """
-    count, grid = len(cells.rows), cells.grid if grid is None else grid
-    forms = workspace.empty((count, comparing.FORM))
+    grid = cells.grid if grid is None else grid
+    forms = workspace.empty((len(cells.rows), comparing.FORM))
     comparing.write_forms(cells.rows, cells.drift, forms)
-    segments = Segments(
-        rows=workspace.copy(cells.rows),
-        forms=workspace.copy(forms),
-        drift=cells.drift.copy(),
-        offset_prior=cells.offset_prior.copy(),
-        slope_prior=cells.slope_prior.copy(),
-        home=sector_of_units(cells, sectors),
-        of_unit=np.arange(count, dtype=np.int32),
-    )
-    comparing.free_prices(
-        forms,
-        cells.offset_prior,
-        cells.slope_prior,
-        cells.rows[:, COUNT],
-        _FITTED_AWAY,
-        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
-        segments.rows[:, FREE],
-    )
     right = workspace.empty(cells.squares.shape)
     below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
-    root = np.empty(count, np.int32)
-    merging.join_blocks(
-        grid,
-        cells.whole,
-        right,
-        segments.rows,
-        segments.forms,
-        segments.drift,
-        _SAME,
-        _LEVELS,
-        root,
-    )
-    segments = segments.kept(root)
+    segments = _joined_squares(cells, sectors, grid, forms, right, workspace)
     discords = workspace.empty((2, *cells.grid.shape))
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
     ints, floats = merging.room(beside.sides, len(segments.rows))
-    root = root[: len(segments.rows)]
+    root = np.empty(len(segments.rows), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
         merging.agglomerate(
             segments.of_cell(beside.grid, workspace),
@@ -266,6 +235,52 @@ def _agglomerate(
             workspace.empty(floats),
         )
     return segments.kept(root), beside
+
+
+def _joined_squares(
+    cells: Cells,
+    sectors: Sectors,
+    grid: NDArray[np.int32],
+    forms: Array,
+    right: Array,
+    workspace: Workspace,
+) -> Segments:
+    """Units of `grid`, and what squares of them are at once."""
+    count = len(cells.rows)
+    free, drift = workspace.empty(count), workspace.copy(cells.drift)
+    comparing.free_prices(
+        forms,
+        cells.offset_prior,
+        cells.slope_prior,
+        cells.rows[:, COUNT],
+        _FITTED_AWAY,
+        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
+        free,
+    )
+    root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
+    joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
+    left = merging.join_blocks(
+        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS, root, square,
+        *joined,
+    )  # fmt: skip
+    home = np.zeros(left, np.int32)
+    if sectors.count > 1:
+        home = sector_of_units(cells, sectors)[root == np.arange(count)]
+    rows, shapes = workspace.empty((left, SEGMENT)), workspace.empty((left, comparing.FORM))
+    numbers = workspace.empty((3, left))
+    merging.keep_roots(
+        root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
+        cells.slope_prior, rows, shapes, numbers,
+    )  # fmt: skip
+    return Segments(
+        rows=rows,
+        forms=shapes,
+        drift=numbers[0],
+        offset_prior=numbers[1],
+        slope_prior=numbers[2],
+        home=home,
+        of_unit=root,
+    )
 
 
 def _nothing_else() -> None:
@@ -360,9 +375,7 @@ def _most_significant(
     return planes[:, keep], place[owner]
 
 
-def _segmentation(
-    cells: Cells, planes: Array, labels: Labels, worth: Array, sectors: Sectors
-) -> Segmentation:
+def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     affine = affine_planes(planes)
     turn = sectors.turn[0]
@@ -372,7 +385,6 @@ def _segmentation(
         labels=labels,
         significance=worth,
         affine=affine,
-        residual_correlation=residual_correlation(cells, labels, affine, sectors),
     )
 
 
@@ -382,5 +394,4 @@ def _nothing(shape: tuple[int, ...]) -> Segmentation:
         labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
-        residual_correlation=np.empty(0),
     )

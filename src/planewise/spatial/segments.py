@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels import segments as merging
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -39,18 +38,17 @@ class Segments:
 
     def kept(self, root: NDArray[np.int32]) -> Segments:
         """Only the roots of segments that were merged."""
-        home = self.home[root == np.arange(root.size)]
-        found = merging.keep_roots(
-            root, self.rows, self.forms, self.drift, self.offset_prior, self.slope_prior
-        )
+        alive = np.flatnonzero(root == np.arange(root.size))
+        place = np.empty(root.size, np.int32)
+        place[alive] = np.arange(alive.size)
         return Segments(
-            rows=self.rows[:found],
-            forms=self.forms[:found],
-            drift=self.drift[:found],
-            offset_prior=self.offset_prior[:found],
-            slope_prior=self.slope_prior[:found],
-            home=home,
-            of_unit=root[self.of_unit],
+            rows=self.rows[alive],
+            forms=self.forms[alive],
+            drift=self.drift[alive],
+            offset_prior=self.offset_prior[alive],
+            slope_prior=self.slope_prior[alive],
+            home=self.home[alive],
+            of_unit=place[root].take(self.of_unit),
         )
 
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.information import plane_information
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
-from planewise.spatial.information import Blocks, GroupData, Groups, Ledger, book_of, groups_of
+from planewise.spatial.information import (
+    Blocks,
+    GroupData,
+    Groups,
+    Ledger,
+    book_of,
+    groups_of,
+    mask_of,
+)
 from planewise.spatial.joining import joined
+from planewise.spatial.labels import residual_correlation
+from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
 from planewise.stages import stage
@@ -112,7 +124,15 @@ def solve(
             meanwhile()  # where there was nothing to segment
             if frame.sectors.column is not None and cells is not None and not instances:
                 found = joined(observation, frame, cells, found, workspace)
-            return judged(observation, frame, cells, found, workspace, blocks)
+            if cells is None:
+                return judged(observation, frame, cells, found, workspace, blocks)
+            told: list[Array] = []
+
+            def correlate() -> None:
+                told.append(residual_correlation(cells, found.labels, found.affine, frame.sectors))
+
+            solution = judged(observation, frame, cells, found, workspace, blocks, correlate)
+            return replace(solution, found=replace(found, residual_correlation=told[0]))
 
     first = look(cells)
     if cells is None or not cells.bends_more_than_told:
@@ -134,6 +154,7 @@ def judged(
     found: Segmentation,
     workspace: Workspace,
     blocks: Blocks | None = None,
+    meanwhile: Callable[[], None] | None = None,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -147,15 +168,25 @@ def judged(
         Memory to work in.
     blocks : Blocks, optional
         Of the frame, if they were added up before.
+    meanwhile : callable, optional
+        Further work that may be done beside.
     """
     limits, labels = (observation.range, observation.resolution), found.labels
     size = observation.pixel_size
     planes = len(found.affine)
-    groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
-    affine, data = refitted(groups, found.affine)
-    pays = _paying(groups, data, *limits)
+    masks: list[MaskCounts] = []
+
+    def aside() -> None:
+        masks.append(mask_of(frame, labels))
+        if meanwhile is not None:
+            meanwhile()
+
+    with threads.beside(aside):
+        groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
+        affine, data = refitted(groups, found.affine)
+    pays = _paying(groups, data, masks[0], *limits)
     order = np.lexsort((data.saved, ~pays))
-    book = book_of(groups, data, *limits, order)
+    book = book_of(groups, data, masks[0], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
     best = int(np.argmin(curve))
@@ -164,13 +195,15 @@ def judged(
     return SpatialSolution(found, affine, book, curve, tuple(moves))
 
 
-def _paying(groups: Groups, data: GroupData, range: float, resolution: float) -> NDArray[np.bool_]:
+def _paying(
+    groups: Groups, data: GroupData, mask: MaskCounts, range: float, resolution: float
+) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
     least = groups.sectors.price(_LEAST, plane_information(3, range, resolution))
     pays = np.asarray(data.worth < -least)
     if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of all by worth.
-        book = book_of(groups, data.copy(), range, resolution)
+        book = book_of(groups, data.copy(), mask, range, resolution)
         best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
         pays[book.order[best:]] = False
     return pays
