@@ -122,6 +122,9 @@ def test_an_error_of_cells_is_no_walk():
     assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
     walk = error.drift / cells._SATURATION * drift
     assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
+    # Readings are still as far from their planes as neighbouring cells show.
+    near = error.local / cells._SATURATION * drift
+    assert_allclose(near * frame_error._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
 
 
 def test_what_no_factor_explains_stays_as_described():

@@ -219,8 +219,9 @@ def _without_shared_error(
         factor, own = 1.0 if factor is None else factor, 0.0
         if frame.known:
             factor = min(factor, 1.0)
-        else:
-            factor, own = walk_and_shared(squares, planes, inflation, described, factor, workspace)
+        local = factor
+        if not frame.known:
+            factor, own = walk_and_shared(squares, planes, inflation, described, local, workspace)
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
@@ -237,6 +238,7 @@ def _without_shared_error(
         white=white,
         lateral=lateral,
         drift=quiet * _SATURATION * factor,
+        local=quiet * _SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
     )

@@ -55,6 +55,8 @@ class FrameError:
         in all parts alike.
     drift : float
         Of the drift between segments.
+    local : float
+        Of the drift as the shortest distance shows it: of readings about their plane.
     near, bent : float
         Of the shared part: as offsets and as slopes of cells.
     """
@@ -63,6 +65,7 @@ class FrameError:
     seen: float = 1.0
     lateral: float = 0.0
     drift: float = 1.0
+    local: float = 1.0
     near: float = 1.0
     bent: float = 1.0
 

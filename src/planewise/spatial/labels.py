@@ -322,7 +322,7 @@ def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -
     """
     table, error = frame.table, cells.error
     both: Array = (workspace or Workspace()).empty((2, table.white.size))
-    sizes = error.white, error.near, _PIXEL_DRIFT * error.drift
+    sizes = error.white, error.near, _PIXEL_DRIFT * error.local
     error_loops.reading_variances(
         table.white, table.shared, table.drift, table.step, sizes, both[0], both[1]
     )
