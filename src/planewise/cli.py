@@ -7,9 +7,7 @@ import sys
 
 from planewise.commands.exit_codes import INTERRUPTED
 
-_COLLECT_AFTER = (
-    200_000  # objects; imports make many and free none, and collecting them takes 0.2 s
-)
+_COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
 
 
 def main() -> None:
