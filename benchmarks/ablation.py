@@ -27,8 +27,8 @@ from planewise import noise
 from planewise.information import mask_information
 from planewise.kernels.cells import FREE, SIDE
 from planewise.spatial import information as spatial_information
-from planewise.spatial import model as spatial_model
 from planewise.spatial import search as spatial
+from planewise.spatial import solution as spatial_solution
 from planewise.spatial.mask_code import MaskCounts
 
 SHOWN = {
@@ -86,14 +86,14 @@ def uniform_null() -> Iterator[None]:
             saved = np.asarray(np.bincount(unit[on], tau, len(cells.rows)), np.float64)
         return segment(observation, frame, cells, **options)
 
-    def agglomerate_all(*arguments: Any) -> Any:
-        segments, beside = agglomerate(*arguments)
+    def agglomerate_all(*arguments: Any, **options: Any) -> Any:
+        segments, beside = agglomerate(*arguments, **options)
         rows = segments.rows
         rows[:, FREE] = np.bincount(segments.of_unit, saved, len(rows))
         return segments, beside
 
     with (
-        patch.object(spatial_model, "segment", segment_of),
+        patch.object(spatial_solution, "segment", segment_of),
         patch.object(spatial, "_agglomerate", agglomerate_all),
         patch.object(spatial_information, "_SURFACE", np.inf),
     ):

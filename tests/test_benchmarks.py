@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from benchmarks import guard
+from benchmarks import ablation, guard
 from benchmarks.cloud import Cloud
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
+from benchmarks.labelled import LabelledFrame
 from benchmarks.rivals import METHODS, Method
 from benchmarks.speed_rows import Settings, SkippedError, against_open3d
 from benchmarks.table import RATIO, Row
@@ -86,3 +87,27 @@ def test_every_fast_method_that_is_installed_finds_planes(method):
         labels = ready.labels(ready.detect())
     assert labels.shape == scene.labels.shape
     assert 2 <= labels.max() <= 40
+
+
+@pytest.fixture(scope="module")
+def room():
+    """A small room with a sphere."""
+    scene = scenes.room(1, size=(240, 320))
+    frame = Frame("room", scene.depth, scene.camera, scene.sensor)
+    return LabelledFrame(frame=frame, truth=scene.labels, chosen_on=True)
+
+
+def planes_without(name, labelled):
+    variant = next(each for each in ablation.VARIANTS if each.name.strip("*") == name)
+    with variant.without():
+        return variant.setting.run(labelled)["planes_predicted"]
+
+
+def test_parts_of_the_objective_can_be_taken_out(room):
+    whole = planes_without("spatial", room)
+    assert whole > 2
+    assert planes_without("spatial, uniform mask", room) == 0
+    assert planes_without("spatial, uniform null", room) > 1.5 * whole
+    assert planes_without("spatial, borders free", room) > whole
+    assert planes_without("spatial, independent error", room) > 2
+    assert planes_without("spatial", room) == whole
