@@ -205,11 +205,18 @@ def test_noisier_points_count_less():
     assert found.planes[0].distance == pytest.approx(1, abs=0.01)
 
 
-def test_a_sigma_that_is_too_small_is_raised_by_the_points():
-    sensor = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA / 2.5)
+@pytest.mark.parametrize("factor", [2.5, 10.0, 100.0])
+def test_a_sigma_that_is_too_small_is_raised_by_the_points(factor):
+    sensor = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA / factor)
     found = pw.detect_planes_in_points(POINTS, sensor)
     assert matching(found.labels, TRUTH) > 0.95
     assert len(found) <= 8
+
+
+def test_points_that_fill_their_cubes_do_not_raise_sigma():
+    leaves = np.random.default_rng(0).random((50_000, 3)) * 4
+    for sigma in (0.002, 0.0005):
+        assert len(pw.detect_planes_in_points(leaves, pw.Sensor(max_depth=10.0, noise=sigma))) == 0
 
 
 def floor_seen_from(origin, count=30_000):

@@ -24,7 +24,8 @@ HOPELESS = 4.0  # times the white variance: points farther from a plane have non
 SHARED = 0.09  # of the white variance: what the points of a cell share, for cubes cut sheets
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
-_WHITE_LIMIT = 25.0  # five times the described standard deviation
+_USUAL = 25.0  # five times the described standard deviation: a cloud may always err by that
+_SHEET = 6.0  # standard deviations of a sheet that still fits into a cube
 _DRIFTING, _CHI2_3 = 0.1, 0.5844  # share of the pairs that tells the drift; that quantile of chi^2
 _SAMPLE = 2_000  # pairs
 _CUBES = 40_000  # that stand for a cloud
@@ -99,7 +100,7 @@ class _Grown(NamedTuple):
 def cells_of(cloud: Cloud) -> CloudCells | None:
     """Cells of a cloud; ``None`` if there is none."""
     nodes, keys = _sampled(cloud)
-    white = _white(nodes, cloud.workers)
+    white = _white(cloud, nodes)
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
@@ -200,22 +201,24 @@ def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
     return cloud.nodes[chosen], keys[chosen]
 
 
-def _white(nodes: Array, workers: int) -> float:
+def _white(cloud: Cloud, nodes: Array) -> float:
     """White variance against the description: the quietest quarter of the cells says it.
 
-    A cloud whose cells are farther from planes than its points can err has no such noise, but no
-    planes: then the description stands.
+    Of points that fill their cubes it says nothing: where there are no sheets, the description
+    stands.
     """
     ratios = np.empty(len(nodes))
     over_part(
         lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
-        0, len(nodes), workers, _LEAST_PART,
+        0, len(nodes), cloud.workers, _LEAST_PART,
     )  # fmt: skip
     ratios = ratios[ratios >= 0.0]
     if len(ratios) < _FEWEST_TOLD:
         return 1.0
     factor = max(1.0, float(np.quantile(ratios, 0.25)))
-    return factor if factor <= _WHITE_LIMIT else 1.0
+    if factor > _USUAL and factor * float(np.median(cloud.variance)) > (cloud.side / _SHEET) ** 2:
+        return 1.0
+    return factor
 
 
 def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -> float:
