@@ -213,9 +213,22 @@ def test_a_sigma_that_is_too_small_is_raised_by_the_points(factor):
     assert len(found) <= 8
 
 
+@pytest.mark.parametrize("sigma", [0.01, 0.004, 0.001])
+def test_sheets_that_are_thicker_than_cubes_of_dense_points(sigma):
+    """A corner, 1 cm of noise, of so many points that cubes have a side of 3 cm."""
+    rng = np.random.default_rng(0)
+    faces = rng.random((3, 100_000, 3)) * 3
+    for axis, face in enumerate(faces):
+        face[:, axis] = 0.0
+    points = faces.reshape(-1, 3) + rng.normal(0, 0.01, (300_000, 3))
+    found = pw.detect_planes_in_points(points, pw.Sensor(max_depth=10.0, noise=sigma))
+    assert matching(found.labels, np.repeat([1, 2, 3], 100_000)) > 0.95
+    assert len(found) == 3
+
+
 def test_points_that_fill_their_cubes_do_not_raise_sigma():
     leaves = np.random.default_rng(0).random((50_000, 3)) * 4
-    for sigma in (0.002, 0.0005):
+    for sigma in (0.01, 0.002, 0.0005):
         assert len(pw.detect_planes_in_points(leaves, pw.Sensor(max_depth=10.0, noise=sigma))) == 0
 
 

@@ -24,8 +24,8 @@ HOPELESS = 4.0  # times the white variance: points farther from a plane have non
 SHARED = 0.09  # of the white variance: what the points of a cell share, for cubes cut sheets
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
 _FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
-_USUAL = 25.0  # five times the described standard deviation: a cloud may always err by that
 _SHEET = 6.0  # standard deviations of a sheet that still fits into a cube
+_GROWN = 2.0  # times the variance in cubes of half the side: that of a volume is four times
 _DRIFTING, _CHI2_3 = 0.1, 0.5844  # share of the pairs that tells the drift; that quantile of chi^2
 _SAMPLE = 2_000  # pairs
 _CUBES = 40_000  # that stand for a cloud
@@ -201,24 +201,48 @@ def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
     return cloud.nodes[chosen], keys[chosen]
 
 
+def times_louder(cloud: Cloud) -> float:
+    """How many times the described deviation points have, where cubes are too small for that.
+
+    Cubes that are thinner than the sheets in them show no planes. If sheets fit into cubes of twice
+    the side, and are hardly thicker there, as volumes would be, these say it; else the description
+    stands.
+    """
+    typical = math.sqrt(np.median(cloud.variance))
+    nodes, keys = _sampled(cloud)
+    told = _roughness(nodes, cloud.workers)
+    if told is None or math.sqrt(told) * typical <= cloud.side / _SHEET:
+        return 1.0
+    parents, above = np.empty_like(nodes), np.empty_like(keys)
+    found = kernels.parents_of(nodes, keys, parents, above)
+    larger = _roughness(parents[:found], cloud.workers)
+    if larger is None or larger > _GROWN * told:
+        return 1.0
+    fits = math.sqrt(larger) * typical <= 2.0 * cloud.side / _SHEET
+    return max(1.0, math.sqrt(larger)) if fits else 1.0
+
+
 def _white(cloud: Cloud, nodes: Array) -> float:
     """White variance against the description: the quietest quarter of the cells says it.
 
     Of points that fill their cubes it says nothing: where there are no sheets, the description
     stands.
     """
+    told = _roughness(nodes, cloud.workers)
+    factor = 1.0 if told is None else max(1.0, told)
+    filled = factor * float(np.median(cloud.variance)) > (cloud.side / _SHEET) ** 2
+    return 1.0 if filled else factor
+
+
+def _roughness(nodes: Array, workers: int) -> float | None:
+    """Variance about their planes, against the description, of the quietest quarter of nodes."""
     ratios = np.empty(len(nodes))
     over_part(
         lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
-        0, len(nodes), cloud.workers, _LEAST_PART,
+        0, len(nodes), workers, _LEAST_PART,
     )  # fmt: skip
     ratios = ratios[ratios >= 0.0]
-    if len(ratios) < _FEWEST_TOLD:
-        return 1.0
-    factor = max(1.0, float(np.quantile(ratios, 0.25)))
-    if factor > _USUAL and factor * float(np.median(cloud.variance)) > (cloud.side / _SHEET) ** 2:
-        return 1.0
-    return factor
+    return float(np.quantile(ratios, 0.25)) if len(ratios) >= _FEWEST_TOLD else None
 
 
 def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -> float:

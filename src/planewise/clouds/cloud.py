@@ -123,6 +123,7 @@ def cloud_of(
     workers: int,
     held: float = POINTS,
     origin: Array | None = None,
+    louder: float = 1.0,
 ) -> Cloud | None:
     """Sort points into cubes; ``None`` if fewer than three are finite.
 
@@ -141,17 +142,21 @@ def cloud_of(
         Points in an occupied cube, on average, where noise allows cubes that small.
     origin : ndarray, shape (3,) or (k, 3), optional
         Where the scanner stood: noise is along the rays from there, and depends on the range.
+    louder : float
+        Times the described standard deviation.
     """
     low, high, count = extent_of(points, workers)
     if count < 3:
         return None
     seen_from = np.zeros(3) if origin is None else origin
     centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
-    side = side_for(points, centre, reach, THICK * typical, held, workers)
+    side = side_for(points, centre, reach, THICK * louder * typical, held, workers)
     order = order_of(points, Grid.reaching(centre, reach, side / (1 << FINER)), workers)
     if len(order.keys) < 3:
         return None
-    starts, cubes, local, nodes, variance = summed(points, order, sensor, sigma, origin, workers)
+    starts, cubes, local, nodes, variance = summed(
+        points, order, sensor, sigma, origin, workers, louder
+    )
     about = np.empty((len(cubes), 27), np.int32)
     write_about(cubes, 0, len(cubes), about, workers)
     return Cloud(
@@ -197,6 +202,7 @@ def summed(
     sigma: Array | None,
     origin: Array | None,
     workers: int,
+    louder: float = 1.0,
 ) -> tuple[NDArray[np.int64], Keys, NDArray[np.float32], Array, Array]:
     """Starts, keys, local points, moments and variances of the cubes of sorted points (`Cloud`)."""
     starts = np.empty(len(order.keys) + 1, np.int64)
@@ -215,7 +221,7 @@ def summed(
         n, workers, _LEAST_PART,
     )  # fmt: skip
     seen_from = np.zeros(3) if origin is None else origin
-    variance = _variances(points, sensor, sigma, order, starts, seen_from)
+    variance = louder**2 * _variances(points, sensor, sigma, order, starts, seen_from)
     if origin is not None:
         rays = mean_origins(origin, order, starts) - grid.centre
         kernels.foreshorten(nodes, rays, STEEPEST, FEWEST, _GRAZING, variance)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds import few as cloud_few
-from planewise.clouds.cells import CloudError, cells_of, residual_correlation
+from planewise.clouds.cells import CloudError, cells_of, residual_correlation, times_louder
 from planewise.clouds.cloud import Cloud, cloud_of
 from planewise.clouds.information import (
     CloudGroups,
@@ -116,13 +116,16 @@ def cloud_model(
     few = len(points) <= cloud_few.MOST
     with stage("observe"):
         cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
+        louder = 1.0 if cloud is None else times_louder(cloud)
+        if louder > 1.0:
+            cloud = cloud_of(points, sensor, sigma, workers, origin=origin, louder=louder)
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)
     found = found_in(cloud, sensor, significance, max_planes)
     if few:
         with stage("few"):
-            fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin)
+            fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin, louder)
             assert fine is not None
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
     if instances:
