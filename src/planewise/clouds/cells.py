@@ -208,18 +208,16 @@ def times_louder(cloud: Cloud) -> float:
     the side, and are hardly thicker there, as volumes would be, these say it; else the description
     stands.
     """
-    typical = math.sqrt(np.median(cloud.variance))
     nodes, keys = _sampled(cloud)
     told = _roughness(nodes, cloud.workers)
-    if told is None or math.sqrt(told) * typical <= cloud.side / _SHEET:
+    if told is None or _fits(cloud, told, cloud.side):
         return 1.0
     parents, above = np.empty_like(nodes), np.empty_like(keys)
     found = kernels.parents_of(nodes, keys, parents, above)
     larger = _roughness(parents[:found], cloud.workers)
     if larger is None or larger > _GROWN * told:
         return 1.0
-    fits = math.sqrt(larger) * typical <= 2.0 * cloud.side / _SHEET
-    return max(1.0, math.sqrt(larger)) if fits else 1.0
+    return max(1.0, math.sqrt(larger)) if _fits(cloud, larger, 2.0 * cloud.side) else 1.0
 
 
 def _white(cloud: Cloud, nodes: Array) -> float:
@@ -230,8 +228,12 @@ def _white(cloud: Cloud, nodes: Array) -> float:
     """
     told = _roughness(nodes, cloud.workers)
     factor = 1.0 if told is None else max(1.0, told)
-    filled = factor * float(np.median(cloud.variance)) > (cloud.side / _SHEET) ** 2
-    return 1.0 if filled else factor
+    return factor if _fits(cloud, factor, cloud.side) else 1.0
+
+
+def _fits(cloud: Cloud, white: float, side: float) -> bool:
+    """Whether a sheet of so much variance, against the description, fits into cubes of a side."""
+    return white * float(np.median(cloud.variance)) <= (side / _SHEET) ** 2
 
 
 def _roughness(nodes: Array, workers: int) -> float | None:
