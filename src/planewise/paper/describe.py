@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,26 +142,22 @@ def planes_of(
     told: Mapping[str, list[float]],
 ) -> list[Plane]:
     """Planes from sums over their readings: count, gain, delta^2, z^3 solid, position."""
-    counts = np.maximum(sums[:, 0], 1.0)
-    rms = np.sqrt(np.maximum(sums[:, 2], 0.0) / counts).tolist()
-    centroids, normals = sums[:, 4:] / counts[:, None], rows[:, :-1]
-    distances = rows[:, -1].tolist()
-    # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
-    areas = [math.nan] * len(rows) if boxes is None else (sums[:, 3] / rows[:, -1]).tolist()
-    found = [()] * len(rows) if boxes is None else [tuple(box) for box in boxes.tolist()]
-    named = {"information": sums[:, 1].tolist()} | dict(told)
-    values = [dict(zip(named, each, strict=True)) for each in zip(*named.values(), strict=True)]
+    counts, distances = np.maximum(sums[:, 0], 1.0), rows[:, -1]
+    columns: dict[str, Iterable[Any]] = {
+        "normal": rows[:, :-1],
+        "distance": distances.tolist(),
+        "information": sums[:, 1].tolist(),
+        "count": sums[:, 0].astype(int).tolist(),
+        "rms": np.sqrt(np.maximum(sums[:, 2], 0.0) / counts).tolist(),
+        "centroid": sums[:, 4:] / counts[:, None],
+        "covariance": covariances,
+    }
+    if boxes is not None:
+        # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
+        columns["area"] = (sums[:, 3] / distances).tolist()
+        columns["bounding_box"] = map(tuple, boxes.tolist())
+    columns |= told
     return [
-        Plane(
-            **values[j],
-            normal=normals[j],
-            distance=distances[j],
-            count=count,
-            rms=rms[j],
-            centroid=centroids[j],
-            covariance=covariances[j],
-            area=areas[j],
-            bounding_box=found[j],
-        )
-        for j, count in enumerate(sums[:, 0].astype(int).tolist())
+        Plane(**dict(zip(columns, each, strict=True)))
+        for each in zip(*columns.values(), strict=True)
     ]
