@@ -7,11 +7,12 @@ RIVALS := $(VENV)/.ready-bench
 SAM := $(VENV)/.ready-sam
 REPRODUCE := $(VENV)/.ready-reproduce
 RAY := $(VENV)/.ready-ray
+LOWEST := .venv-lowest
 BENCH_OUTPUT := bench-output
 REPORT := report
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test test-sam test-ray lint types bench bench-quick guard guard-record accuracy ablation pictures reproduce clean
+.PHONY: help setup demo test test-lowest test-sam test-ray lint types bench bench-quick guard guard-record accuracy ablation pictures reproduce clean
 
 help:  ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -29,6 +30,17 @@ demo: $(READY)  ## build a synthetic room, find its planes, write the pictures
 
 test: $(READY)  ## run all tests, the examples in the docs included
 	$(BIN)/python -m pytest
+
+# The bounds of pyproject.toml are promises, too; what is that old may itself be deprecated. Compiled
+# loops of two versions of Numba do not share a folder: each would take the other's for its own.
+$(LOWEST)/.ready: pyproject.toml tests/lowest_versions.py
+	$(PYTHON) -m venv --clear $(LOWEST)
+	$(PYTHON) tests/lowest_versions.py > $(LOWEST)/constraints.txt
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check -c $(LOWEST)/constraints.txt -e '.[test]'
+	touch $@
+
+test-lowest: $(LOWEST)/.ready  ## run all tests with the oldest versions of what is needed (Python 3.11 or 3.12)
+	NUMBA_CACHE_DIR=$(CURDIR)/$(LOWEST)/compiled $(LOWEST)/bin/python -m pytest -W ignore::DeprecationWarning
 
 # Torch and transformers take 1 GB and more, which the other tests do not need.
 TORCH ?= torch==2.13.0
@@ -93,4 +105,4 @@ pictures: $(READY)  ## draw the pictures of docs/method.md and docs/clouds.md
 	$(BIN)/python -m benchmarks.cloud_pictures
 
 clean:  ## remove the environment and everything made
-	rm -rf $(VENV) demo-output $(BENCH_OUTPUT) $(REPORT) dist build .mypy_cache .ruff_cache .pytest_cache
+	rm -rf $(VENV) $(LOWEST) demo-output $(BENCH_OUTPUT) $(REPORT) dist build .mypy_cache .ruff_cache .pytest_cache

@@ -255,7 +255,7 @@ def _normal_equations(judge: Judge, where: Region) -> tuple[Array, Array]:
 
 def _plane_of(judge: Judge, where: Region) -> Array:
     """Plane of least squares of readings."""
-    return np.asarray(np.linalg.lstsq(*_normal_equations(judge, where))[0])
+    return np.asarray(np.linalg.lstsq(*_normal_equations(judge, where), rcond=None)[0])
 
 
 def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: float) -> Labels:

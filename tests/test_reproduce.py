@@ -66,7 +66,7 @@ def test_least_squares_with_true_labels_attain_the_bound():
             theta = -plane[:3] / plane[3]
             for _ in range(3):  # Gauss-Newton on z - 1 / (theta . r)
                 model = 1 / (r @ theta)
-                theta = theta - np.linalg.lstsq(model[:, None] ** 2 * r, z - model)[0]
+                theta = theta - np.linalg.lstsq(model[:, None] ** 2 * r, z - model, rcond=None)[0]
             planes.append(np.append(-theta, 1) / np.linalg.norm(theta))
         found = Found(labels=scene.labels, planes=np.array(planes), seconds=0.0)
         each = parameter_errors(scene, found)

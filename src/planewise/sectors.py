@@ -236,7 +236,8 @@ class Sectors:
 
 def _back(source: Array, turn: Array) -> Array:
     """B with P' = B P B' and P' t' = B P t: B = M^-T for t' = M t."""
-    return np.ascontiguousarray(np.swapaxes(np.linalg.solve(source, turn), -1, -2))
+    both = np.broadcast_arrays(source, turn)  # NumPy 1 takes a matrix beside a stack for vectors
+    return np.ascontiguousarray(np.swapaxes(np.linalg.solve(*both), -1, -2))
 
 
 def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
