@@ -1,0 +1,73 @@
+"""Which segments of a cloud are pieces of curved surfaces.
+
+Where a surface bends, cells merge into facets, as many as noise lets one tell, and each is as flat
+as a plane. What tells them from planes is that they go on bending across their borders, while
+planes meet in edges, which are sharp.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.clouds.cells import CloudCells
+from planewise.clouds.memory import Memory
+from planewise.kernels import cloud_curvature as kernels
+
+Array = NDArray[np.float64]
+
+
+def curved_segments(
+    cells: CloudCells, rows: Array, of_cell: NDArray[np.int64], at_once: int, memory: Memory
+) -> NDArray[np.bool_]:
+    """Find the segments that are pieces of curved surfaces.
+
+    Each has a quadric. Across a border the surface goes on if the quadrics of both sides turn by
+    less than half the angle of their planes where they meet, one of them being clearly bent; a
+    segment is curved if its surface goes on across most of its border.
+
+    Parameters
+    ----------
+    cells : CloudCells
+        Of the cloud.
+    rows : ndarray, shape (N, 18)
+        Of the segments.
+    of_cell : ndarray of int, shape (m,)
+        Segment of every cell.
+    at_once : int
+        Cells, and pairs of them, that are looked at together.
+    memory : Memory
+        Where large arrays lie.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+    """
+    sums = np.zeros((len(rows), kernels.HEIGHTS))
+    for first in range(0, len(of_cell), at_once):
+        part = slice(first, first + at_once)
+        kernels.add_heights(cells.rows[part], of_cell[part], rows, sums)
+        memory.release()
+    quadrics = np.empty((len(rows), kernels.QUADRIC))
+    kernels.quadrics_of(sums, rows, cells.error.drift, quadrics)
+    curved = np.zeros(len(rows), np.bool_)
+    if not (quadrics[:, kernels.BENT] > 0).any():
+        return curved
+    border = np.zeros(len(rows))
+    pairs, points, states = [], [], []
+    for first in range(0, len(cells.sides), at_once):
+        part = slice(first, first + at_once)
+        n = len(cells.sides[part])
+        ends, along, how = np.empty((n, 2), np.int32), np.empty(n, np.float32), np.empty(n, np.int8)
+        found = kernels.borders_of(
+            cells.ends[part], cells.sides[part], of_cell, cells.rows, rows, quadrics, border,
+            ends, along, how,
+        )  # fmt: skip
+        pairs.append(ends[:found].copy())
+        points.append(along[:found].copy())
+        states.append(how[:found].copy())
+        memory.release()
+    kernels.spread(
+        border, np.concatenate(pairs), np.concatenate(points), np.concatenate(states), curved
+    )
+    return curved
