@@ -186,16 +186,15 @@ def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, point
         if quadrics[u, BENT] <= 0.0 and quadrics[v, BENT] <= 0.0:
             continue
         cosine = rows[u, NX] * rows[v, NX] + rows[u, NY] * rows[v, NY] + rows[u, NZ] * rows[v, NZ]
-        if abs(cosine) < _STEEP:
-            continue
         sign = 1.0 if cosine > 0.0 else -1.0
         turn = 2.0 - 2.0 * sign * cosine
         extents = math.sqrt(rows[u, AREA]) + math.sqrt(rows[v, AREA])
         least = _OWN * math.sqrt(max(turn, 0.0)) / extents
         state = 0
-        if quadrics[u, BENT] < 0.0 or quadrics[u, SIZE] >= least:
+        unknown = sign * cosine > _STEEP
+        if quadrics[u, SIZE] >= least or (quadrics[u, BENT] < 0.0 and unknown):
             state |= TOLD_U
-        if quadrics[v, BENT] < 0.0 or quadrics[v, SIZE] >= least:
+        if quadrics[v, SIZE] >= least or (quadrics[v, BENT] < 0.0 and unknown):
             state |= TOLD_V
         if state == 0:
             continue
