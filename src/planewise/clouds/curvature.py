@@ -10,9 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.clouds.cells import CloudCells
+from planewise.clouds.cells import CloudCells, CloudError
+from planewise.clouds.cloud import Cloud
+from planewise.clouds.information import CloudGroups
 from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_curvature as kernels
+from planewise.kernels.cloud_cells import FACES_EDGES
+from planewise.kernels.cloud_rows import CELLS, COUNT
 
 Array = NDArray[np.float64]
 
@@ -71,3 +75,39 @@ def curved_segments(
         border, np.concatenate(pairs), np.concatenate(points), np.concatenate(states), curved
     )
     return curved
+
+
+def curved_planes(
+    cloud: Cloud, groups: CloudGroups, rows: Array, error: CloudError
+) -> NDArray[np.bool_]:
+    """`curved_segments` of planes, rows (N, 18), by their groups: where points are too few for cells.
+
+    Neighbours are the groups of one cube, and of cubes that share a face or an edge.
+    """
+    of_cube = np.repeat(np.arange(len(cloud.cubes)), np.diff(groups.places))
+    later = FACES_EDGES[FACES_EDGES > 13]
+    near = np.column_stack((of_cube, cloud.about[of_cube][:, later]))
+    u, column = np.nonzero(near >= 0)
+    first, last = groups.places[near[u, column]], groups.places[near[u, column] + 1]
+    count = last - first
+    ends = np.column_stack(
+        (np.repeat(u, count), np.arange(count.sum()) + np.repeat(last - np.cumsum(count), count))
+    )
+    label = groups.label - 1
+    same_cube = np.repeat(column == 0, count)
+    ends = ends[(label[ends] >= 0).all(axis=1) & ~(same_cube & (ends[:, 0] >= ends[:, 1]))]
+    sides = np.sqrt(groups.rows[ends, COUNT].min(axis=1)).astype(np.float32)
+    labelled = np.flatnonzero(label >= 0)
+    place = np.zeros(len(label), np.int32)
+    place[labelled] = np.arange(len(labelled))
+    cells = CloudCells(
+        rows=groups.rows[labelled],
+        keys=cloud.cubes[of_cube[labelled]],
+        owner=np.empty(0, np.int64),
+        ends=place[ends],
+        sides=sides,
+        error=error,
+    )
+    rows = rows.copy()
+    rows[:, CELLS] = np.bincount(label[labelled], minlength=len(rows))
+    return curved_segments(cells, rows, label[labelled], max(len(ends), 1), cloud.memory)

@@ -43,12 +43,15 @@ class CloudSegments:
         Nats that each saves, all its costs paid.
     left_out : int
         Planes that pay but are more than was asked for.
+    curved : int
+        Segments that are none, for they are pieces of curved surfaces.
     """
 
     rows: Array
     of_cell: NDArray[np.int64]
     significance: Array
     left_out: int = 0
+    curved: int = 0
 
 
 def segments_of(
@@ -101,7 +104,7 @@ def segments_of(
         place = np.full(len(planes) + 1, -1)
         place[keep] = np.arange(len(keep))
         planes, owner, total = planes[keep], place[owner], total[keep]
-    return CloudSegments(planes, owner[of_cell], total, left_out)
+    return CloudSegments(planes, owner[of_cell], total, left_out, int(curved.sum()))
 
 
 def merged_cells(
