@@ -80,14 +80,14 @@ def curved_segments(
 def curved_planes(
     cloud: Cloud, groups: CloudGroups, rows: Array, error: CloudError
 ) -> NDArray[np.bool_]:
-    """`curved_segments` of planes, rows (N, 18), by their groups: where points are too few for cells.
+    """`curved_segments` of planes, rows (N, 18), by groups, where points are too few for cells.
 
     Neighbours are the groups of one cube, and of cubes that share a face or an edge.
     """
     of_cube = np.repeat(np.arange(len(cloud.cubes)), np.diff(groups.places))
     later = FACES_EDGES[FACES_EDGES > 13]
     near = np.column_stack((of_cube, cloud.about[of_cube][:, later]))
-    u, column = np.nonzero(near >= 0)
+    u, column = np.nonzero(np.greater_equal(near, 0))
     first, last = groups.places[near[u, column]], groups.places[near[u, column] + 1]
     count = last - first
     ends = np.column_stack(

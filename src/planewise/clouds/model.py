@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds import few as cloud_few
-from planewise.clouds.cells import CloudError, cells_of, residual_correlation, times_louder
+from planewise.clouds.cells import (
+    CloudError,
+    as_loud_as_seen,
+    cells_of,
+    residual_correlation,
+)
 from planewise.clouds.cloud import Cloud, cloud_of
 from planewise.clouds.curvature import curved_planes
 from planewise.clouds.information import (
@@ -119,10 +124,9 @@ def cloud_model(
     """
     few = len(points) <= cloud_few.MOST
     with stage("observe"):
-        cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
-        louder = 1.0 if cloud is None else times_louder(cloud)
-        if louder > 1.0:
-            cloud = cloud_of(points, sensor, sigma, workers, origin=origin, louder=louder)
+        cloud, louder = as_loud_as_seen(
+            lambda louder: cloud_of(points, sensor, sigma, workers, origin=origin, louder=louder)
+        )
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)

@@ -1,5 +1,4 @@
-"""Loops over segments of a cloud that may be parts of curved surfaces: how they bend, and whether
-they go on bending across their borders.
+"""Loops over segments of a cloud: how they bend, and whether they go on across their borders.
 
 The quadric of a segment is a height over its plane, z = offset + tilt . d + d' K d / 2 at d from
 its centroid, fitted to the centroids of its cells: K, 3 x 3, is zero along the normal.
