@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.clouds.cells import CloudCells, CloudError
+from planewise.clouds.cells import HOPELESS, SHARED, CloudCells, CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.information import CloudGroups
 from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
-from planewise.kernels.cloud_rows import CELLS, COUNT
+from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, WEIGHT, XX, ZZ
 
 Array = NDArray[np.float64]
 
@@ -54,11 +54,9 @@ def curved_segments(
         memory.release()
     quadrics = np.empty((len(rows), kernels.QUADRIC))
     kernels.quadrics_of(sums, rows, cells.error.drift, quadrics)
-    curved = np.zeros(len(rows), np.bool_)
-    if not (quadrics[:, kernels.BENT] > 0).any():
-        return curved
     border = np.zeros(len(rows))
-    pairs, points, states = [], [], []
+    pairs, points = [np.empty((0, 2), np.int32)], [np.empty(0, np.float32)]
+    states = [np.empty(0, np.int8)]
     for first in range(0, len(cells.sides), at_once):
         part = slice(first, first + at_once)
         n = len(cells.sides[part])
@@ -71,10 +69,43 @@ def curved_segments(
         points.append(along[:found].copy())
         states.append(how[:found].copy())
         memory.release()
-    kernels.spread(
-        border, np.concatenate(pairs), np.concatenate(points), np.concatenate(states), curved
-    )
+    all_pairs, curved = np.concatenate(pairs), np.empty(len(rows), np.bool_)
+    kernels.spread(border, all_pairs, np.concatenate(points), np.concatenate(states), curved)
+    pieces, place = np.flatnonzero(curved), np.cumsum(curved) - 1
+    joined = place[all_pairs[curved[all_pairs].all(axis=1)]]
+    curved[pieces] = ~_flat_together(rows[pieces], joined)
     return curved
+
+
+def _flat_together(rows: Array, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Rows that lie on one plane with all that pairs join them to, as far from it as cells may.
+
+    So a wall that bulges by hardly more than its noise is no curved surface.
+    """
+    root = np.arange(len(rows))
+    while len(pairs):
+        before = root.copy()
+        least = root[pairs].min(axis=1)
+        np.minimum.at(root, pairs[:, 0], least)
+        np.minimum.at(root, pairs[:, 1], least)
+        root = root[root]
+        if (root == before).all():
+            break
+    weight, count = rows[:, WEIGHT], rows[:, COUNT]
+    total = np.bincount(root, weight, len(rows))
+    at = rows[:, CX : CZ + 1]
+    centre = np.column_stack([np.bincount(root, weight * x, len(rows)) for x in at.T])
+    off = at - (centre / np.maximum(total, 1e-300)[:, None])[root]
+    i, j = np.triu_indices(3)
+    parts = rows[:, XX : ZZ + 1] + weight[:, None] * off[:, i] * off[:, j]
+    scatter = np.zeros((len(rows), 3, 3))
+    for k, part in enumerate(parts.T):
+        scatter[:, i[k], j[k]] = scatter[:, j[k], i[k]] = np.bincount(root, part, len(rows))
+    # Of a point: the weight of a cell has what its points share, too.
+    variance = count / weight / (1.0 + SHARED * count / rows[:, CELLS])
+    white = np.bincount(root, weight * variance, len(rows))
+    across = np.linalg.eigvalsh(scatter)[:, 0]
+    return np.asarray((across <= (HOPELESS - 1.0) * white)[root])
 
 
 def curved_planes(

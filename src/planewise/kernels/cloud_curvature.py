@@ -23,10 +23,10 @@ GOES_ON, TOLD_U, TOLD_V = 1, 2, 4  # of a pair of segments
 _FEWEST = 7  # cells that tell a quadric, which has six parameters
 _POWERS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
 _SINGULAR = 1e-9  # of a diagonal element: a smaller pivot is zero
-_MODE = 1.0 / 80.0  # D L: variance that a random walk on a square of side L has in each mode of K
+_MODE = 1.0 / 80.0  # D L: what a random walk on a square of side L has in each mode of K
 _REST = 6.0  # times as much that it has about the quadric
 _LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
-_OWN = 0.25  # of the turn: what a segment's own K has to make of it over both extents
+_OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
 _STEEP = 0.5  # least cosine between planes of one surface
 
 
