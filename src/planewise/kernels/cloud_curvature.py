@@ -27,7 +27,7 @@ _MODE = 1.0 / 80.0  # D L: what a random walk on a square of side L has in each 
 _REST = 6.0  # times as much that it has about the quadric
 _LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
 _OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
-_STEEP = 0.5  # least cosine between planes of one surface
+_STEEP = 0.5  # least cosine between a segment that tells no quadric and what it may be part of
 
 
 @internal
@@ -190,10 +190,10 @@ def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, point
         extents = math.sqrt(rows[u, AREA]) + math.sqrt(rows[v, AREA])
         least = _OWN * math.sqrt(max(turn, 0.0)) / extents
         state = 0
-        unknown = sign * cosine > _STEEP
-        if quadrics[u, SIZE] >= least or (quadrics[u, BENT] < 0.0 and unknown):
+        near = sign * cosine > _STEEP
+        if quadrics[u, SIZE] >= least or (quadrics[u, BENT] < 0.0 and near):
             state |= TOLD_U
-        if quadrics[v, SIZE] >= least or (quadrics[v, BENT] < 0.0 and unknown):
+        if quadrics[v, SIZE] >= least or (quadrics[v, BENT] < 0.0 and near):
             state |= TOLD_V
         if state == 0:
             continue
