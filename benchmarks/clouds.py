@@ -4,6 +4,7 @@
     python -m benchmarks.clouds building    # F1 and time at 200,000 points, all methods
     python -m benchmarks.clouds roofs       # F1 by group, all methods
     python -m benchmarks.clouds noise       # noise="auto" against sigma told
+    python -m benchmarks.clouds curved      # planes in what is curved, and in what is not
     python -m benchmarks.clouds pictures    # of scans without labels, into OUT/
 
 F1 is that of planes at IoU 0.5, planes of fewer than 50 points (roofs: all count) left out. Others
@@ -23,6 +24,7 @@ from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +32,9 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.building import building
 from benchmarks.cloud_rivals import CloudMethod, Scan, methods
+from benchmarks.curved_clouds import curved_clouds
 from benchmarks.frames import DATA
+from planewise.clouds import segments
 from planewise.metrics.scores import Detection, evaluate
 from planewise.stages import recorded
 
@@ -38,7 +42,8 @@ _SIZES = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
 _SENSOR = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.01)
 _AIRBORNE = 0.05  # standard deviation of airborne points, metres: one setting for all sets
 _PICTURED = {"lidar": (100.0, 0.01, 0.03), "clouds_indoor": (10.0, 0.001, 0.01)}
-_WHAT = ("speed", "one", "building", "roofs", "noise", "pictures")
+_WHAT = ("speed", "one", "building", "roofs", "noise", "curved", "pictures")
+_CURVED = ((100_000, 0.005), (100_000, 0.02), (30_000, 0.01))  # points, sigma
 _DRAWN = 60_000  # points of a picture
 _VIEWS = ((0.0, 90.0), (35.0, 30.0), (125.0, 25.0))  # azimuth and elevation in degrees
 
@@ -203,6 +208,34 @@ def _noise_row(name: str, scans: list[Scan], smallest: int) -> str:
     )
 
 
+def curved(settings: tuple[tuple[int, float], ...] = _CURVED) -> None:
+    """Planes found, without and with looking for what is curved."""
+    names = [f"{n:,}, {1e3 * sigma:g} mm" for n, sigma in settings]
+    print("| | true | " + " | ".join(f"{name}: before | now" for name in names) + " |")
+    print("|---|---|" + "---|---|" * len(names))
+    rows: dict[str, list[str]] = {}
+    for n, sigma in settings:
+        for name, (points, truth) in curved_clouds(n, sigma):
+            extent = float(np.linalg.norm(np.ptp(points, axis=0)))
+            sensor = pw.Sensor(max_depth=extent, resolution=0.001, noise=sigma)
+            before = len(_with_facets(points, sensor))
+            now = pw.detect_planes_in_points(points, sensor)
+            hit = f1(now.labels.astype(np.int64), truth, 50).hits if truth.any() else 0
+            row = rows.setdefault(name, [str(truth.max())])
+            row += [str(before), str(len(now)) + (f", {hit} true" if truth.any() else "")]
+    for name, row in rows.items():
+        print(f"| {name} | " + " | ".join(row) + " |")
+
+
+def _with_facets(points: NDArray[np.float64], sensor: pw.Sensor) -> pw.PlaneModel:
+    """Planes if facets of curved surfaces were planes."""
+    none = mock.patch.object(
+        segments, "curved_segments", lambda _, rows, *__: np.zeros(len(rows), np.bool_)
+    )
+    with none:
+        return pw.detect_planes_in_points(points, sensor)
+
+
 def unlabelled() -> Iterator[tuple[str, NDArray[np.float64], pw.Sensor]]:
     """Scans without labels: name, points and a sensor that somebody chose."""
     for kind, (extent, resolution, sigma) in _PICTURED.items():
@@ -265,6 +298,8 @@ def main() -> None:
         on_roofs()
     elif given.what == "noise":
         noise(given.seeds, given.size)
+    elif given.what == "curved":
+        curved()
     else:
         pictures(given.out)
 

@@ -43,7 +43,8 @@ def same(model, other):
     for mine, its in zip(model.planes, other.planes, strict=True):
         assert_allclose(mine.covariance, its.covariance, rtol=1e-9)
         assert (mine.count, mine.area) == pytest.approx((its.count, its.area))
-        assert mine.residual_correlation == pytest.approx(its.residual_correlation, nan_ok=True)
+        white = pytest.approx(its.residual_correlation, rel=1e-6, abs=1e-8, nan_ok=True)
+        assert mine.residual_correlation == white
 
 
 @pytest.mark.parametrize("tile_points", [20_000, 100_000])
@@ -54,6 +55,17 @@ def test_tiles_give_what_one_piece_gives(one_piece, tile_points, tmp_path):
     assert len(model) > 90
     same(model, one_piece)
     assert [each.name for each in tmp_path.iterdir()] == ["building.npy"]
+
+
+@pytest.mark.parametrize("told", [0.001, 0.0001])
+def test_a_sigma_that_is_too_small_is_raised_in_tiles_as_in_one_piece(told, tmp_path):
+    sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=told)
+    whole = pw.detect_planes_in_points(POINTS[:100_000], sensor)
+    tiled = pw.detect_planes_in_cloud(
+        pw.PointCloud(points=POINTS[:100_000]), sensor, tile_points=30_000, folder=tmp_path
+    )
+    assert len(whole) > 30
+    same(tiled, whole)
 
 
 def test_a_small_cloud_is_searched_in_memory(one_piece):

@@ -40,7 +40,8 @@ def is_cached(*, cloud: bool = False) -> bool:
     indexes = cache_directory().glob("*.nbi")
     written = [each.stat().st_mtime for each in indexes if each.name.startswith(_CLOUD) == cloud]
     sources = Path(kernels.__path__[0]).glob("*.py")
-    return bool(written) and max(written) >= max(source.stat().st_mtime for source in sources)
+    needed = [each for each in sources if cloud or not each.name.startswith(_CLOUD)]
+    return bool(written) and max(written) >= max(source.stat().st_mtime for source in needed)
 
 
 @lru_cache(maxsize=2)

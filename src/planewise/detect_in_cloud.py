@@ -134,6 +134,7 @@ def _find_in_tiles(
 ) -> PlaneModel:
     compilation.announce(cloud=True)
     # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.cells import as_loud_as_seen
     from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart
     from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
@@ -146,7 +147,11 @@ def _find_in_tiles(
             estimate = cloud_noise(points, sensor, origin, workers, disk)
         sensor, settings["noise"] = estimate.sensor(sensor), estimate.describe()
     with stage("observe"):
-        cloud = tiled_cloud(points, sensor, sigma, origin, workers, tile_points, disk)
+        cloud, _ = as_loud_as_seen(
+            lambda louder: tiled_cloud(
+                points, sensor, sigma, origin, workers, tile_points, disk, louder
+            )
+        )
     if cloud is None:
         finite = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), finite, sensor, settings)

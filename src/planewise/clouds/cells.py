@@ -7,13 +7,22 @@ far neighbouring cells disagree beyond it (drift): quantiles, for edges and clut
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.clouds.cloud import FEWEST, STEEPEST, Cloud, over_part
+from planewise.clouds.cloud import (
+    FEWEST,
+    FEWEST_TOLD,
+    LEVELS,
+    STEEPEST,
+    Cloud,
+    over_part,
+    roughness_of,
+)
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels.cloud_rows import ROW
 from planewise.kernels.pairs import add_products, pairs_once
@@ -23,13 +32,10 @@ Array = NDArray[np.float64]
 HOPELESS = 4.0  # times the white variance: points farther from a plane have none
 SHARED = 0.09  # of the white variance: what the points of a cell share, for cubes cut sheets
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
-_FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
 _SHEET = 6.0  # standard deviations of a sheet that still fits into a cube
 _GROWN = 2.0  # times the variance in cubes of half the side: that of a volume is four times
 _DRIFTING, _CHI2_3 = 0.1, 0.5844  # share of the pairs that tells the drift; that quantile of chi^2
 _SAMPLE = 2_000  # pairs
-_CUBES = 40_000  # that stand for a cloud
-_LEVELS = 5  # sizes of cells at which the drift is looked for
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
 _LEAST_BORDER = 10.0  # points along borders of cells that tell how white residuals are
@@ -99,8 +105,8 @@ class _Grown(NamedTuple):
 
 def cells_of(cloud: Cloud) -> CloudCells | None:
     """Cells of a cloud; ``None`` if there is none."""
-    nodes, keys = _sampled(cloud)
-    white = _white(cloud, nodes)
+    nodes, keys = cloud.sample
+    white = _white(cloud)
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
@@ -190,15 +196,17 @@ def _neighbours(cloud: Cloud, cells: _Grown) -> tuple[NDArray[np.int32], NDArray
     return all_ends.array(), all_sides.array()
 
 
-def _sampled(cloud: Cloud) -> tuple[Array, NDArray[np.uint64]]:
-    """Cubes that stand for the cloud: whole blocks of an octree, drawn by a hash of their keys."""
-    keys = cloud.cubes
-    stride = np.uint64(1 + len(keys) // _CUBES)
-    block = (keys >> np.uint64(3 * (_LEVELS - 1))) * np.uint64(0x9E3779B97F4A7C15)
-    chosen = (block >> np.uint64(32)) % stride == 0
-    if stride == 1 or not chosen.any():
-        return cloud.nodes, keys
-    return cloud.nodes[chosen], keys[chosen]
+def as_loud_as_seen(made: Callable[[float], Cloud | None]) -> tuple[Cloud | None, float]:
+    """Cloud of as many times the described deviation as its points have, and how many times.
+
+    made: returns the cloud for so many times.
+    """
+    cloud = made(1.0)
+    louder = 1.0 if cloud is None else times_louder(cloud)
+    if louder > 1.0:
+        del cloud  # before the next, for it may be as large as the disk
+        cloud = made(louder)
+    return cloud, louder
 
 
 def times_louder(cloud: Cloud) -> float:
@@ -208,43 +216,31 @@ def times_louder(cloud: Cloud) -> float:
     the side, and are hardly thicker there, as volumes would be, these say it; else the description
     stands.
     """
-    nodes, keys = _sampled(cloud)
-    told = _roughness(nodes, cloud.workers)
+    told = cloud.roughness
     if told is None or _fits(cloud, told, cloud.side):
         return 1.0
+    nodes, keys = cloud.sample
     parents, above = np.empty_like(nodes), np.empty_like(keys)
     found = kernels.parents_of(nodes, keys, parents, above)
-    larger = _roughness(parents[:found], cloud.workers)
+    larger = roughness_of(parents[:found], cloud.workers)
     if larger is None or larger > _GROWN * told:
         return 1.0
     return max(1.0, math.sqrt(larger)) if _fits(cloud, larger, 2.0 * cloud.side) else 1.0
 
 
-def _white(cloud: Cloud, nodes: Array) -> float:
+def _white(cloud: Cloud) -> float:
     """White variance against the description: the quietest quarter of the cells says it.
 
     Of points that fill their cubes it says nothing: where there are no sheets, the description
     stands.
     """
-    told = _roughness(nodes, cloud.workers)
-    factor = 1.0 if told is None else max(1.0, told)
+    factor = max(1.0, cloud.roughness or 1.0)
     return factor if _fits(cloud, factor, cloud.side) else 1.0
 
 
 def _fits(cloud: Cloud, white: float, side: float) -> bool:
     """Whether a sheet of so much variance, against the description, fits into cubes of a side."""
     return white * float(np.median(cloud.variance)) <= (side / _SHEET) ** 2
-
-
-def _roughness(nodes: Array, workers: int) -> float | None:
-    """Variance about their planes, against the description, of the quietest quarter of nodes."""
-    ratios = np.empty(len(nodes))
-    over_part(
-        lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
-        0, len(nodes), workers, _LEAST_PART,
-    )  # fmt: skip
-    ratios = ratios[ratios >= 0.0]
-    return float(np.quantile(ratios, 0.25)) if len(ratios) >= _FEWEST_TOLD else None
 
 
 def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -> float:
@@ -254,19 +250,19 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
     """
     typical = white * float(np.median(cloud.variance))
     levels = [(nodes, keys)]
-    while len(levels) < _LEVELS:
+    while len(levels) < LEVELS:
         nodes, keys = levels[-1]
         parents, above = np.empty_like(nodes), np.empty_like(keys)
         found = kernels.parents_of(nodes, keys, parents, above)
         levels.append((parents[:found], above[:found]))
     told = math.inf
-    for level in reversed(range(_LEVELS)):
+    for level in reversed(range(LEVELS)):
         # Large cubes come first: where they agree, no more has to be asked.
         nodes, keys = levels[level]
         planes, states = _with_states(nodes, CloudError(white, 0.0), cloud.workers)
         ends = np.empty((_SAMPLE, 2), np.int64)
         ends = ends[: kernels.sibling_pairs(states, keys, ends)]
-        if len(ends) >= _FEWEST_TOLD:
+        if len(ends) >= FEWEST_TOLD:
             told = min(told, _bisected(planes, ends, typical / (cloud.side * 2**level)))
         if told == 0.0:
             break

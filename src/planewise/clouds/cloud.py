@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ _PART = 1_000_000  # points whose noise is evaluated at once
 _GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
 STEEPEST = 0.06  # variance of a slope that a cell's points have to tell better
 FEWEST = 6.0  # points of a cell
+FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
+LEVELS = 5  # sizes of cubes that a sample of them has whole
+_CUBES = 40_000  # that stand for a cloud
 
 
 @dataclass(frozen=True)
@@ -95,6 +99,24 @@ class Cloud:
             np.repeat(middle @ cloud_keys.TURN, np.diff(self.starts), axis=0) + self.local
         )
 
+    @cached_property
+    def sample(self) -> tuple[Array, Keys]:
+        """Cubes that stand for the cloud: whole blocks of an octree, drawn by a hash of their keys.
+
+        Their nodes and keys.
+        """
+        stride = np.uint64(1 + len(self.cubes) // _CUBES)
+        block = (self.cubes >> np.uint64(3 * (LEVELS - 1))) * np.uint64(0x9E3779B97F4A7C15)
+        chosen = (block >> np.uint64(32)) % stride == 0
+        if stride == 1 or not chosen.any():
+            return self.nodes, self.cubes
+        return self.nodes[chosen], self.cubes[chosen]
+
+    @cached_property
+    def roughness(self) -> float | None:
+        """`roughness_of` the sample."""
+        return roughness_of(self.sample[0], self.workers)
+
     def runs(self) -> Iterator[tuple[int, int]]:
         """Runs of cubes to work on one after the other."""
         for first, last in self.parts or ((0, len(self.cubes)),):
@@ -114,6 +136,20 @@ def over_part(
     threads.over_chunks(
         lambda begin, end: work(first + begin, first + end), last - first, workers, least
     )
+
+
+def roughness_of(nodes: Array, workers: int) -> float | None:
+    """Variance about their planes, against the description, of the quietest quarter of nodes.
+
+    ``None`` where too few tell a plane.
+    """
+    ratios = np.empty(len(nodes))
+    over_part(
+        lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
+        0, len(nodes), workers, _LEAST_PART,
+    )  # fmt: skip
+    ratios = ratios[ratios >= 0.0]
+    return float(np.quantile(ratios, 0.25)) if len(ratios) >= FEWEST_TOLD else None
 
 
 def cloud_of(

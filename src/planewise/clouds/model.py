@@ -9,8 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds import few as cloud_few
-from planewise.clouds.cells import CloudError, cells_of, residual_correlation, times_louder
+from planewise.clouds.cells import (
+    CloudError,
+    as_loud_as_seen,
+    cells_of,
+    residual_correlation,
+)
 from planewise.clouds.cloud import Cloud, cloud_of
+from planewise.clouds.curvature import curved_planes
 from planewise.clouds.information import (
     CloudGroups,
     CloudLedger,
@@ -59,6 +65,8 @@ class CloudPlanes:
         Nats that each saves, all its costs paid; of the residuals of cells side by side.
     left_out : int
         Planes that pay but are more than was asked for.
+    curved : int
+        Pieces of curved surfaces, which are none.
     """
 
     cloud: Cloud
@@ -68,6 +76,7 @@ class CloudPlanes:
     significance: Array
     correlation: Array
     left_out: int = 0
+    curved: int = 0
 
 
 def cloud_model(
@@ -115,10 +124,9 @@ def cloud_model(
     """
     few = len(points) <= cloud_few.MOST
     with stage("observe"):
-        cloud = cloud_of(points, sensor, sigma, workers, origin=origin)
-        louder = 1.0 if cloud is None else times_louder(cloud)
-        if louder > 1.0:
-            cloud = cloud_of(points, sensor, sigma, workers, origin=origin, louder=louder)
+        cloud, louder = as_loud_as_seen(
+            lambda louder: cloud_of(points, sensor, sigma, workers, origin=origin, louder=louder)
+        )
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)
@@ -170,8 +178,9 @@ def found_in(
         )
     correlation = residual_correlation(cells, found.of_cell, planes)
     return CloudPlanes(
-        cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out
-    )
+        cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out,
+        found.curved,
+    )  # fmt: skip
 
 
 def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
@@ -204,7 +213,7 @@ def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes
         rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
     return CloudPlanes(
         found.cloud, labels, rows, found.error, significance, correlation,
-        found.left_out + left_out,
+        found.left_out + left_out, found.curved,
     )  # fmt: skip
 
 
@@ -224,19 +233,21 @@ def _from_few(
     n = int(labels.max(initial=0))
     groups = groups_of(cloud, labels, found.error)
     rows = cloud_few.plane_rows(cloud, groups, n, found.error)
+    curved = curved_planes(cloud, groups, rows, found.error)
     alone = alone_of(cloud, groups, *limits)
     data = data_of(cloud, groups, alone, planes_of(rows), rows[:, AREA], found.error, *limits)
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
     keep = np.argsort(-saved, kind="stable")
-    keep = keep[saved[keep] > significance]
+    keep = keep[(saved[keep] > significance) & ~curved[keep]]
     left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
     place = np.zeros(n + 1, np.uint16)
     place[keep + 1] = np.arange(1, len(keep) + 1)
     unknown = np.full(len(keep), np.nan)
     return CloudPlanes(
-        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out
-    )
+        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out,
+        int(curved.sum()),
+    )  # fmt: skip
 
 
 def ranked_model(
@@ -274,6 +285,8 @@ def ranked_model(
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
     if not len(rows):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
+        if found.curved:
+            reason = f"{found.curved} patches that are flat enough are pieces of curved surfaces"
     if found.left_out:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(

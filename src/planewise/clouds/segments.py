@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.clouds.cells import PRIOR, CloudCells
+from planewise.clouds.curvature import curved_segments
 from planewise.clouds.memory import Memory
 from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
@@ -42,12 +43,15 @@ class CloudSegments:
         Nats that each saves, all its costs paid.
     left_out : int
         Planes that pay but are more than was asked for.
+    curved : int
+        Segments that are none, for they are pieces of curved surfaces.
     """
 
     rows: Array
     of_cell: NDArray[np.int64]
     significance: Array
     left_out: int = 0
+    curved: int = 0
 
 
 def segments_of(
@@ -80,8 +84,10 @@ def segments_of(
         Where large arrays lie.
     """
     drift = cells.error.drift
-    rows, of_cell, price = merged_cells(cells, cost, workers, memory or Memory())
-    worth, accepted = _accepted(cells, rows, of_cell, price, cost, significance)
+    memory = memory or Memory()
+    rows, of_cell, price = merged_cells(cells, cost, workers, memory)
+    curved = curved_segments(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
+    worth, accepted = _accepted(cells, rows, of_cell, price, curved, cost, significance)
     owner = np.full(len(rows), -1)
     order = np.argsort(-worth, kind="stable")
     chosen = order[accepted[order]]
@@ -98,7 +104,7 @@ def segments_of(
         place = np.full(len(planes) + 1, -1)
         place[keep] = np.arange(len(keep))
         planes, owner, total = planes[keep], place[owner], total[keep]
-    return CloudSegments(planes, owner[of_cell], total, left_out)
+    return CloudSegments(planes, owner[of_cell], total, left_out, int(curved.sum()))
 
 
 def merged_cells(
@@ -258,10 +264,11 @@ def _accepted(
     rows: Array,
     of_cell: NDArray[np.int64],
     price: Array,
+    curved: NDArray[np.bool_],
     cost: float,
     least: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What each segment saves in nats, and which pay for being a plane."""
+    """What each segment saves in nats, and which pay for being a plane; what is curved does not."""
     border, all_pairs, all_nats = np.zeros(len(rows)), [], []
     for first in range(0, len(price), PAIRS_AT_ONCE):
         part = slice(first, first + PAIRS_AT_ONCE)
@@ -272,6 +279,7 @@ def _accepted(
     pairs = np.concatenate([np.empty((0, 2), np.int32), *all_pairs])
     nats = np.concatenate([np.empty(0), *all_nats])
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
+    worth[curved] = -np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, pairs, nats, least, accepted)
     return worth, accepted

@@ -50,6 +50,7 @@ def tiled_cloud(
     workers: int,
     tile_points: int,
     disk: Disk,
+    louder: float = 1.0,
 ) -> Cloud | None:
     """Sort points into cubes as `clouds.cloud.cloud_of` does, a tile at a time.
 
@@ -69,6 +70,8 @@ def tiled_cloud(
         Points of a tile, about.
     disk : Disk
         Where the sorted points and their cubes are put.
+    louder : float
+        Times the described standard deviation.
 
     Returns
     -------
@@ -81,7 +84,7 @@ def tiled_cloud(
     seen_from = np.zeros(3) if origin is None else origin
     centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
 
-    side = side_for(points, centre, reach, THICK * typical, POINTS, workers, disk)
+    side = side_for(points, centre, reach, THICK * louder * typical, POINTS, workers, disk)
     grid = Grid.reaching(centre, reach, side / (1 << FINER))
 
     cubes, starts, total = disk.growing(np.uint64), [np.zeros(1, np.int64)], 0
@@ -99,6 +102,7 @@ def tiled_cloud(
             None if sigma is None else mine.pop(0),
             origin if of_each is None else mine.pop(0),
             workers,
+            louder,
         )
         starts.append(begins[1:] + total)
         total += len(tile.order.keys)
