@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
@@ -187,7 +187,9 @@ def detect_planes_in_points(
 class Detector:
     """`detect_planes` for a stream: camera, sensor and options are checked and prepared once.
 
-    Memory is kept from frame to frame, so a detector serves one thread at a time.
+    Memory is kept from frame to frame, so a detector serves one thread at a time; a second one that
+    calls it meanwhile gets a RuntimeError. Models are the caller's: no later frame changes them.
+    What is copied or pickled is the detector without its memory.
 
     Parameters
     ----------
@@ -228,3 +230,10 @@ class Detector:
                     workspace=self._workspace,
                 )
             return find(frame, self.options, self._workspace, rgb=rgb)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: each for name, each in self.__dict__.items() if name != "_workspace"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._workspace = Workspace()
