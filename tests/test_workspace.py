@@ -101,7 +101,11 @@ def test_an_error_does_not_keep_a_detector_busy():
     assert len(detector(frame.depth)) == 4
 
 
-@pytest.mark.parametrize("made", [copy.copy, copy.deepcopy, lambda d: pickle.loads(pickle.dumps(d))])
+def pickled(detector):
+    return pickle.loads(pickle.dumps(detector))
+
+
+@pytest.mark.parametrize("made", [copy.copy, copy.deepcopy, pickled])
 def test_a_copy_of_a_detector_has_memory_of_its_own(made):
     frame = scenes.corner(size=(60, 80))
     detector = pw.Detector(frame.camera, frame.sensor, max_planes=3)

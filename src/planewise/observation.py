@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.camera import Camera
+from planewise.camera import Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -201,9 +201,15 @@ class RayObservation(Observation):
             return (
                 f"{self.count} valid readings: {self.image.present - self.count} lie outside the "
                 f"sensor's range of {self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; "
-                "is the depth in metres?"
+                f"{self._unit_in_question}"
             )
         return f"{self.count} valid readings; 3 are needed for a plane"
+
+    @property
+    def _unit_in_question(self) -> str:
+        if self.image.values.dtype.kind == "f":
+            return "is the depth in metres?"
+        return f"is a unit {1000 * self.image.scale:g} mm (depth_scale = {self.image.scale:g})?"
 
     @property
     def dimension(self) -> int:
@@ -326,8 +332,8 @@ def observe(
     from planewise import compilation  # loads Numba
 
     compilation.announce()
-    image = DepthImage.of(depth, sensor, depth_scale, workspace)
-    camera.check(image.shape)
+    image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
+    checked_camera(camera).check(image.shape)
     seen = RayObservation(
         shape=image.shape,
         range=sensor.range,
@@ -369,7 +375,7 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         and they have not three.
     """
     array, estimate = checked_points(points), None
-    if sensor.noise == AUTO:
+    if checked_sensor(sensor).noise == AUTO:
         from planewise.clouds.noise import estimate_cloud_noise
 
         if array.shape[1] != 3:
@@ -403,6 +409,8 @@ def checked_points(points: ArrayLike) -> NDArray[np.floating]:
     ValueError
         As `observe_points`.
     """
+    if isinstance(points, np.ma.MaskedArray):
+        points = np.ma.filled(points.astype(np.float64), np.nan)
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
         raise ValueError(
