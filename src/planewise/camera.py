@@ -204,7 +204,8 @@ class PinholeCamera:
         if self.width is not None and (self.height, self.width) != shape:
             raise ValueError(
                 f"camera is for images of {self.width} x {self.height} pixels, "
-                f"the depth image has {width} x {height}; use camera.scaled or camera.cropped"
+                f"the depth image has {width} x {height}; give fx, fy, cx, cy of this image "
+                "(camera.scaled, camera.cropped)"
             )
         for axis, size, focal, centre in (
             ("x", width, self.fx, self.cx),

@@ -198,18 +198,20 @@ class RayObservation(Observation):
         if self.count >= self.dimension:
             return ""
         if self.image.present > self.count:
-            return (
-                f"{self.count} valid readings: {self.image.present - self.count} lie outside the "
-                f"sensor's range of {self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; "
-                f"{self._unit_in_question}"
-            )
+            return f"{self.count} valid readings: {self.out_of_range}"
         return f"{self.count} valid readings; 3 are needed for a plane"
 
     @property
-    def _unit_in_question(self) -> str:
+    def out_of_range(self) -> str:
+        """How many readings the sensor cannot have taken, and what may be the reason."""
+        scale, beyond = self.image.scale, self.image.present - self.count
+        unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
         if self.image.values.dtype.kind == "f":
-            return "is the depth in metres?"
-        return f"is a unit {1000 * self.image.scale:g} mm (depth_scale = {self.image.scale:g})?"
+            unit = "is the depth in metres?"
+        return (
+            f"{beyond} of {self.image.present} lie outside the sensor's range of "
+            f"{self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; {unit}"
+        )
 
     @property
     def dimension(self) -> int:

@@ -123,7 +123,11 @@ def _bar() -> bars.Progress:
 def show_result(progress: Progress, store: Path) -> None:
     """Print what a run did."""
     plan = progress.plan
-    if not progress.total:
+    if not progress.total and plan.failed:
+        terminal.say(
+            f"nothing to do: {store} holds {plan.done:,} of the {plan.selected:,} frames selected"
+        )
+    elif not progress.total:
         terminal.say(f"nothing to do: all {plan.selected:,} frames are in {store}")
     else:
         ended = progress.done + progress.failed
@@ -160,7 +164,7 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
         ("camera", camera),
     ):
         text = ", ".join(f"{k} {v}" for k, v in each.items()) if isinstance(each, dict) else each
-        terminal.say(f"{name}: {text}")
+        terminal.say_wrapped(f"{name}: {text}")
     for outcome in tried:
         if outcome.reason:
             terminal.error(f"frame {outcome.frame}: {outcome.reason}")
