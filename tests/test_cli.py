@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -204,6 +205,17 @@ def test_folder_that_cannot_be_made(depth, tmp_path, monkeypatch):
         code, _, errors = run("detect", depth.parent, *ARGUMENTS, "-o", target)
         assert code == 2
         assert "output" in errors
+
+
+def test_a_full_disk_is_said_and_leaves_nothing(depth, out, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("planewise.commands.jobs.write_results", full)
+    code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: output: there is no room left for the results (No space left")
+    assert not out.exists()
 
 
 def test_inputs_are_not_written_over(tmp_path, depth):

@@ -27,6 +27,7 @@ _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 Array = NDArray[np.float64]
 Item = TypeVar("Item")
 
+_NAMED = 20  # of many names
 _BAR = 30  # characters of the longest bar
 
 
@@ -54,6 +55,11 @@ def say_wrapped(message: str) -> None:
     """Print what is too long for a line in several, all but the first indented."""
     for line in textwrap.wrap(message, max(_OUT.width, 80), subsequent_indent="  "):
         _OUT.print(Text(line), soft_wrap=True)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Write the first of some names."""
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 
 def errors() -> Console:
