@@ -233,6 +233,18 @@ def test_moves_and_curve_are_recorded(roof, camera):
     assert model.curve[0] == pytest.approx(model.readings * np.log(10 / 0.001))
 
 
+def test_the_model_is_the_minimum_of_its_curve():
+    # Phi of all readings may fall with planes that did not pay on the sample.
+    rooms = [pw.scenes.room(seed) for seed in (3, 4)]
+    for room in rooms:
+        model = pw.detect_planes(room.depth, room.camera, pw.sensors.KINECT_V1, **PAPER)
+        assert np.argmin(model.curve.information) == model.curve.chosen == len(model)
+        assert model.curve[len(model)] == pytest.approx(model.information, rel=1e-12)
+        observed = pw.observe(room.depth, room.camera, pw.sensors.KINECT_V1)
+        phi = pw.information(observed, model.planes, model.labels)
+        assert phi == pytest.approx(model.information, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
