@@ -143,6 +143,8 @@ def test_why_there_are_no_readings_is_said(camera):
     assert "is the depth in metres?" in far.note
     fine = pw.observe(np.full((48, 64), 20_000, np.uint16), camera, SENSOR)
     assert "is a unit 1 mm (depth_scale = 0.001)?" in fine.note
+    inverse = pw.observe(np.full((48, 64), 10_000, np.uint16), camera, SENSOR, depth_scale=5000)
+    assert "depth_scale is metres per unit: 0.0002 rather than 5000?" in inverse.note
     assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note
 
 

@@ -208,6 +208,8 @@ class RayObservation(Observation):
         unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
         if self.image.values.dtype.kind == "f":
             unit = "is the depth in metres?"
+        elif scale > 1:
+            unit = f"depth_scale is metres per unit: {1 / scale:g} rather than {scale:g}?"
         return (
             f"{beyond} of {self.image.present} lie outside the sensor's range of "
             f"{self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; {unit}"
