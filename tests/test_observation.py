@@ -138,6 +138,16 @@ def test_a_noise_that_returns_one_number_is_constant(camera):
     assert_allclose(observation.sigma, 0.02)
 
 
+def test_a_noise_may_work_in_place(camera):
+    def one_percent(z):
+        z *= 0.01
+        return z
+
+    observation = pw.observe(np.full((48, 64), 2.0), camera, pw.Sensor(noise=one_percent))
+    assert_allclose(observation.sigma, 0.02)
+    assert_allclose(observation.depth, 2.0)
+
+
 def test_why_there_are_no_readings_is_said(camera):
     far = pw.observe(np.full((48, 64), 2000.0), camera, SENSOR)
     assert "is the depth in metres?" in far.note

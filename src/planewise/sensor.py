@@ -111,7 +111,7 @@ class Sensor:
             )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
-        sigma = np.asarray(self.noise(z), dtype=np.float64)
+        sigma = np.asarray(self.noise(z.copy()), dtype=np.float64)  # it may work in place
         if sigma.shape != z.shape:
             if sigma.ndim:
                 raise ValueError(
