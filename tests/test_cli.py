@@ -351,7 +351,7 @@ def test_info_and_version():
 def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     from planewise import compilation
 
-    compilation.announce.cache_clear()
+    compilation._announced.cache_clear()
     monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
@@ -363,9 +363,14 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     assert code == 0
     assert started == [[sys.executable, "-m", "planewise.warm_up"]]
     assert "compiling" in errors
-    assert "compiling" not in text
+    assert "ms, compiling included, files in" in text
+    assert "compiling for this machine" not in text
     compilation.announce(cloud=True)
     assert started[1:] == [[sys.executable, "-m", "planewise.clouds.warm_up"]]
+    monkeypatch.undo()
+    compilation._announced.cache_clear()
+    text = run("detect", depth, *ARGUMENTS, "-o", out)[1]
+    assert "compiling" not in text
 
 
 def process(*arguments, **options):

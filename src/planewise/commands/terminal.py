@@ -113,7 +113,10 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     planes = "1 plane" if len(model) == 1 else f"{len(model)} planes"
     without = f"({model.curve[0]:,.0f} without planes)" if len(model) else "without planes"
     say(f"{planes}, Phi = {model.information:,.0f} nats {without}")
-    say(f"{model.readings:,} readings, {1000 * seconds:.0f} ms, files in {folder}")
+    from planewise.compilation import announce  # loads Numba, which has been used by now
+
+    compiled = ", compiling included" if announce(cloud=model.labels.ndim == 1) else ""
+    say(f"{model.readings:,} readings, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
 
