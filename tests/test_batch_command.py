@@ -175,6 +175,8 @@ def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
     for word in (*words, "of labels"):
         assert word in text
     assert not store.parent.exists()
+    result = CliRunner().invoke(app, ["batch", str(frames), "-o", str(store), *CAMERA, "--dry-run"])
+    assert max(map(len, result.stdout.splitlines())) <= 80
 
 
 @pytest.mark.usefixtures("here")

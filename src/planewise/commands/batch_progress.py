@@ -178,11 +178,11 @@ def _show_costs(good: Sequence[Outcome], to_do: int, workers: int) -> None:
     seconds = 1e-3 * (read + detect + encode)
     labels = _mean([len(each.label_file[1]) if each.label_file else 0 for each in good])
     rows = _mean([len(each.record) for each in good])
-    terminal.say(
+    terminal.say_wrapped(
         f"a frame, by {len(good)} of them: {read:.1f} ms to read, {detect:.1f} to detect, "
         f"{encode:.1f} to encode; {_mean([each.planes for each in good]):.1f} planes"
     )
-    terminal.say(
+    terminal.say_wrapped(
         f"all: {duration(seconds * to_do / workers)} with {workers} workers "
         f"({seconds * to_do / 3600:.2f} core-hours), {size(to_do * labels)} of labels and at most "
         f"{size(to_do * rows)} of tables"
