@@ -462,6 +462,17 @@ def test_a_damaged_first_frame_is_said_once(run, tmp_path):
     assert "warning: data, frame" in run(root)[2]
 
 
+def test_images_without_a_camera_are_told_what_they_lack(run, tmp_path):
+    root = files.write_generic(tmp_path / "data")
+    (root / "camera.json").unlink()
+    for given in (root, root / "depth"):
+        code, _, err = run(given)
+        assert code == 2
+        assert "nothing states its camera: put the images into a folder depth/" in err
+        assert f"or give {root / 'depth'} to 'planewise detect'" in err
+        assert err.count("\n") == 1
+
+
 def test_the_command_knows_collections(run, tmp_path):
     files.write_sens(tmp_path / "a.sens")
     files.write_sens(tmp_path / "b.sens")
