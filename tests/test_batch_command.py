@@ -110,6 +110,10 @@ def test_other_options_are_refused_and_named(frames, store):
         assert word in errors
         assert errors.count("error: ") == 1
     assert len(Store(store)) == 2
+    assert (
+        run("batch", frames, "-o", store, *CAMERA, "--every", 5, "--objective", "spatial")[0] == 0
+    )
+    assert Store(store).info["made_with"]["options"]["objective"] == "spatial"
 
 
 @pytest.mark.usefixtures("here")
@@ -141,7 +145,8 @@ def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     assert rows["00004"]["status"] == "done"
     code, text, errors = run("batch", frames, "-o", store, *CAMERA)
     assert code == 0
-    assert "nothing to do" in text
+    assert "nothing to do: " in text
+    assert "holds 8 of the 10 frames selected" in text
     assert "2 frames failed" in errors
     (frames / "00003.png").write_bytes(good)
     code, text, errors = run("batch", frames, "-o", store, *CAMERA, "--retry-failed")
@@ -166,9 +171,12 @@ def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
     assert code == 0
     assert errors == ""
     assert f"{COUNT} frames, 5 selected, 0 in the store" in text
-    for word in ("search joint", "noise 0.0012", "fx 65.625", "core-hours", "of labels"):
+    words = ("search joint", "objective spatial", "noise 0.0012", "fx 65.625", "core-hours")
+    for word in (*words, "of labels"):
         assert word in text
     assert not store.parent.exists()
+    result = CliRunner().invoke(app, ["batch", str(frames), "-o", str(store), *CAMERA, "--dry-run"])
+    assert max(map(len, result.stdout.splitlines())) <= 80
 
 
 @pytest.mark.usefixtures("here")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import tempfile
@@ -354,3 +355,12 @@ def test_a_store_is_paired_with_the_truth(full, tmp_path):
     read = pairs.paired[0][1].read()
     assert np.array_equal(read.labels, full.labels("00003"))
     assert np.array_equal(read.planes, full["00003"].planes)
+
+
+def test_a_damaged_table_is_named(frames, tmp_path):
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+    fill(batch)
+    (path,) = (batch.store / "frames").iterdir()
+    path.write_bytes(b"no table")
+    with pytest.raises(PlanewiseError, match=rf"^store: {re.escape(str(path))} is damaged"):
+        _ = Store(batch.store).frames

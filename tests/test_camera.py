@@ -68,13 +68,23 @@ def test_presets_suit_their_own_image(name):
         ({"fy": -500}, "fy must be a positive"),
         ({"fx": float("nan")}, "fx must be a positive"),
         ({"cx": float("inf")}, "numbers must be finite"),
+        ({"fx": "500"}, "fx must be a positive number of pixels, got '500'"),
+        ({"cy": None}, "numbers must be finite"),
         ({"distortion": (1, 2)}, "got 2 numbers"),
+        ({"distortion": "none"}, "distortion must be numbers, got 'none'"),
         ({"width": 640}, "width and height must be given together"),
     ],
 )
 def test_bad_cameras_are_refused(kwargs, message):
     with pytest.raises(ValueError, match=message):
         pw.PinholeCamera(**({"fx": 500, "fy": 500, "cx": 320, "cy": 240} | kwargs))
+
+
+def test_distortion_may_be_a_row_as_opencv_gives_it():
+    row = np.array([[0.1, -0.2, 0.001, 0.002, 0.05]])
+    camera = pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240, distortion=row)
+    assert camera.distortion == tuple(row[0].tolist())
+    assert hash(camera) == hash(pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240, distortion=row))
 
 
 @pytest.mark.parametrize("factor", [0.01, 0.1, 10, 100])

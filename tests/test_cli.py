@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -206,6 +207,17 @@ def test_folder_that_cannot_be_made(depth, tmp_path, monkeypatch):
         assert "output" in errors
 
 
+def test_a_full_disk_is_said_and_leaves_nothing(depth, out, monkeypatch):
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("planewise.commands.jobs.write_results", full)
+    code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: output: there is no room left for the results (No space left")
+    assert not out.exists()
+
+
 def test_inputs_are_not_written_over(tmp_path, depth):
     mine = depth.rename(depth.with_name("labels.png"))
     before = mine.read_bytes()
@@ -263,6 +275,47 @@ def test_folder_goes_on_after_a_bad_frame(depth, tmp_path, out, scene):
         assert sorted(path.name for path in frame.iterdir()) == sorted(FILES)
 
 
+def test_a_bad_frame_of_a_folder_is_named_whatever_is_wrong_with_it(depth, out, scene):
+    np.save(depth.parent / "below.npy", -scene.depth.astype(np.float32))
+    camera = depth.parent.parent / "camera.json"
+    camera.write_text('{"fx": 131, "fy": 131, "cx": 79, "cy": 59, "width": 160, "height": 120}')
+    np.save(depth.parent / "half.npy", scene.depth[::2, ::2])
+    arguments = ("--camera", camera, "--sensor", "nyu", "-o", out)
+    code, text, errors = run("detect", depth.parent, *arguments)
+    assert code == 2
+    assert "1 of 3 frames done" in text
+    assert "error: below.npy: depth must not be negative" in errors
+    assert "error: half.npy: camera is for images of 160 x 120 pixels" in errors
+
+
+def test_one_picture_is_none_of_a_folder(depth, out, tmp_path, scene):
+    picture = tmp_path / "rgb.png"
+    Image.fromarray(scene.rgb).save(picture)
+    code, _, errors = run("detect", depth.parent, *ARGUMENTS, "--rgb", picture, "-o", out)
+    assert code == 2
+    assert "rgb.png is one picture; a folder of depth images takes a folder of them" in errors
+    assert not out.exists()
+
+
+def test_readings_out_of_range_are_said(depth, out, scene):
+    far = np.quantile(scene.depth, 0.4) / 1000
+    arguments = ("--camera", CAMERA, "--sensor", "nyu", "-o", out, "--max-depth", f"{far:.3f}")
+    code, text, errors = run("detect", depth, *arguments)
+    assert code == 0
+    assert "0 planes" not in text
+    assert re.search(r"warning: \d+ of 19200 lie outside the sensor's range of 0 to ", errors)
+    assert "is a unit 1 mm (depth_scale = 0.001)?" in errors
+    code, text, errors = run("detect", depth.parent, *arguments)
+    assert "warning: depth.png: " in errors
+
+
+def test_lines_of_results_are_80_columns(out):
+    result = CliRunner().invoke(app, ["demo", "-o", str(out)])
+    lines = [line for line in result.stdout.splitlines() if str(out) not in line]
+    assert "302,507 readings" in result.stdout
+    assert max(map(len, lines)) <= 80
+
+
 def test_frames_of_the_same_name_keep_apart(depth, out, scene):
     np.save(depth.with_suffix(".npy"), scene.depth)
     assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
@@ -298,7 +351,7 @@ def test_info_and_version():
 def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     from planewise import compilation
 
-    compilation.announce.cache_clear()
+    compilation._announced.cache_clear()
     monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
@@ -310,9 +363,14 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     assert code == 0
     assert started == [[sys.executable, "-m", "planewise.warm_up"]]
     assert "compiling" in errors
-    assert "compiling" not in text
+    assert "ms, compiling included, files in" in text
+    assert "compiling for this machine" not in text
     compilation.announce(cloud=True)
     assert started[1:] == [[sys.executable, "-m", "planewise.clouds.warm_up"]]
+    monkeypatch.undo()
+    compilation._announced.cache_clear()
+    text = run("detect", depth, *ARGUMENTS, "-o", out)[1]
+    assert "compiling" not in text
 
 
 def process(*arguments, **options):

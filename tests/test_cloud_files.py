@@ -430,6 +430,8 @@ def write_bad(folder, name):
         np.save(path, np.array([[{}] * 3]), allow_pickle=True)
     elif name == "flat.npy":
         np.save(path, np.ones(9))
+    elif name == "image.npy":
+        np.save(path, np.ones((48, 64), np.uint16))
     elif name == "text.npy":
         np.save(path, np.array([["a"] * 3]))
     elif name == "other.npz":
@@ -468,9 +470,8 @@ BAD = [
     "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd", "short.pcd", "sizes.pcd",
     "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",
     "names.csv", "no z.csv", "few.pts", "many.pts", "line.xyz", "bomb.npy", "pickle.npy",
-    "flat.npy", "text.npy", "other.npz", "uneven.npz", "swollen.npz", "short.las", "bomb.las",
-    "records.las", "records.laz",
-    "short.laz", "bomb.laz", "short.e57",
+    "flat.npy", "image.npy", "text.npy", "other.npz", "uneven.npz", "swollen.npz",
+    "short.las", "bomb.las", "records.las", "records.laz", "short.laz", "bomb.laz", "short.e57",
 ]  # fmt: skip
 
 

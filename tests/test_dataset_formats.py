@@ -451,6 +451,28 @@ def test_the_command_reports_damage(run, tmp_path):
     assert "camera is for images of 640 x 480 pixels" in err
 
 
+def test_a_damaged_first_frame_is_said_once(run, tmp_path):
+    root = files.write_generic(tmp_path / "data")
+    for path in (root / "depth").iterdir():
+        path.write_bytes(b"\x89PNG")
+    code, out, err = run(root, "--check")
+    assert code == 2
+    assert "0 of 3 frames can be read" in out
+    assert err.count("\n") == 3
+    assert "warning: data, frame" in run(root)[2]
+
+
+def test_images_without_a_camera_are_told_what_they_lack(run, tmp_path):
+    root = files.write_generic(tmp_path / "data")
+    (root / "camera.json").unlink()
+    for given in (root, root / "depth"):
+        code, _, err = run(given)
+        assert code == 2
+        assert "nothing states its camera: put the images into a folder depth/" in err
+        assert f"or give {root / 'depth'} to 'planewise detect'" in err
+        assert err.count("\n") == 1
+
+
 def test_the_command_knows_collections(run, tmp_path):
     files.write_sens(tmp_path / "a.sens")
     files.write_sens(tmp_path / "b.sens")

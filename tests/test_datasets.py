@@ -344,7 +344,7 @@ def test_without_h5py_the_message_names_the_extra(mat, monkeypatch):
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda path: datasets.open_nyu(path / "none"), "is neither nyu_depth_v2_labeled.mat"),
+        (lambda path: datasets.open_nyu(path / "none"), "there is no file or folder"),
         (lambda path: datasets.open_nyu(path), "is neither nyu_depth_v2_labeled.mat"),
         (lambda path: datasets.NyuFolder(path), "has no folder depth/"),
         (lambda path: datasets.ArchiveFolder(path / "none"), "is not a folder"),

@@ -233,6 +233,18 @@ def test_moves_and_curve_are_recorded(roof, camera):
     assert model.curve[0] == pytest.approx(model.readings * np.log(10 / 0.001))
 
 
+def test_the_model_is_the_minimum_of_its_curve():
+    # Phi of all readings may fall with planes that did not pay on the sample.
+    rooms = [pw.scenes.room(seed) for seed in (3, 4)]
+    for room in rooms:
+        model = pw.detect_planes(room.depth, room.camera, pw.sensors.KINECT_V1, **PAPER)
+        assert np.argmin(model.curve.information) == model.curve.chosen == len(model)
+        assert model.curve[len(model)] == pytest.approx(model.information, rel=1e-12)
+        observed = pw.observe(room.depth, room.camera, pw.sensors.KINECT_V1)
+        phi = pw.information(observed, model.planes, model.labels)
+        assert phi == pytest.approx(model.information, rel=1e-12)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -242,12 +254,74 @@ def test_moves_and_curve_are_recorded(roof, camera):
         ({"inlier_ratio": 0.0}, "inlier_ratio must lie between 0 and 1"),
         ({"max_planes": 0}, "max_planes must lie in"),
         ({"max_planes": 70000}, "max_planes must lie in"),
+        ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),
         ({"threads": 0}, "threads must be at least 1"),
+        ({"threads": 1.5}, "threads must be at least 1 and a whole number, got 1.5"),
+        ({"significance": "5"}, "significance must be a number of nats, not negative, got '5'"),
+        ({"confidence": "x", "search": "sequential"}, "confidence must lie between 0 and 1"),
+        ({"rng": "a"}, "rng must be a seed, not negative, or a numpy.random.Generator, got 'a'"),
+        ({"rng": -1}, "rng must be a seed, not negative, .* got -1"),
     ],
 )
 def test_bad_options_are_refused(roof, camera, options, message):
     with pytest.raises(ValueError, match=message):
         pw.detect_planes(roof[0], camera, SENSOR, **options)
+
+
+@pytest.mark.parametrize("given", ["nyu", None, (525.0, 525.0, 319.5, 239.5), np.eye(3)])
+def test_what_is_no_camera_or_sensor_is_named(roof, camera, given):
+    depth, points = roof[0], np.zeros((9, 3))
+    for call in (
+        lambda: pw.detect_planes(depth, given, SENSOR),
+        lambda: pw.Detector(given, SENSOR),
+        lambda: pw.estimate_noise(depth, given, SENSOR),
+    ):
+        with pytest.raises(ValueError, match=r"camera must be a planewise\.PinholeCamera .* got"):
+            call()
+    for call in (
+        lambda: pw.detect_planes(depth, camera, given),
+        lambda: pw.Detector(camera, given),
+        lambda: pw.estimate_noise(depth, camera, given),
+        lambda: pw.detect_planes_in_points(points, given),
+        lambda: pw.detect_planes_in_points(points, given, objective="paper"),
+    ):
+        with pytest.raises(ValueError, match=r"sensor must be a planewise\.Sensor, .* got"):
+            call()
+
+
+def test_a_seed_of_numpy_is_recorded_as_a_number(roof, camera):
+    model = pw.detect_planes(roof[0], camera, SENSOR, rng=np.int64(3))
+    assert model.settings["rng"] == 3
+    assert type(model.settings["rng"]) is int
+
+
+def test_masked_readings_and_those_at_infinity_are_none(roof, camera):
+    depth = roof[0].astype(np.float32)
+    left = np.broadcast_to(np.arange(64) < 32, depth.shape)
+    alone = pw.detect_planes(np.where(left, 0, depth), camera, SENSOR)
+    assert alone.readings == depth.size // 2
+    for masked in (
+        np.ma.masked_array(depth, mask=left),
+        np.ma.masked_array((1000 * depth).round().astype(np.uint16), mask=left),
+        np.where(left, -np.inf, depth),
+    ):
+        model = pw.detect_planes(masked, camera, SENSOR)
+        assert model.readings == alone.readings
+        assert not model.labels[left].any()
+        assert len(model) == len(alone)
+    with pytest.raises(ValueError, match=r"must not be negative, got -1\.0"):
+        pw.detect_planes(np.where(left, -np.inf, -depth / depth), camera, SENSOR)
+
+
+def test_planes_can_be_looked_up_and_models_are_short_to_read(roof, camera):
+    model, again = (pw.detect_planes(roof[0], camera, SENSOR) for _ in range(2))
+    assert model.planes.index(model.planes[1]) == 1
+    assert again.planes[0] not in model.planes
+    assert model != again
+    assert len({model, again, *model.planes}) == 4
+    phi = f"Phi = {model.information:,.0f} nats"
+    assert repr(model) == f"<PlaneModel: 2 planes, {phi}, 3,072 readings>"
+    assert repr(model.planes[0]).startswith("<Plane: normal (")
 
 
 def test_an_objective_can_be_put_together(roof, camera):

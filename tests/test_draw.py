@@ -6,6 +6,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
+from planewise.drawing.axes import CHOSEN, LINE
 from planewise.drawing.curve import draw_curve
 from planewise.drawing.overlay import draw_labels, draw_overlay, match_picture, read_picture
 from planewise.drawing.palette import distinct_colours
@@ -116,3 +117,16 @@ def test_curves_of_any_kind_are_drawn(values, chosen):
     assert picture.shape == (500, 800, 3)
     mark = (np.abs(picture.astype(int) - (200, 85, 61)).sum(axis=2) < 12).sum()
     assert mark > 150  # the chosen number is marked
+
+
+def test_what_is_said_of_the_chosen_point_keeps_clear_of_the_curve():
+    values = 1_340_000 + 80_000 * np.exp(-np.arange(16) / 2.0)
+    picture = draw_curve(pw.Curve(information=values, chosen=15, reason="")).astype(int)
+    words = np.abs(picture - CHOSEN).sum(axis=2) < 60
+    line = np.abs(picture - LINE).sum(axis=2) < 60
+    columns = np.flatnonzero(words.any(axis=0) & line.any(axis=0))
+    columns = columns[columns < columns.max() - 40]  # not the point itself, nor its dashes
+    assert columns.size > 20
+    lowest = [np.flatnonzero(words[:, x]).max() for x in columns]
+    highest = [np.flatnonzero(line[:, x]).min() for x in columns]
+    assert min(np.subtract(highest, lowest)) >= 8

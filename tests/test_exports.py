@@ -376,4 +376,6 @@ def test_what_is_no_store_is_refused(tmp_path):
     for command in (("export", "--format", "coco"), ("view",)):
         code, _, errors = run(*command, tmp_path, "-o", tmp_path / "out")
         assert code == 2
-        assert "is no store" in errors
+        assert "is none: it has no store.json" in errors
+        code, _, errors = run(*command, tmp_path / "none", "-o", tmp_path / "out")
+        assert (code, f"store: there is no folder {tmp_path / 'none'}" in errors) == (2, True)

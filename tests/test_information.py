@@ -112,5 +112,14 @@ def test_information_refuses_what_does_not_fit(roof, camera):
         pw.information(observation, planes[:, :3], labels)
 
 
+@pytest.mark.parametrize(
+    "plane", [[0, 0, -2.0, 6.0], [0, 0, 0, 3.0], [np.nan, 0, -1.0, 3.0], [0, 0, -1.0, np.inf]]
+)
+def test_what_is_no_plane_has_no_information(camera, plane):
+    observation = pw.observe(np.full((48, 64), 3.0), camera, pw.Sensor())
+    with pytest.raises(ValueError, match="planes: expected unit normals and finite distances, got"):
+        pw.information(observation, [plane], np.ones((48, 64), int))
+
+
 def test_the_judge_is_public():
     assert pw.information is module_function

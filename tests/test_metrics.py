@@ -397,3 +397,11 @@ def test_summary_leaves_out_what_is_not_defined():
     summary = summarise([{"a": 1.0, "b": math.nan}, {"a": 3.0, "b": 5.0}])
     assert (summary["a"].mean, summary["a"].count) == (2, 2)
     assert (summary["b"].mean, summary["b"].count) == (5, 1)
+
+
+def test_every_module_that_a_user_calls_is_an_attribute():
+    import subprocess
+    import sys
+
+    code = "import planewise as pw; [getattr(pw, name) for name in pw.__all__]; pw.metrics.evaluate"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -113,7 +113,15 @@ def test_whole_frames_of_the_plane_set_are_said_to_be_that(tmp_path, out):
 def test_whole_frames_with_other_labels_are_left_to_the_reader(tmp_path, out):
     write_folder(tmp_path / "nyu", {1: frame(1, FULL)})
     _, text, _ = run(tmp_path / "nyu", "-o", out)
-    assert "Nothing in the files says that the labels of these 1 frames are those of" in text
+    assert "Nothing in the files says that the labels of this frame are those of" in text
+
+
+def test_frames_without_true_planes_are_named(folder, out):
+    (folder / "gt" / "2.png").unlink()
+    code, text, errors = run(folder, "-o", out, "--camera", SMALL)
+    assert code == 0
+    assert "1 of 3 frames without true planes are left out: 2" in errors
+    assert "2 of 2 frames scored" in text
 
 
 def test_archives_are_never_the_plane_set(tmp_path, out):

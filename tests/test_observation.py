@@ -88,7 +88,6 @@ def test_residual_is_along_the_ray(camera):
         (np.ones((48, 64), complex), "got dtype complex128"),
         (np.full((48, 64), -1.0), "must not be negative, got -1.0"),
         (np.full((48, 64), -3, np.int16), "must not be negative, got -3"),
-        (np.full((48, 64), -np.inf), "must not be negative"),
     ],
 )
 def test_bad_depth_is_refused(camera, depth, message):
@@ -104,6 +103,12 @@ def test_bad_depth_is_refused(camera, depth, message):
         ({"resolution": -0.001}, "resolution must be a positive"),
         ({"resolution": 10, "max_depth": 5}, "resolution must be smaller than the range"),
         ({"min_depth": 7, "max_depth": 5}, "min_depth must lie in"),
+        ({"max_depth": None}, "max_depth must be a positive number of metres, got None"),
+        ({"max_depth": "10"}, "max_depth must be a positive number of metres, got '10'"),
+        ({"min_depth": None}, "min_depth must lie in"),
+        ({"noise": None}, "noise must be a function of depth, metres or 'auto', got None"),
+        ({"noise": [1, 2]}, "noise must be a function of depth, metres or 'auto', got"),
+        ({"noise": "0.01"}, "noise must be a function of depth, metres or 'auto', got '0.01'"),
         ({"noise": 0.0}, "sigma must be positive"),
         ({"noise": -1.0}, "sigma must be positive"),
         ({"noise": float("nan")}, "sigma must be positive"),
@@ -133,9 +138,23 @@ def test_a_noise_that_returns_one_number_is_constant(camera):
     assert_allclose(observation.sigma, 0.02)
 
 
+def test_a_noise_may_work_in_place(camera):
+    def one_percent(z):
+        z *= 0.01
+        return z
+
+    observation = pw.observe(np.full((48, 64), 2.0), camera, pw.Sensor(noise=one_percent))
+    assert_allclose(observation.sigma, 0.02)
+    assert_allclose(observation.depth, 2.0)
+
+
 def test_why_there_are_no_readings_is_said(camera):
     far = pw.observe(np.full((48, 64), 2000.0), camera, SENSOR)
     assert "is the depth in metres?" in far.note
+    fine = pw.observe(np.full((48, 64), 20_000, np.uint16), camera, SENSOR)
+    assert "is a unit 1 mm (depth_scale = 0.001)?" in fine.note
+    inverse = pw.observe(np.full((48, 64), 10_000, np.uint16), camera, SENSOR, depth_scale=5000)
+    assert "depth_scale is metres per unit: 0.0002 rather than 5000?" in inverse.note
     assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note
 
 

@@ -156,6 +156,24 @@ def test_a_folder_without_permission_is_refused(tmp_path):
         pytest.fail("the work must not start")
 
 
+def test_a_file_goes_to_a_folder_that_can_be_written_to(tmp_path, monkeypatch):
+    from planewise.whole_files import written_whole
+
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "none", tmp_path / "file"):
+        with (
+            pytest.raises(PlanewiseError, match="is not a folder that can be written to"),
+            written_whole(folder / "page.html"),
+        ):
+            pytest.fail("work was started")
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with (
+        pytest.raises(PlanewiseError, match="is not a folder that can be written to"),
+        written_whole(tmp_path / "page.html"),
+    ):
+        pytest.fail("work was started")
+
+
 def test_an_empty_parent_goes_again(tmp_path):
     with parent_folder(tmp_path / "a" / "b"):
         pass

@@ -1,4 +1,9 @@
+import copy
+import pickle
+import threading
+
 import numpy as np
+import pytest
 from numpy.testing import assert_array_equal
 
 import planewise as pw
@@ -65,3 +70,48 @@ def test_a_detector_repeats_itself_whatever_it_saw_before():
     before = model.labels.copy()
     detector(images[2])
     assert_array_equal(model.labels, before)
+
+
+def test_a_detector_at_work_refuses_another_thread():
+    frame = scenes.corner(size=(60, 80))
+    started, go_on = threading.Event(), threading.Event()
+
+    def whole(view):
+        started.set()
+        assert go_on.wait(30)
+        return np.ones(view.depth.shape, int)
+
+    detector = pw.Detector(frame.camera, frame.sensor, partition=whole)
+    models = []
+    thread = threading.Thread(target=lambda: models.append(detector(frame.depth)))
+    thread.start()
+    assert started.wait(30)
+    with pytest.raises(RuntimeError, match="one thread at a time"):
+        detector(frame.depth)
+    go_on.set()
+    thread.join()
+    assert_array_equal(detector(frame.depth).labels, models[0].labels)
+
+
+def test_an_error_does_not_keep_a_detector_busy():
+    frame = scenes.corner(size=(60, 80))
+    detector = pw.Detector(frame.camera, frame.sensor)
+    with pytest.raises(ValueError, match="depth must be a 2-D image"):
+        detector(frame.depth[0])
+    assert len(detector(frame.depth)) == 4
+
+
+def pickled(detector):
+    return pickle.loads(pickle.dumps(detector))
+
+
+@pytest.mark.parametrize("made", [copy.copy, copy.deepcopy, pickled])
+def test_a_copy_of_a_detector_has_memory_of_its_own(made):
+    frame = scenes.corner(size=(60, 80))
+    detector = pw.Detector(frame.camera, frame.sensor, max_planes=3)
+    labels = detector(frame.depth).labels
+    detector(frame.depth)
+    other = made(detector)
+    with detector._workspace.frame():
+        assert_array_equal(other(frame.depth).labels, labels)
+    assert len(pickle.dumps(detector)) < 10_000

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite
+
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
 
@@ -81,6 +83,22 @@ class Camera(Protocol):
         ...
 
 
+def checked_camera(camera: Camera) -> Camera:
+    """Refuse what is no camera, such as the name of one or a matrix.
+
+    Raises
+    ------
+    ValueError
+        If it is not a `Camera`.
+    """
+    if not (hasattr(camera, "ray_rows") and hasattr(camera, "check")):
+        raise ValueError(
+            "camera must be a planewise.PinholeCamera or SphericalCamera, such as "
+            f"planewise.cameras.KINECT_V1, got {type(camera).__name__}"
+        )
+    return camera
+
+
 @dataclass(frozen=True, kw_only=True)
 class PinholeCamera:
     """Intrinsics of a camera without skew.
@@ -119,12 +137,20 @@ class PinholeCamera:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "distortion", tuple(float(k) for k in self.distortion))
+        try:  # OpenCV gives a row, (1, 5)
+            coefficients = tuple(np.ravel(np.asarray(self.distortion, np.float64)).tolist())
+        except (TypeError, ValueError):
+            raise ValueError(
+                f"camera: distortion must be numbers, got {self.distortion!r}"
+            ) from None
+        object.__setattr__(self, "distortion", coefficients)
         for name in ("fx", "fy"):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"camera: {name} must be a positive number of pixels, got {value}")
-        if not all(map(math.isfinite, (self.cx, self.cy, *self.distortion))):
+            if not (is_finite(value) and value > 0):
+                raise ValueError(
+                    f"camera: {name} must be a positive number of pixels, got {value!r}"
+                )
+        if not all(map(is_finite, (self.cx, self.cy, *coefficients))):
             raise ValueError(f"camera: numbers must be finite, got {self}")
         if len(self.distortion) not in (0, 4, 5):
             raise ValueError(
@@ -178,7 +204,8 @@ class PinholeCamera:
         if self.width is not None and (self.height, self.width) != shape:
             raise ValueError(
                 f"camera is for images of {self.width} x {self.height} pixels, "
-                f"the depth image has {width} x {height}; use camera.scaled or camera.cropped"
+                f"the depth image has {width} x {height}; give fx, fy, cx, cy of this image "
+                "(camera.scaled, camera.cropped)"
             )
         for axis, size, focal, centre in (
             ("x", width, self.fx, self.cx),

@@ -44,8 +44,7 @@ def is_cached(*, cloud: bool = False) -> bool:
     return bool(written) and max(written) >= max(source.stat().st_mtime for source in needed)
 
 
-@lru_cache(maxsize=2)
-def announce(*, cloud: bool = False) -> None:
+def announce(*, cloud: bool = False) -> bool:
     """Say once, before the wait, that code has to be compiled, and have another core help.
 
     A second process compiles the loops of the later stages; where none can be started, or its work
@@ -55,9 +54,19 @@ def announce(*, cloud: bool = False) -> None:
     ----------
     cloud : bool
         The loops are those of clouds, not of depth images.
+
+    Returns
+    -------
+    bool
+        Whether this process has to compile, however often it is asked.
     """
+    return _announced(cloud)
+
+
+@lru_cache(maxsize=2)
+def _announced(cloud: bool) -> bool:
     if is_cached(cloud=cloud):
-        return
+        return False
     _LOG.warning("compiling for this machine, once (some 10 s) ...")
     if available() > 1 and sys.executable and not os.environ.get(_HELPED):
         with contextlib.suppress(OSError):
@@ -70,6 +79,7 @@ def announce(*, cloud: bool = False) -> None:
             )
             helper.returncode = 0  # nobody waits for it, nor should Python complain of that at exit
             _helpers.append(helper)
+    return True
 
 
 class _Uncollected(event.Listener):

@@ -123,7 +123,7 @@ class DepthImage:
             reading = workspace.empty(int(high / grid) + 2)
             reading[:] = 0
             count, present, negative = kernels.mark_depths(values, low, high, 1.0 / grid, reading)
-            if negative:
+            if negative and (values[values < 0] > -np.inf).any():  # -inf: too near (ROS, REP 117)
                 raise _negative(values)
             levels = np.flatnonzero(reading)
             depth = reading[levels]
@@ -208,7 +208,7 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:
-    image = np.asarray(depth)
+    image = np.asarray(np.ma.filled(depth, 0) if np.ma.isMaskedArray(depth) else depth)
     if image.ndim != 2 or min(image.shape) < 2:
         raise ValueError(
             f"depth must be a 2-D image with at least 2 rows and 2 columns, got shape {image.shape}"
@@ -219,5 +219,5 @@ def _checked(depth: ArrayLike) -> NDArray[Any]:
 
 
 def _negative(image: NDArray[Any]) -> ValueError:
-    first = image[image < 0].flat[0]
+    first = image[(image < 0) & (image > -np.inf)].flat[0]
     return ValueError(f"depth must not be negative, got {first}; mark missing readings 0")

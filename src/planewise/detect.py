@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
-from planewise.camera import Camera
+from planewise.camera import Camera, checked_camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import checked_points, observe, observe_points
@@ -14,7 +14,7 @@ from planewise.options import Options, Search, Seed
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
 from planewise.search import find, find_in_cloud
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -45,7 +45,8 @@ def detect_planes(
     ----------
     depth : array_like, shape (H, W)
         Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
-        0, NaN, infinity and readings outside the sensor's range are "no reading".
+        0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
+        sensor's range are "no reading".
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
@@ -177,7 +178,7 @@ def detect_planes_in_points(
                 f"objective='spatial' needs points of shape (k, 3), got {array.shape}; "
                 "hyperplanes take 'paper'"
             )
-        return find_in_cloud(array, sensor, sigma, origin, options)
+        return find_in_cloud(array, checked_sensor(sensor), sigma, origin, options)
     for name, given in (("sigma", sigma), ("origin", origin)):
         if given is not None:
             raise ValueError(f"{name} needs objective='spatial', got another objective")
@@ -187,7 +188,9 @@ def detect_planes_in_points(
 class Detector:
     """`detect_planes` for a stream: camera, sensor and options are checked and prepared once.
 
-    Memory is kept from frame to frame, so a detector serves one thread at a time.
+    Memory is kept from frame to frame, so a detector serves one thread at a time; a second one that
+    calls it meanwhile gets a RuntimeError. Models are the caller's: no later frame changes them.
+    What is copied or pickled is the detector without its memory.
 
     Parameters
     ----------
@@ -212,7 +215,8 @@ class Detector:
         depth_scale: float | None = None,
         **options: object,
     ) -> None:
-        self.camera, self.sensor, self.depth_scale = camera, sensor, depth_scale
+        self.camera, self.sensor = checked_camera(camera), checked_sensor(sensor)
+        self.depth_scale = depth_scale
         self.options = Options(**options).resolved(spatial=True)  # type: ignore[arg-type]
         self._workspace = Workspace()
 
@@ -228,3 +232,10 @@ class Detector:
                     workspace=self._workspace,
                 )
             return find(frame, self.options, self._workspace, rgb=rgb)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: each for name, each in self.__dict__.items() if name != "_workspace"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._workspace = Workspace()

@@ -19,7 +19,7 @@ from planewise.observation import checked_origin, checked_points, checked_sigma
 from planewise.options import Options, Seed
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 
 TILE_POINTS = 4_000_000
@@ -89,6 +89,7 @@ def detect_planes_in_cloud(
         rng=rng,
         threads=threads,
     ).resolved(spatial=True)
+    checked_sensor(sensor)
     if tile_points < 1:
         raise ValueError(f"tile_points must be at least 1, got {tile_points}")
     if isinstance(cloud, str | Path):

@@ -17,6 +17,8 @@ from planewise.observation import Observation
 
 Array = NDArray[np.float64]
 
+_UNIT = 1e-3  # by which the length of a normal may be off, for planes that were rounded
+
 
 def coordinate_information(range: float, resolution: float) -> float:
     """ln(R / eps): one coordinate that may take any of R / eps values."""
@@ -149,7 +151,7 @@ def planes_model(
 def information(
     observation: Observation, planes: Sequence[Plane | ArrayLike] | Array, labels: ArrayLike
 ) -> float:
-    """Phi of any planes and any labelling on an observation: the judge of every search.
+    """Phi of any planes and any labelling on an observation: the judge under the paper's objective.
 
     Parameters
     ----------
@@ -163,18 +165,25 @@ def information(
     Returns
     -------
     float
-        Nats, under the paper's objective (eq. 6, and eq. 10 for readings on rays).
+        Nats, under the paper's objective (eq. 6, and eq. 10 for readings on rays), whichever one
+        the planes were found with.
 
     Raises
     ------
     ValueError
-        If shapes do not agree, or a label names no plane.
+        If shapes do not agree, a normal has not length one, or a label names no plane.
     """
     rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], np.float64)
     n = observation.dimension
     rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows
     if rows.ndim != 2 or rows.shape[1] != n + 1:
         raise ValueError(f"planes: expected shape (N, {n + 1}), got {rows.shape}")
+    lengths = np.linalg.norm(rows[:, :-1], axis=1)
+    wrong = ~(np.isfinite(rows).all(axis=1) & (np.abs(lengths - 1) < _UNIT))
+    if wrong.any():
+        raise ValueError(
+            f"planes: expected unit normals and finite distances, got {rows[wrong][0].tolist()}"
+        )
     marks = np.asarray(labels)
     if marks.dtype.kind not in "iu":
         raise ValueError(f"labels must be integers, got dtype {marks.dtype}")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # arrays do not compare to one bool
 class Plane:
     """One detected plane: normal . x + distance = 0 in the frame of the input.
 
@@ -70,6 +70,13 @@ class Plane:
         """Nats saved per reading."""
         return self.information / self.count if self.count else 0.0
 
+    def __repr__(self) -> str:
+        normal = ", ".join(f"{part:.4f}" for part in self.normal)
+        return (
+            f"<Plane: normal ({normal}), distance {self.distance:.4f} m, {self.count:,} readings, "
+            f"{self.information:,.0f} nats>"
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
@@ -80,7 +87,7 @@ class Move:
     information: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
     """Information against the number of planes; indexing gives Phi after so many planes.
 
@@ -117,9 +124,11 @@ class Curve:
         return replace(self, moves=(*self.moves, move))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class PlaneModel:
     """Planes of an observation, best first, and which reading belongs to which.
+
+    Models, curves and planes are equal where they are the same object, and hashable.
 
     Attributes
     ----------
@@ -156,6 +165,11 @@ class PlaneModel:
 
     def __len__(self) -> int:
         return len(self.planes)
+
+    def __repr__(self) -> str:
+        planes = "1 plane" if len(self) == 1 else f"{len(self)} planes"
+        phi = f"Phi = {self.information:,.0f} nats"
+        return f"<PlaneModel: {planes}, {phi}, {self.readings:,} readings>"
 
     @property
     def coefficients(self) -> Array:

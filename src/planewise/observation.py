@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.camera import Camera
+from planewise.camera import Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -198,12 +198,22 @@ class RayObservation(Observation):
         if self.count >= self.dimension:
             return ""
         if self.image.present > self.count:
-            return (
-                f"{self.count} valid readings: {self.image.present - self.count} lie outside the "
-                f"sensor's range of {self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; "
-                "is the depth in metres?"
-            )
+            return f"{self.count} valid readings: {self.out_of_range}"
         return f"{self.count} valid readings; 3 are needed for a plane"
+
+    @property
+    def out_of_range(self) -> str:
+        """How many readings the sensor cannot have taken, and what may be the reason."""
+        scale, beyond = self.image.scale, self.image.present - self.count
+        unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
+        if self.image.values.dtype.kind == "f":
+            unit = "is the depth in metres?"
+        elif scale > 1:
+            unit = f"depth_scale is metres per unit: {1 / scale:g} rather than {scale:g}?"
+        return (
+            f"{beyond} of {self.image.present} lie outside the sensor's range of "
+            f"{self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; {unit}"
+        )
 
     @property
     def dimension(self) -> int:
@@ -326,8 +336,8 @@ def observe(
     from planewise import compilation  # loads Numba
 
     compilation.announce()
-    image = DepthImage.of(depth, sensor, depth_scale, workspace)
-    camera.check(image.shape)
+    image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
+    checked_camera(camera).check(image.shape)
     seen = RayObservation(
         shape=image.shape,
         range=sensor.range,
@@ -369,7 +379,7 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         and they have not three.
     """
     array, estimate = checked_points(points), None
-    if sensor.noise == AUTO:
+    if checked_sensor(sensor).noise == AUTO:
         from planewise.clouds.noise import estimate_cloud_noise
 
         if array.shape[1] != 3:
@@ -403,6 +413,8 @@ def checked_points(points: ArrayLike) -> NDArray[np.floating]:
     ValueError
         As `observe_points`.
     """
+    if isinstance(points, np.ma.MaskedArray):
+        points = np.ma.filled(points.astype(np.float64), np.nan)
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
         raise ValueError(

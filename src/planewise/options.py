@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from planewise.arguments import is_finite, is_whole
 from planewise.objective import SPATIAL, Objective, as_objective
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.paper.reassign import NormalReassignment, as_reassignment
@@ -93,9 +93,9 @@ class Options:
             raise ValueError("objective='spatial' needs search='joint', got another search")
         elif self.search != "joint" and self.instances:
             raise ValueError("instances needs search='joint', got another search")
-        if not 0 <= self.significance < math.inf:
+        if not (is_finite(self.significance) and self.significance >= 0):
             raise ValueError(
-                f"significance must be a number of nats, not negative, got {self.significance}"
+                f"significance must be a number of nats, not negative, got {self.significance!r}"
             )
         trial_count(self.confidence, self.inlier_ratio)
         as_reassignment(self.reassign)
@@ -105,10 +105,20 @@ class Options:
                 "reassign needs objective='paper' or search='sequential', got objective='spatial', "
                 "whose mask code sees to neighbours itself"
             )
-        if self.max_planes is not None and not 1 <= self.max_planes <= MAX_PLANES:
-            raise ValueError(f"max_planes must lie in 1 ... {MAX_PLANES}, got {self.max_planes}")
-        if self.threads is not None and self.threads < 1:
-            raise ValueError(f"threads must be at least 1, got {self.threads}")
+        most, threads = self.max_planes, self.threads
+        if most is not None and not (is_whole(most) and 1 <= most <= MAX_PLANES):
+            raise ValueError(
+                f"max_planes must lie in 1 ... {MAX_PLANES}, a whole number, got {most!r}"
+            )
+        if threads is not None and not (is_whole(threads) and threads >= 1):
+            raise ValueError(f"threads must be at least 1 and a whole number, got {threads!r}")
+        rng: Any = self.rng
+        if is_whole(rng) and rng >= 0:
+            object.__setattr__(self, "rng", int(rng))
+        elif not isinstance(rng, np.random.Generator):
+            raise ValueError(
+                f"rng must be a seed, not negative, or a numpy.random.Generator, got {rng!r}"
+            )
 
     def resolved(self, spatial: bool) -> Options:
         """These options with an objective; spatial: whether the observation may have that one."""

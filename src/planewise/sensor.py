@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
+from numbers import Real
+from typing import Any
 
 import numpy as np
 
+from planewise.arguments import is_finite
 from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, constant, proportional
 
 
@@ -58,25 +60,25 @@ class Sensor:
     def __post_init__(self) -> None:
         for name in ("max_depth", "resolution", "depth_range"):
             value = getattr(self, name)
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise ValueError(f"{name} must be a positive number of metres, got {value}")
-        if not 0 <= self.min_depth < self.max_depth:
+            if value is None and name == "depth_range":
+                continue
+            if not (is_finite(value) and value > 0):
+                raise ValueError(f"{name} must be a positive number of metres, got {value!r}")
+        if not (is_finite(self.min_depth) and 0 <= self.min_depth < self.max_depth):
             raise ValueError(
                 f"min_depth must lie in [0, max_depth = {self.max_depth}) metres, "
-                f"got {self.min_depth}"
+                f"got {self.min_depth!r}"
             )
         if not self.resolution < self.range:
             raise ValueError(
                 f"resolution must be smaller than the range: got {self.resolution} m against "
                 f"{self.range} m; both are in metres"
             )
-        if isinstance(self.noise, str):
-            if self.noise != AUTO:
-                raise ValueError(
-                    f"noise must be a function of depth, metres or 'auto', got {self.noise!r}"
-                )
-        elif not callable(self.noise):
-            object.__setattr__(self, "noise", constant(float(self.noise)))
+        noise: Any = self.noise
+        if isinstance(noise, Real):
+            object.__setattr__(self, "noise", constant(float(noise)))
+        elif not (callable(noise) or (isinstance(noise, str) and noise == AUTO)):
+            raise ValueError(f"noise must be a function of depth, metres or 'auto', got {noise!r}")
 
     @property
     def range(self) -> float:
@@ -109,7 +111,7 @@ class Sensor:
             )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
-        sigma = np.asarray(self.noise(z), dtype=np.float64)
+        sigma = np.asarray(self.noise(z.copy()), dtype=np.float64)  # it may work in place
         if sigma.shape != z.shape:
             if sigma.ndim:
                 raise ValueError(
@@ -140,3 +142,19 @@ class Sensor:
         if self.noise == AUTO:
             return "estimated with the noise"
         return "told by each frame" if self.parts is None else str(self.parts)
+
+
+def checked_sensor(sensor: object) -> Sensor:
+    """Refuse what is no sensor, such as the name of one.
+
+    Raises
+    ------
+    ValueError
+        If it is not a `Sensor`.
+    """
+    if not isinstance(sensor, Sensor):
+        raise ValueError(
+            "sensor must be a planewise.Sensor, such as planewise.sensors.KINECT_V1, "
+            f"got {type(sensor).__name__}"
+        )
+    return sensor

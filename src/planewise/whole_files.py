@@ -24,7 +24,14 @@ def written_whole(path: Path) -> Iterator[Path]:
     ------
     Path
         Beside it, with the same ending.
+
+    Raises
+    ------
+    PlanewiseError
+        On entry, if its folder is none or cannot be written to.
     """
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise PlanewiseError(f"output: {path.parent} is not a folder that can be written to")
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
     try:
         yield partial

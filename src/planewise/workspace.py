@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -25,16 +26,31 @@ class Workspace:
     def __init__(self) -> None:
         self._memory: NDArray[np.uint8] = np.empty(0, np.uint8)
         self._held = self._kept = self._lent = self._most = 0
+        self._in_use = threading.Lock()
 
     @contextmanager
     def frame(self) -> Iterator[None]:
-        """All memory is free for a frame."""
-        if self._most > self._held:
-            memory = np.empty(self._most + _ALIGNED, np.uint8)
-            start = -memory.ctypes.data % _ALIGNED
-            self._memory, self._held = memory[start : start + self._most], self._most
-        self._kept = self._lent = 0
-        yield
+        """All memory is free for a frame.
+
+        Raises
+        ------
+        RuntimeError
+            If another frame still works in it.
+        """
+        if not self._in_use.acquire(blocking=False):
+            raise RuntimeError(
+                "this Detector is still at work on another frame; it serves one thread at a time, "
+                "so give every thread a Detector of its own"
+            )
+        try:
+            if self._most > self._held:
+                memory = np.empty(self._most + _ALIGNED, np.uint8)
+                start = -memory.ctypes.data % _ALIGNED
+                self._memory, self._held = memory[start : start + self._most], self._most
+            self._kept = self._lent = 0
+            yield
+        finally:
+            self._in_use.release()
 
     @contextmanager
     def stage(self) -> Iterator[None]:

@@ -79,8 +79,10 @@ def read_info(store: Path) -> dict[str, Any]:
         If there is none, or it is of another layout.
     """
     path = store / STORE_FILE
+    if not store.exists():
+        raise PlanewiseError(f"store: there is no folder {store}")
     if not path.is_file():
-        raise PlanewiseError(f"store: {store} is no store: it has no {STORE_FILE}")
+        raise PlanewiseError(f"store: {store} is none: it has no {STORE_FILE}")
     try:
         info = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:

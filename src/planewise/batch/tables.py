@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planewise.batch.columns import FRAMES, PLANES, SCHEMA_VERSION
-from planewise.errors import MissingExtraError
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -73,7 +73,17 @@ def parquet_of(table: pa.Table) -> bytes:
 
 
 def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a Parquet file, or some columns of it."""
-    return arrow().parquet.read_table(
-        path, columns=None if columns is None else list(columns), partitioning=None
-    )
+    """Read a Parquet file, or some columns of it.
+
+    Raises
+    ------
+    PlanewiseError
+        If it is damaged.
+    """
+    pa = arrow()
+    try:
+        return pa.parquet.read_table(
+            path, columns=None if columns is None else list(columns), partitioning=None
+        )
+    except pa.ArrowInvalid as error:
+        raise PlanewiseError(f"store: {path} is damaged ({in_one_line(error)})") from None

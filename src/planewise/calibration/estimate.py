@@ -21,7 +21,7 @@ from planewise.calibration.fit import fit_polynomial, refit
 from planewise.camera import Camera
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, proportional
 from planewise.observation import RayObservation, observe
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 
 Array = NDArray[np.float64]
 Seed = int | np.random.Generator
@@ -183,7 +183,8 @@ def cells_of_frame(
     depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
 ) -> NoiseCells:
     """What one frame says about the noise of its sensor."""
-    return noise_cells(observe(depth, camera, replace(sensor, noise=1.0), depth_scale=depth_scale))
+    known = replace(checked_sensor(sensor), noise=1.0)
+    return noise_cells(observe(depth, camera, known, depth_scale=depth_scale))
 
 
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +20,7 @@ from planewise.commands.command_line import (
     CAMERA_HELP,
     DEPTH_SCALE_HELP,
     MAX_DEPTH_HELP,
+    NO_ROOM,
     RESOLUTION_HELP,
     ObjectiveName,
     ReassignName,
@@ -42,7 +42,6 @@ if TYPE_CHECKING:
     from planewise.partition import Partitioner
     from planewise.sensor import Sensor
 
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _TRIED = 5  # frames by which a dry run estimates
 
 
@@ -255,7 +254,7 @@ def _run(job: Batch, engine: Engine) -> None:
             )
             raise typer.Exit(INTERRUPTED) from None
         except OSError as error:
-            if error.errno not in _NO_ROOM:
+            if error.errno not in NO_ROOM:
                 raise
             raise PlanewiseError(
                 f"store: there is no room left for {job.store} ({error.strerror}); what is in it "

@@ -123,7 +123,11 @@ def _bar() -> bars.Progress:
 def show_result(progress: Progress, store: Path) -> None:
     """Print what a run did."""
     plan = progress.plan
-    if not progress.total:
+    if not progress.total and plan.failed:
+        terminal.say(
+            f"nothing to do: {store} holds {plan.done:,} of the {plan.selected:,} frames selected"
+        )
+    elif not progress.total:
         terminal.say(f"nothing to do: all {plan.selected:,} frames are in {store}")
     else:
         ended = progress.done + progress.failed
@@ -160,7 +164,7 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
         ("camera", camera),
     ):
         text = ", ".join(f"{k} {v}" for k, v in each.items()) if isinstance(each, dict) else each
-        terminal.say(f"{name}: {text}")
+        terminal.say_wrapped(f"{name}: {text}")
     for outcome in tried:
         if outcome.reason:
             terminal.error(f"frame {outcome.frame}: {outcome.reason}")
@@ -174,11 +178,11 @@ def _show_costs(good: Sequence[Outcome], to_do: int, workers: int) -> None:
     seconds = 1e-3 * (read + detect + encode)
     labels = _mean([len(each.label_file[1]) if each.label_file else 0 for each in good])
     rows = _mean([len(each.record) for each in good])
-    terminal.say(
+    terminal.say_wrapped(
         f"a frame, by {len(good)} of them: {read:.1f} ms to read, {detect:.1f} to detect, "
         f"{encode:.1f} to encode; {_mean([each.planes for each in good]):.1f} planes"
     )
-    terminal.say(
+    terminal.say_wrapped(
         f"all: {duration(seconds * to_do / workers)} with {workers} workers "
         f"({seconds * to_do / 3600:.2f} core-hours), {size(to_do * labels)} of labels and at most "
         f"{size(to_do * rows)} of tables"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import time
 from collections.abc import Callable
@@ -71,8 +72,8 @@ def bench(
         check_numbers(depth_scale, 0)
         if runs < 1:
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
-        if output is not None and not output.absolute().parent.is_dir():
-            raise PlanewiseError(f"json: there is no folder {output.parent}")
+        if output is not None and not os.access(output.absolute().parent, os.W_OK | os.X_OK):
+            raise PlanewiseError(f"json: {output.parent} is not a folder that can be written to")
         if depth is None:
             given = (camera, sensor, noise, max_depth, resolution, depth_scale)
             if any(each is not None for each in given):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,6 +22,10 @@ from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.partition import Partitioner
+
+
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+"""Errors of a disk that is full."""
 
 
 class SearchName(StrEnum):
@@ -77,7 +82,10 @@ def reported() -> Iterator[None]:
     except MemoryError:
         terminal.error("there is not enough memory for this input")
     except OSError as error:
-        terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
+        if error.errno in NO_ROOM:
+            terminal.error(f"output: there is no room left for the results ({error.strerror})")
+        else:
+            terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
     except KeyboardInterrupt:
         terminal.error("interrupted; nothing was left half-written")
         raise typer.Exit(INTERRUPTED) from None

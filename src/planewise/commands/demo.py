@@ -32,7 +32,7 @@ def demo(
 
             room = scenes.room(seed)
             options = Options()
-            model, seconds = find_planes(room.depth, room.camera, room.sensor, None, options)
+            model, seconds, _ = find_planes(room.depth, room.camera, room.sensor, None, options)
             write_image(folder / "rgb.png", room.rgb)
             write_image(folder / "depth.png", room.depth)
             write_image(folder / "truth.png", draw_labels(room.labels, room.rgb))
@@ -49,6 +49,5 @@ def demo(
         terminal.show_summary(model, seconds, output)
         found = int(room.found(model.labels).sum())
         terminal.say(
-            f"{found} of the room's {len(room.planes)} planes were found "
-            "(more than half of the joint area in common)"
+            f"{found} of the room's {len(room.planes)} planes were found (more than half in common)"
         )

@@ -173,6 +173,8 @@ def detect(
         done = job.run(depth, output)
         terminal.show_planes(done.model)
         terminal.show_summary(done.model, done.seconds, done.folder)
+        if len(done.model) and done.out_of_range:
+            terminal.warning(done.out_of_range)
 
 
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:
@@ -189,6 +191,8 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
+            elif result.out_of_range:
+                terminal.warning(f"{path.name}: {result.out_of_range}")
     terminal.say(f"{len(paths) - failed} of {len(paths)} frames done, files in {output}")
     if failed:
         raise typer.Exit(FAILED)

@@ -12,8 +12,6 @@ from planewise.commands.command_line import reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed
 
-_NAMED = 20  # frames that a warning lists
-
 
 def evaluate(
     predicted: Annotated[
@@ -61,9 +59,7 @@ def evaluate(
             check_table(output, pairs)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
-                more = " ..." if len(names) > _NAMED else ""
-                shown = ", ".join(names[:_NAMED])
-                terminal.warning(f"{folder} lacks {len(names)}: {shown}{more}")
+                terminal.warning(f"{folder} lacks {len(names)}: {terminal.listed(names)}")
         scoring = Scoring(iou=tuple(iou), minimum_pixels=minimum_pixels, tolerance=tolerance)
         results = list(terminal.progress(scoring.run_pairs(pairs), len(pairs.paired)))
         frames = [each for each in results if not isinstance(each, Failed)]

@@ -52,19 +52,20 @@ def frames(
         terminal.say(f"{dataset.kind}: {known_as}")
         some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
         terminal.say(f"{len(dataset):,} frames: {some}")
-        _show_first(dataset.without_pictures())
+        _show_first(dataset.without_pictures(), quiet=check)
         if check and _damaged(dataset):
             raise typer.Exit(FAILED)
 
 
-def _show_first(dataset: Dataset | PointDataset) -> None:
-    """Describe the first frame, which tells the camera; where it is damaged, say so."""
+def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
+    """Describe the first frame, which tells the camera; where it is damaged, say so or be quiet."""
     try:
         first: DatasetFrame | PointFrame = dataset[0]
     except MissingExtraError:
         raise
     except PlanewiseError as error:
-        terminal.warning(str(error))
+        if not quiet:
+            terminal.warning(str(error))
         return
     if hasattr(first, "points"):
         terminal.say(f"first frame: {len(first.points):,} points")

@@ -38,11 +38,14 @@ class Done:
         Time of the detection without files; the first run on a machine compiles in it.
     folder : Path
         Where the files are.
+    out_of_range : str
+        What is to be said where most readings are outside the sensor's range, else empty.
     """
 
     model: PlaneModel
     seconds: float
     folder: Path
+    out_of_range: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +108,9 @@ class Job:
         options = self._options(path, rgb, many)
         _keep_inputs(target, path, self.rgb, self.partition)
         with output_folder(target) as folder:
-            model, seconds = find_planes(frame.depth, camera, self.sensor, scale, options, rgb)
+            model, seconds, beyond = find_planes(
+                frame.depth, camera, self.sensor, scale, options, rgb
+            )
             write_results(
                 folder,
                 model,
@@ -118,7 +123,7 @@ class Job:
             )
             if self.outlines:
                 self._write_outlines(folder, model, camera)
-        return Done(model=model, seconds=seconds, folder=target)
+        return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond)
 
     def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.outlines.image import outline_image
@@ -134,13 +139,18 @@ class Job:
 
         A frame that cannot be used is reported, and the others go on.
         """
+        if self.rgb is not None and not self.rgb.is_dir():
+            raise PlanewiseError(
+                f"rgb: {self.rgb} is one picture; a folder of depth images takes a folder of them"
+            )
         stems = Counter(path.stem for path in paths)
         for path in paths:
             name = path.stem if stems[path.stem] == 1 else path.name
             try:
                 yield self.run(path, target / name, many=True)
             except (ValueError, OSError) as error:
-                yield Failed(path=path, reason=str(error))
+                named = path.name in str(error)
+                yield Failed(path=path, reason=f"{'' if named else f'{path.name}: '}{error}")
 
     def _options(self, path: Path, rgb: NDArray[np.uint8] | None, many: bool) -> Options:
         """Options for one frame, whose regions may be in a file of their own."""
@@ -177,14 +187,16 @@ def find_planes(
     depth_scale: float | None,
     options: Options,
     rgb: NDArray[np.uint8] | None = None,
-) -> tuple[PlaneModel, float]:
-    """Detect planes and say how many seconds it took."""
+) -> tuple[PlaneModel, float, str]:
+    """Detect planes; say how many seconds it took, and `Done.out_of_range`."""
     from planewise.observation import observe
     from planewise.search import find
 
     started = time.perf_counter()
-    model = find(observe(depth, camera, sensor, depth_scale=depth_scale), options, rgb=rgb)
-    return model, time.perf_counter() - started
+    seen = observe(depth, camera, sensor, depth_scale=depth_scale)
+    model = find(seen, options, rgb=rgb)
+    seconds = time.perf_counter() - started
+    return model, seconds, seen.out_of_range if 2 * seen.count < seen.image.present else ""
 
 
 def _keep_inputs(target: Path, *inputs: Path | None) -> None:

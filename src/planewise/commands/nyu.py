@@ -115,6 +115,13 @@ def nyu(
         ids = dataset.labelled[:limit]
         if not ids:
             raise PlanewiseError(f"truth: {data} brings no true planes; give a folder with --truth")
+        labelled = set(dataset.labelled)
+        left_out = [each for each in dataset.ids if each not in labelled]
+        if left_out and truth is None:  # labels of one half, as those of NYUv2-Plane, are a choice
+            terminal.notice(
+                f"{len(left_out)} of {len(dataset.ids)} frames without true planes are left out: "
+                f"{terminal.listed(left_out)}"
+            )
         with output_folder(output) as folder:
             rows: list[Row] = []
             shapes: set[tuple[int, int]] = set()
@@ -136,7 +143,7 @@ def nyu(
             write_report(folder, lines, rows, notes)
         terminal.show_table(MEANING, table_of(lines), COLUMNS)
         for note in notes:
-            terminal.say(note)
+            terminal.say_wrapped(note)
         terminal.say(f"{len(ids) - failed} of {len(ids)} frames scored, files in {output}")
         if failed:
             raise typer.Exit(FAILED)

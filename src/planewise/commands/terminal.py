@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
 Array = NDArray[np.float64]
 Item = TypeVar("Item")
 
+_NAMED = 20  # of many names
 _BAR = 30  # characters of the longest bar
 
 
@@ -47,6 +49,17 @@ def notice(message: str) -> None:
 def say(message: str) -> None:
     """Print a line of the result."""
     _line(_OUT, (message, ""))
+
+
+def say_wrapped(message: str) -> None:
+    """Print what is too long for a line in several, all but the first indented."""
+    for line in textwrap.wrap(message, max(_OUT.width, 80), subsequent_indent="  "):
+        _OUT.print(Text(line), soft_wrap=True)
+
+
+def listed(names: Sequence[str]) -> str:
+    """Write the first of some names."""
+    return ", ".join(names[:_NAMED]) + (" ..." if len(names) > _NAMED else "")
 
 
 def errors() -> Console:
@@ -98,11 +111,12 @@ def _show(table: Table) -> None:
 def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     """Print how many planes there are, what they are worth and where the files are."""
     planes = "1 plane" if len(model) == 1 else f"{len(model)} planes"
-    say(
-        f"{planes}, Phi = {model.information:,.0f} nats ({model.curve[0]:,.0f} without planes), "
-        f"{model.readings:,} readings, {1000 * seconds:.0f} ms"
-    )
-    say(f"files in {folder}")
+    without = f"({model.curve[0]:,.0f} without planes)" if len(model) else "without planes"
+    say(f"{planes}, Phi = {model.information:,.0f} nats {without}")
+    from planewise.compilation import announce  # loads Numba, which has been used by now
+
+    compiled = ", compiling included" if announce(cloud=model.labels.ndim == 1) else ""
+    say(f"{model.readings:,} readings, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
 

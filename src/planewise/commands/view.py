@@ -50,9 +50,9 @@ def view(
                 read, output, selection=chosen, source=StoredSource(read, source), report=done
             )
         if shown.alone:
+            frames = "1 frame" if shown.alone == 1 else f"{shown.alone:,} frames"
             terminal.warning(
-                f"the planes of {shown.alone:,} frames are drawn without picture or depth: "
-                f"{shown.reason}"
+                f"the planes of {frames} are drawn without picture or depth: {shown.reason}"
             )
         megabytes = output.stat().st_size / 1e6
         terminal.say(

@@ -286,6 +286,8 @@ def open_nyu(
         if truth is not None:
             raise PlanewiseError("truth: the archives hold their own labels (gt)")
         return ArchiveFolder(path, camera=camera)
+    if not path.exists():
+        raise PlanewiseError(f"data: there is no file or folder {path}")
     raise PlanewiseError(
         f"data: {path} is neither nyu_depth_v2_labeled.mat, nor a folder with depth/, nor one of "
         ".npz files"

@@ -98,6 +98,13 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")
     if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
         raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
+    images = path / "depth" if (path / "depth").is_dir() else path
+    if images.is_dir() and any(is_depth_file(each) for each in images.iterdir()):
+        raise PlanewiseError(
+            f"data: {path} ({_contents(path)}) is no dataset of a known kind, for nothing states "
+            "its camera: put the images into a folder depth/ with camera.json beside it, or give "
+            f"{images} to 'planewise detect' or 'batch' with --camera"
+        )
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
     raise PlanewiseError(
         f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"

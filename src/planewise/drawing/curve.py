@@ -86,7 +86,7 @@ def _mark_chosen(
     wide, tall = box[2] - box[0], box[3] - box[1]
     places = [
         (x + side * gap - (wide if side < 0 else 0), high)
-        for high in (y - gap - tall, TOP * FINE, y - 5 * gap - tall, y + gap)
+        for high in (*(y - n * gap - tall for n in (1, 2)), TOP * FINE, y - 5 * gap - tall, y + gap)
         for side in (1.0, -1.0)
     ]
 
@@ -97,11 +97,11 @@ def _mark_chosen(
         inside = inside and py >= (TOP - 6) * FINE and py + tall <= (HEIGHT - BOTTOM) * FINE
         line = _along(points)
         near = (line[:, 0] > px - gap / 2) & (line[:, 0] < px + wide + gap / 2)
-        near &= (line[:, 1] > py - gap / 2) & (line[:, 1] < py + tall + gap / 2)
+        near &= (line[:, 1] > py - 0.9 * gap) & (line[:, 1] < py + tall + 0.9 * gap)
         return 1e6 * (not inside) + float(near.sum())
 
     place = min(places, key=badness)
-    pen.multiline_text(place, text, fill=CHOSEN, font=font)
+    pen.multiline_text((place[0] - box[0], place[1] - box[1]), text, fill=CHOSEN, font=font)
 
 
 def _along(points: list[tuple[float, float]]) -> Array:

@@ -21,6 +21,7 @@ _COLOUR = ("colour", "color", "colours", "colors", "rgb")
 _COLUMNS = ("intensity", "gt", "labels", "label", "plane", "scan")
 _LOOK = 10_000  # points that tell the offset
 _LARGEST_ITEM = 16  # bytes
+_MOST_COLUMNS = 32  # of a cloud; more are an image
 
 
 _Member = tuple[Callable[[], IO[bytes]], int]  # a stream of it, and its bytes
@@ -104,8 +105,13 @@ def open_npz(path: Path) -> CloudFile:
         offset, origins = small("offset", (3,)), small("origins", (-1, 3))
 
     def opened(info: zipfile.ZipInfo) -> Callable[[], IO[bytes]]:
-        # A stream of its own for every array: an archive serves one at a time well.
-        return lambda: zipfile.ZipFile(path).open(info)
+        def stream() -> IO[bytes]:
+            # A stream of its own for every array: an archive serves one at a time well. The file
+            # stays open until the stream is closed.
+            with zipfile.ZipFile(path) as archive:
+                return archive.open(info)
+
+        return stream
 
     members = {name: (opened(info), info.file_size) for name, info in found.items()}
     return _opened(path, members, np.zeros(3) if offset is None else offset, origins)
@@ -129,6 +135,11 @@ def _opened(
         if len(points.shape) != 2 or points.shape[1] < 3 or points.dtype.kind not in "fiu":
             raise PlanewiseError(
                 f"must hold points of shape (k, 3), got {points.dtype} of shape {points.shape}"
+            )
+        if points.shape[1] > _MOST_COLUMNS:
+            raise PlanewiseError(
+                f"holds rows of {points.shape[1]} numbers, not points; planes of a depth image are "
+                "what 'planewise detect' finds"
             )
         count = points.shape[0]
         for name in (*beside, *([colour] if colour else [])):

@@ -81,6 +81,11 @@ def joint_search(
     solution = record("refit", _finish(problem, problem.solve(exact.parameters[order])))
     for shorter in _cut(problem, solution):
         solution = record("cut", shorter)
+    while (longer := _extended(problem, solution, spare)) is not None:
+        spare = spare[len(longer) - len(solution) :]
+        solution = record("add", longer)
+        for shorter in _cut(problem, solution):
+            solution = record("cut", shorter)
     return solution, _curve(problem, solution, spare, moves)
 
 
@@ -282,6 +287,25 @@ def _with_best(problem: Problem, planes: Array, floor: Array, candidates: Array)
     return np.vstack((planes, plane[None]))
 
 
+def _extended(problem: Problem, solution: Solution, spare: Array) -> Solution | None:
+    """Add the next planes where Phi of all readings, unlike that of the sample, is lower."""
+    beyond = _beyond(problem, solution, spare)
+    if not beyond.size or not beyond.min() < solution.phi:
+        return None
+    added = spare[: int(np.argmin(beyond)) + 1]
+    return problem.refine(problem.solve(np.vstack((solution.parameters, added))), _TRIAL)
+
+
+def _beyond(problem: Problem, solution: Solution, spare: Array) -> Array:
+    """Exact Phi with the next 1, 2 ... planes added as they are."""
+    n, floor = len(solution), solution.assignment.best
+    phis: list[float] = []
+    for plane in spare[: problem.max_planes - n]:
+        floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
+        phis.append(problem.phi(n + len(phis) + 1, float(floor.sum())))
+    return np.array(phis)
+
+
 def _phis(problem: Problem, solution: Solution) -> Array:
     """Exact Phi with the first 0 ... N planes alone."""
     sums = solution.assignment.cumulative
@@ -291,16 +315,11 @@ def _phis(problem: Problem, solution: Solution) -> Array:
 def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]) -> Curve:
     """Phi with the first planes, and what a few more would have made it."""
     n = len(solution)
-    beyond: list[float] = []
-    floor = solution.assignment.best
-    for plane in spare[: problem.max_planes - n]:
-        floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
-        beyond.append(problem.phi(n + len(beyond) + 1, float(floor.sum())))
     if n == problem.max_planes:
         reason = f"reached max_planes = {problem.max_planes}"
     elif n == 0:
         reason = "no plane saves more than it costs"
     else:
         reason = "no move lowers the information"
-    phi = np.append(_phis(problem, solution), beyond)
+    phi = np.append(_phis(problem, solution), _beyond(problem, solution, spare))
     return Curve(information=phi, chosen=n, reason=reason, moves=tuple(moves))

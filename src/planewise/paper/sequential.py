@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite
 from planewise.kernels.readings import claim
 from planewise.model import Curve, Move
 from planewise.paper.evaluate import Assignment, Evaluator
@@ -27,8 +28,8 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     4603
     """
     for name, value in (("confidence", confidence), ("inlier_ratio", inlier_ratio)):
-        if not 0 < value < 1:
-            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value}")
+        if not (is_finite(value) and 0 < value < 1):
+            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
     return math.ceil(math.log(1 - confidence) / math.log1p(-(inlier_ratio**dimension)))
 
 

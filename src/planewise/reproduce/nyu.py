@@ -256,6 +256,7 @@ def notes_on(
                 f"Frames of {height} x {width} are cropped already: all of their pixels count, "
                 "with a reading and a true plane."
             )
+    these = "this frame" if frames == 1 else f"these {frames} frames"
     truth = dataset.truth if isinstance(dataset, (NyuLabelled, NyuFolder)) else None
     if truth is not None and truth.is_plane_set:
         share = "all" if frames == TEST_FRAMES else f"{frames} of the"
@@ -264,12 +265,12 @@ def notes_on(
             notes.append("The published rows are over all of them.")
     elif isinstance(dataset, ArchiveFolder) or shapes != {FULL}:
         notes.append(
-            f"This is NOT the NYUv2-Plane set: the labels of these {frames} frames are other "
-            "people's. The published rows are on other data; do not compare ours with them."
+            f"This is NOT the NYUv2-Plane set: the labels of {these} are other people's. The "
+            "published rows are on other data; do not compare ours with them."
         )
     else:
         notes.append(
-            f"Nothing in the files says that the labels of these {frames} frames are those of "
+            f"Nothing in the files says that the labels of {these} are those of "
             f"NYUv2-Plane ({TEST_FRAMES} frames, plane_instance_N.npz): compare our rows with the "
             "published ones only if you know that they are."
         )

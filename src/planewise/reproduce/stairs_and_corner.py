@@ -105,8 +105,8 @@ def _section(name: str, settings: Settings, measured: Sequence[Measured]) -> Sec
         ),
         blocks=(_table(settings, rows), _masks(name, settings, measured)),
         remarks=(
-            "planewise scales the noise it is told by what each frame shows, upwards only, so its "
-            "rows of 2 mm and 5 mm can be equal.",
+            "planewise scales the noise it is told by what each frame shows, so its rows can be "
+            "equal.",
         ),
         checks=_checks(settings, rows),
         files={name: rows},
