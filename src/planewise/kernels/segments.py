@@ -1,6 +1,7 @@
 """Loops over segments: merging neighbours while that saves nats.
 
-A segment is a row as `kernels.cells` lays it out; joining segments is adding rows.
+A segment is a row as `kernels.cells` lays it out; joining segments is adding rows. `kernels.squares`
+joins what needs no order before.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.borders import border_price
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
@@ -24,7 +25,7 @@ _BATCH = 512  # edges that are valued at once
 
 
 @internal
-def _tempered(discord, count):  # type: ignore[no-untyped-def]
+def tempered(discord, count):  # type: ignore[no-untyped-def]
     """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
 
     The size of a cell's error is uncertain, so that a cell on a rounded edge costs little; an
@@ -77,7 +78,7 @@ def _merge_gain(  # type: ignore[no-untyped-def]
         discord, evidence = _across(
             segments, forms, home, turns, drift, small, large, offset, slope
         )
-    misfit = _tempered(discord, segments[small, COUNT])
+    misfit = tempered(discord, segments[small, COUNT])
     return min(evidence, most) - 0.5 * misfit + boundary, misfit
 
 
@@ -121,7 +122,7 @@ def _first_gains(  # type: ignore[no-untyped-def]
     for edge in range(misfit.size):
         u, v = ends[edge, 0], ends[edge, 1]
         if home[u] == home[v]:
-            misfit[edge] = _tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
+            misfit[edge] = tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
             current[edge] = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
         else:
             current[edge], misfit[edge] = _merge_gain(
@@ -131,7 +132,7 @@ def _first_gains(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
+def mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
     """Drift of segment u when v becomes part of it: their mean by readings, of_u and of_v."""
     share = of_v / (of_u + of_v)
     drift[u] += share * (drift[v] - drift[u])
@@ -140,121 +141,11 @@ def _mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
 @internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u, in whose coordinates it is."""
-    _mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
+    mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
     for e in range(SEGMENT):
         segments[u, e] += segments[v, e]
     segments[u, MISFIT] += misfit
     write_form(segments[u], drift[u], forms[u])
-
-
-@compiled
-def join_blocks(  # type: ignore[no-untyped-def]
-    unit, whole, right, rows, forms, free, drift, limit, levels, root, square, joined, shapes
-):
-    """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
-
-    unit (rows, columns): unit of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
-    first level joins, and right: discords of those side by side (`square_discords`). Squares are
-    joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
-    forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
-    in place. Writes root (n,): the unit that each is part of, the upper left one of its square;
-    square (n,): where its joined row and form (n / 4, .) are, if any. Returns the number of roots.
-    """
-    level = np.empty(root.size, np.int8)
-    for k in range(root.size):
-        root[k], square[k] = k, -1
-        level[k] = 1 if whole[k] else 0
-    halves, shape = np.empty((2, SEGMENT)), np.empty((2, FORM))
-    side, squares, left = 2, 0, root.size
-    for step in range(1, levels + 1):
-        of, like = joined, shapes
-        if step == 1:
-            of, like = rows, forms
-        for i in range(0, unit.shape[0] - side, 2 * side):
-            for j in range(0, unit.shape[1] - side, 2 * side):
-                a, b = unit[i, j], unit[i, j + side]
-                c, d = unit[i + side, j], unit[i + side, j + side]
-                if a < 0 or b < 0 or c < 0 or d < 0:
-                    continue
-                if level[a] != step or level[b] != step or level[c] != step or level[d] != step:
-                    continue
-                if step == 1:
-                    m, n, o, p = a, b, c, d
-                    upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
-                else:
-                    m, n, o, p = square[a], square[b], square[c], square[d]
-                    upper, lower = (
-                        compare_forms(like[m], like[n], 0.0, 0.0)[0],
-                        compare_forms(like[o], like[p], 0.0, 0.0)[0],
-                    )
-                if upper > limit or lower > limit:
-                    continue
-                for e in range(SEGMENT):
-                    halves[0, e] = of[m, e] + of[n, e]
-                    halves[1, e] = of[o, e] + of[p, e]
-                if step == 1:
-                    halves[0, FREE], halves[1, FREE] = free[a] + free[b], free[c] + free[d]
-                write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
-                write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
-                both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
-                if both > limit:
-                    continue
-                misfit = _tempered(both, halves[1, COUNT])
-                misfit += _tempered(upper, of[n, COUNT])
-                misfit += _tempered(lower, of[p, COUNT])
-                _mix_drift(drift, c, d, of[o, COUNT], of[p, COUNT])
-                _mix_drift(drift, a, b, of[m, COUNT], of[n, COUNT])
-                _mix_drift(drift, a, c, halves[0, COUNT], halves[1, COUNT])
-                if step == 1:
-                    square[a] = squares
-                    squares += 1
-                row = joined[square[a]]
-                for e in range(SEGMENT):
-                    row[e] = halves[0, e] + halves[1, e]
-                row[MISFIT] += misfit
-                write_form(row, drift[a], shapes[square[a]])
-                root[b] = root[c] = root[d] = a
-                level[a] = step + 1
-                left -= 3
-        side *= 2
-    for k in range(root.size):
-        top = root[k]
-        while root[top] != top:
-            top = root[top]
-        root[k] = top
-    return left
-
-
-@compiled
-def keep_roots(  # type: ignore[no-untyped-def]
-    root, square, rows, forms, free, joined, shapes, drift, offset_prior, slope_prior,
-    out_rows, out_forms, numbers,
-):  # fmt: skip
-    """Copy what `join_blocks` left, and say in root (n,) where each unit's segment is.
-
-    Writes rows and forms of the segments, as many as there are roots, and numbers (3, .): their
-    drift and priors.
-    """
-    found = 0
-    place = np.empty(root.size, np.int32)
-    for k in range(root.size):
-        if root[k] == k:
-            place[k] = found
-            source, like, at = rows, forms, np.int32(k)
-            if square[k] >= 0:
-                source, like, at = joined, shapes, square[k]
-            # Written out: assigning rows would compile checks of their shapes.
-            for e in range(SEGMENT):
-                out_rows[found, e] = source[at, e]
-            for e in range(FORM):
-                out_forms[found, e] = like[at, e]
-            if square[k] < 0:
-                out_rows[found, FREE] = free[k]
-            numbers[0, found] = drift[k]
-            numbers[1, found], numbers[2, found] = offset_prior[k], slope_prior[k]
-            found += 1
-    for k in range(root.size):
-        root[k] = place[root[k]]
 
 
 def room(sides: int, segments: int) -> tuple[int, int]:
