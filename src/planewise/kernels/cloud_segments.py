@@ -23,6 +23,7 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
+from planewise.kernels.edges import list_edges, unite_edges, write_roots
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
@@ -129,38 +130,16 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
     # A twin of `segments.agglomerate`: what they weigh differs, and a loop that is given functions
     # is not kept in Numba's cache; with its walks along edges in functions it took a third longer.
     count, edges = rows.shape[0], boundary.size
-    following = np.full(2 * edges, -1, np.int64)
-    head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
-    seen = np.full(count, -1, np.int64)
+    following = np.empty(2 * edges, np.int64)
+    head, tail = np.empty(count, np.int64), np.empty(count, np.int64)
+    seen = np.empty(count, np.int64)
     degree, version = np.zeros(count, np.int64), np.zeros(count, np.int64)
     alive = np.ones(edges, np.bool_)
     valued = np.zeros(edges, np.int64)
     misfit, place = np.zeros(edges), np.empty(edges, np.int64)
     keys, items = np.empty(edges + SPARE), np.empty(edges + SPARE, np.int64)
-    for half in range(2 * edges):
-        u = ends[half >> 1, half & 1]
-        if head[u] < 0:
-            head[u] = half
-        else:
-            following[tail[u]] = half
-        tail[u] = half
-    for u in range(count):
-        # Two segments may share several borders: one edge is enough.
-        half = head[u]
-        while half >= 0:
-            edge = half >> 1
-            other = ends[edge, 1 - (half & 1)]
-            if alive[edge]:
-                if seen[other] >= 0:
-                    boundary[seen[other]] += boundary[edge]
-                    alive[edge] = False
-                else:
-                    seen[other] = edge
-            half = following[half]
-        half = head[u]
-        while half >= 0:
-            seen[ends[half >> 1, 1 - (half & 1)]] = -1
-            half = following[half]
+    list_edges(ends, edges, head, tail, following)
+    unite_edges(ends, boundary, alive, head, following, seen)
     for u in range(count):
         root[u] = u
     clear(keys, place)
@@ -241,11 +220,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                         following[tail[u]] = half
                     tail[u] = half
             half = after
-    for u in range(count):
-        top = root[u]
-        while root[top] != top:
-            top = root[top]
-        root[u] = top
+    write_roots(root)
 
 
 @compiled

@@ -1,7 +1,7 @@
 """Loops over segments: merging neighbours while that saves nats.
 
-A segment is a row as `kernels.cells` lays it out; joining segments is adding rows. `kernels.squares`
-joins what needs no order before.
+A segment is a row as `kernels.cells` lays it out; joining segments is adding rows. What needs no
+order is joined before, by `kernels.squares`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
+from planewise.kernels.edges import list_edges, unite_edges, write_roots
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
@@ -17,7 +18,7 @@ from planewise.kernels.forms import (
     write_form,
 )
 from planewise.kernels.heap import SPARE, clear, update
-from planewise.kernels.jit import compiled, internal
+from planewise.kernels.jit import compiled, inlined, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
@@ -83,20 +84,6 @@ def _merge_gain(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _list_edges(ends, edges, head, tail, following):  # type: ignore[no-untyped-def]
-    """List the half-edges of every segment, in rising order."""
-    head[:] = tail[:] = -1
-    following[: 2 * edges] = -1
-    for half in range(2 * edges):
-        u = ends[half >> 1, half & 1]
-        if head[u] < 0:
-            head[u] = half
-        else:
-            following[tail[u]] = half
-        tail[u] = half
-
-
-@internal
 def _first_gains(  # type: ignore[no-untyped-def]
     segments,
     forms,
@@ -148,6 +135,40 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     write_form(segments[u], drift[u], forms[u])
 
 
+@inlined
+def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: ignore[no-untyped-def]
+    """Sides between cells of two segments, as edges with the nats that a merge saves there."""
+    rows, columns = unit.shape
+    sides = np.intp(0)
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i, j]
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if wraps and column == columns:
+                    column = 0
+                if u >= 0 and row < rows and column < columns:
+                    v = unit[row, column]
+                    if v >= 0 and v != u:
+                        ends[sides, 0], ends[sides, 1] = u, v
+                        boundary[sides] = border_price(discords[k, i, j], price)
+                        alive[sides] = 1
+                        sides += 1
+    return sides
+
+
+@inlined
+def _keep_alive(ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
+    """Move the edges that are left to the front. Returns how many there are."""
+    edges = np.intp(0)
+    for side in range(sides):
+        if alive[side]:
+            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
+            boundary[edges], alive[edges] = boundary[side], 1
+            edges += 1
+    return edges
+
+
 def room(sides: int, segments: int) -> tuple[int, int]:
     """Sizes of the integers and floating-point numbers that `agglomerate` works in."""
     return 8 * sides + SPARE + 5 * segments, 3 * sides + SPARE
@@ -186,7 +207,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
     half-edges, 2 e and 2 e + 1.
     """
     count = segments.shape[0]
-    rows, columns = unit.shape
     most_edges = (ints.size - 5 * count - SPARE) // 8
     ends = ints[: 2 * most_edges].reshape((most_edges, 2))
     following = ints[2 * most_edges : 4 * most_edges]
@@ -195,48 +215,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
     head, tail, degree, seen, version = ints[ints.size - 5 * count :].reshape((5, count))
     boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
     keys = floats[2 * most_edges :]
-    seen[:] = -1
     degree[:] = version[:] = 0
-    edges = np.intp(0)
-    for i in range(rows):
-        for j in range(columns):
-            u = unit[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if wraps and column == columns:
-                    column = 0
-                if u >= 0 and row < rows and column < columns:
-                    v = unit[row, column]
-                    if v >= 0 and v != u:
-                        ends[edges, 0], ends[edges, 1] = u, v
-                        boundary[edges] = border_price(discords[k, i, j], price)
-                        alive[edges] = 1
-                        edges += 1
-    _list_edges(ends, edges, head, tail, following)
-    for u in range(count):
-        # Two units may share two sides: one edge is enough. seen: the edge to each neighbour.
-        half = head[u]
-        while half >= 0:
-            edge = half >> 1
-            other = ends[edge, 1 - (half & 1)]
-            if alive[edge]:
-                if seen[other] >= 0:
-                    boundary[seen[other]] += boundary[edge]
-                    alive[edge] = 0
-                else:
-                    seen[other] = edge
-            half = following[half]
-        half = head[u]
-        while half >= 0:
-            seen[ends[half >> 1, 1 - (half & 1)]] = -1
-            half = following[half]
-    sides, edges = edges, np.intp(0)
-    for side in range(sides):
-        if alive[side]:
-            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
-            boundary[edges], alive[edges] = boundary[side], 1
-            edges += 1
-    _list_edges(ends, edges, head, tail, following)
+    edges = _list_sides(unit, discords, price, wraps, ends, boundary, alive)
+    list_edges(ends, edges, head, tail, following)
+    unite_edges(ends, boundary, alive, head, following, seen)
+    edges = _keep_alive(ends, boundary, alive, edges)
+    list_edges(ends, edges, head, tail, following)
 
     # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
@@ -324,8 +308,4 @@ def agglomerate(  # type: ignore[no-untyped-def]
                         following[tail[u]] = half
                     tail[u] = half
             half = after
-    for u in range(count):
-        top = root[u]
-        while root[top] != top:
-            top = root[top]
-        root[u] = top
+    write_roots(root)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT
+from planewise.kernels.edges import write_roots
 from planewise.kernels.forms import FORM, compare_forms, write_form
 from planewise.kernels.jit import compiled
 from planewise.kernels.segments import mix_drift, tempered
@@ -20,8 +21,8 @@ def join_blocks(  # type: ignore[no-untyped-def]
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
     unit (rows, columns): unit of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
-    first level joins, and right: discords of those side by side (`forms.square_discords`). Squares are
-    joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
+    first level joins, and right: discords of those side by side (`forms.square_discords`). Squares
+    are joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
     forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
     in place. Writes root (n,): the unit that each is part of, the upper left one of its square;
     square (n,): where its joined row and form (n / 4, .) are, if any. Returns the number of roots.
@@ -83,11 +84,7 @@ def join_blocks(  # type: ignore[no-untyped-def]
                 level[a] = step + 1
                 left -= 3
         side *= 2
-    for k in range(root.size):
-        top = root[k]
-        while root[top] != top:
-            top = root[top]
-        root[k] = top
+    write_roots(root)
     return left
 
 
