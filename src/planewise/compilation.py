@@ -8,6 +8,7 @@ import logging
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ from planewise.kernels.readings import score_rays
 from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
+_SOURCES = Path(kernels.__path__[0])
 _CLOUD = ("cloud_", "cubes", "pairs")  # modules of kernels that only clouds need
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
-_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody waits for them
+_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody has to wait for them
 
 
 def cache_directory() -> Path:
@@ -37,10 +39,13 @@ def is_cached(*, cloud: bool = False) -> bool:
     cloud : bool
         Those of clouds, not of depth images.
     """
-    indexes = cache_directory().glob("*.nbi")
-    written = [each.stat().st_mtime for each in indexes if each.name.startswith(_CLOUD) == cloud]
-    sources = Path(kernels.__path__[0]).glob("*.py")
-    return bool(written) and max(written) >= max(source.stat().st_mtime for source in sources)
+    written = _times(cache_directory().glob("*.nbi"), cloud)
+    return bool(written) and max(written) >= max(_times(_SOURCES.glob("*.py"), cloud))
+
+
+def _times(files: Iterable[Path], cloud: bool) -> list[float]:
+    """When files that belong to modules of clouds, or to the others, were changed."""
+    return [each.stat().st_mtime for each in files if each.name.startswith(_CLOUD) == cloud]
 
 
 @lru_cache(maxsize=2)
@@ -69,6 +74,13 @@ def announce(*, cloud: bool = False) -> None:
             )
             helper.returncode = 0  # nobody waits for it, nor should Python complain of that at exit
             _helpers.append(helper)
+
+
+def wait_for_help() -> None:
+    """Wait for the process that helps, where one runs: for those who look after all children."""
+    while _helpers:
+        with contextlib.suppress(OSError):
+            os.waitpid(_helpers.pop().pid, 0)
 
 
 class _Uncollected(event.Listener):
