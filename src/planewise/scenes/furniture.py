@@ -178,7 +178,7 @@ def _which(rows: Array, row: Array) -> Faces:
 
 def _of_axis(rows: Array, axis: Faces) -> Array:
     """Entry of three rows (3, k) at an axis for each, shape (k,)."""
-    return np.where(axis == 0, rows[0], np.where(axis == 1, rows[1], rows[2]))
+    return np.asarray(np.where(axis == 0, rows[0], np.where(axis == 1, rows[1], rows[2])))
 
 
 def _nearer_root(start: Array, ray: Array, radius: float) -> Array:
