@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import resource
 import shutil
 import signal
@@ -15,20 +14,12 @@ import numpy as np
 import pytest
 from benchmarks.faults import InOrder, Tally, children, compare, write_frames
 from PIL import Image
-from typer.testing import CliRunner
 
 from planewise.batch import Store
-from planewise.commands.app import app
+from tests.command import run
 
 COUNT = 10
 CAMERA = ("--camera", "65.625,65.625,39.5,39.5", "--sensor", "kinect-v1")
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 @pytest.fixture(scope="module")

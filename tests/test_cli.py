@@ -12,12 +12,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
-from planewise.commands.app import app
 from planewise.results.image import FILES
+from tests.command import run
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
@@ -39,13 +38,6 @@ def depth(tmp_path, scene):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "results" / "frame"
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 def test_detect_writes_everything_and_says_so(depth, out):

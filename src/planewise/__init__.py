@@ -29,7 +29,7 @@ from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
-    from planewise import batch, datasets, partition
+    from planewise import batch, datasets, metrics, partition
     from planewise.calibration.calibrate import calibrate
     from planewise.calibration.estimate import NoiseEstimate, estimate_noise
     from planewise.clouds.noise import CloudNoise, estimate_cloud_noise
@@ -71,6 +71,7 @@ __all__ = [
     "estimate_noise",
     "find",
     "information",
+    "metrics",
     "noise",
     "observe",
     "observe_points",
@@ -101,7 +102,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("batch", "datasets", "partition"):
+    if name in ("batch", "datasets", "metrics", "partition"):
         return import_module(f"planewise.{name}")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
