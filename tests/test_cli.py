@@ -291,6 +291,7 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     from planewise import compilation
 
     compilation.announce.cache_clear()
+    monkeypatch.setattr(compilation, "_helpers", [])
     monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)

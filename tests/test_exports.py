@@ -67,7 +67,7 @@ def test_coco_masks_are_those_of_the_labels(store, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning:pycocotools")
-def test_the_coco_tools_read_it(store, tmp_path, capsys):
+def test_the_coco_tools_read_it(store, tmp_path):
     from pycocotools import coco as tools
     from pycocotools import mask as masks
 
