@@ -23,7 +23,7 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
-from planewise.kernels.edges import list_edges, unite_edges, write_roots
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
@@ -128,7 +128,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
     half-edges, 2 e and 2 e + 1.
     """
     # A twin of `segments.agglomerate`: what they weigh differs, and a loop that is given functions
-    # is not kept in Numba's cache; with its walks along edges in functions it took a third longer.
+    # is not kept in Numba's cache. What they do to the graph is the same: `kernels.edges`.
     count, edges = rows.shape[0], boundary.size
     following = np.empty(2 * edges, np.int64)
     head, tail = np.empty(count, np.int64), np.empty(count, np.int64)
@@ -184,21 +184,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
             if alive[moved]:
                 # An edge between u and the neighbour is in both lists: look into the shorter one.
                 walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                kept = -1
-                link, before = head[walked], -1
-                while link >= 0 and kept < 0:
-                    if not alive[link >> 1]:
-                        if before < 0:
-                            head[walked] = following[link]
-                        else:
-                            following[before] = following[link]
-                        if tail[walked] == link:
-                            tail[walked] = before
-                    else:
-                        before = link
-                        if ends[link >> 1, 1 - (link & 1)] == wanted:
-                            kept = link >> 1
-                    link = following[link]
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
                 if kept >= 0:
                     boundary[kept] += boundary[moved]
                     alive[moved] = False
@@ -213,12 +199,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
-                    following[half] = -1
-                    if tail[u] < 0:
-                        head[u] = half
-                    else:
-                        following[tail[u]] = half
-                    tail[u] = half
+                    append_half(u, half, head, tail, following)
             half = after
     write_roots(root)
 

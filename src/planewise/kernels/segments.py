@@ -10,7 +10,7 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.edges import list_edges, unite_edges, write_roots
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
@@ -271,21 +271,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             if alive[moved]:
                 # An edge between u and the neighbour is in both lists: look into the shorter one.
                 walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                kept = -1
-                link, before = head[walked], -1
-                while link >= 0 and kept < 0:
-                    if not alive[link >> 1]:
-                        if before < 0:
-                            head[walked] = following[link]
-                        else:
-                            following[before] = following[link]
-                        if tail[walked] == link:
-                            tail[walked] = before
-                    else:
-                        before = link
-                        if ends[link >> 1, 1 - (link & 1)] == wanted:
-                            kept = link >> 1
-                    link = following[link]
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
                 if kept >= 0:
                     boundary[kept] += boundary[moved]
                     alive[moved] = 0
@@ -301,11 +287,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
-                    following[half] = -1
-                    if tail[u] < 0:
-                        head[u] = half
-                    else:
-                        following[tail[u]] = half
-                    tail[u] = half
+                    append_half(u, half, head, tail, following)
             half = after
     write_roots(root)
