@@ -66,6 +66,8 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, True]
     os.utime(sources / "cloud_cells.py", (100, 300))
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, False]
+    compilation.confirm(cloud=True)  # it was written anew without a change
+    assert compilation.is_cached(cloud=True)
     os.utime(sources / "cells.py", (100, 300))
     (cache / "cloud_cells.merge-1.nbi").unlink()
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [False, False]

@@ -76,6 +76,20 @@ def announce(*, cloud: bool = False) -> None:
             _helpers.append(helper)
 
 
+def confirm(*, cloud: bool = False) -> None:
+    """Note that the cache is as new as the sources, which may have been written anew unchanged.
+
+    Parameters
+    ----------
+    cloud : bool
+        The loops of clouds were found in it or compiled, not those of depth images.
+    """
+    with contextlib.suppress(OSError):
+        for index in cache_directory().glob("*.nbi"):
+            if index.name.startswith(_CLOUD) == cloud:
+                index.touch()
+
+
 def wait_for_help() -> None:
     """Wait for the process that helps, where one runs: for those who look after all children."""
     while _helpers:
