@@ -4,9 +4,8 @@ python -m benchmarks.partition [--data FOLDER] [--frames 35]
 
 Regions are made once for each frame and handed over as labels, so that times are those of the
 searches. "whole" is the frame as one region: what going on with the search does by itself. Scale
-and
-weights of the graph were chosen on one half of the frames (`benchmarks.labelled`): the halves are
-told apart.
+and weights of the graph were chosen on one half of the frames (`benchmarks.labelled`): the halves
+are told apart.
 """
 
 from __future__ import annotations

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
-from benchmarks.cloud import Cloud, Labels, Points, metres, sigma_of
 from benchmarks.frames import Frame
+from benchmarks.rival_points import Cloud, Labels, Points, metres, sigma_of
 from planewise.paper.sequential import trial_count
 from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import settings
 
 import planewise as pw
+from planewise import compilation
 
 # How long an example takes is not what it tests, and machines are busy. Where others wait for the
 # verdict, examples are the same in every run.
@@ -23,6 +24,7 @@ def compiled():
     camera = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
     for search in ("joint", "sequential"):
         pw.detect_planes(np.full((48, 64), 2.0), camera, pw.Sensor(), search=search)
+    compilation.wait_for_help()
 
 
 @pytest.fixture(scope="session")

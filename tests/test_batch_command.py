@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import resource
 import shutil
 import signal
@@ -19,16 +18,10 @@ from typer.testing import CliRunner
 
 from planewise.batch import Store
 from planewise.commands.app import app
+from tests.command import run
 
 COUNT = 10
 CAMERA = ("--camera", "65.625,65.625,39.5,39.5", "--sensor", "kinect-v1")
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 @pytest.fixture(scope="module")
@@ -272,6 +265,11 @@ def test_a_store_is_scored(frames, store, tmp_path):
     assert run("eval", store, store / "labels" / "00001.png")[0] == 2
 
 
+def as_in_a_terminal():
+    """Ctrl-C ends a process; what runs in the background, such as these tests, may ignore it."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+
 def process(*arguments, **options):
     command = [sys.executable, "-m", "planewise.cli", "batch", *map(str, arguments)]
     return subprocess.Popen(
@@ -304,7 +302,10 @@ def test_ctrl_c_and_a_scheduler_end_it_cleanly(originals, tmp_path, store, how):
     many.mkdir()
     for k in range(600):
         os.link(originals / f"{k % COUNT:05}.png", many / f"{k:05}.png")
-    job = process(many, "-o", store, *CAMERA, "--workers", 2, start_new_session=True)
+    job = process(
+        many, "-o", store, *CAMERA, "--workers", 2,
+        start_new_session=True, preexec_fn=as_in_a_terminal,
+    )  # fmt: skip
     until = time.monotonic() + 60
     while not list(store.glob("labels/*.png")) and time.monotonic() < until:
         time.sleep(0.02)

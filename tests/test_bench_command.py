@@ -9,7 +9,7 @@ from PIL import Image
 from planewise import scenes
 from planewise.commands.bench import timed
 
-from .test_cli import run
+from .command import run
 
 STAGES = ("observe", "frame", "cells", "segments", "labels", "ledger", "describe", "rest")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from benchmarks import ablation, guard
-from benchmarks.cloud import Cloud
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
 from benchmarks.labelled import LabelledFrame
+from benchmarks.rival_points import Cloud
 from benchmarks.rivals import METHODS, Method
 from benchmarks.speed_rows import Settings, SkippedError, against_open3d
 from benchmarks.table import RATIO, Row

@@ -10,7 +10,7 @@ import planewise as pw
 from planewise import noise, scenes
 from planewise.drawing.noise import draw_noise
 
-from .test_cli import run
+from .command import run
 
 CAMERA = ("--camera", "250,250,160,120")
 

@@ -19,6 +19,7 @@ import planewise as pw
 from planewise import scenes
 from planewise.commands.app import app
 from planewise.results.image import FILES
+from tests.command import run
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
@@ -40,13 +41,6 @@ def depth(tmp_path, scene):
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "results" / "frame"
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 def test_detect_writes_everything_and_says_so(depth, out):
@@ -352,6 +346,7 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     from planewise import compilation
 
     compilation._announced.cache_clear()
+    monkeypatch.setattr(compilation, "_helpers", [])
     monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)

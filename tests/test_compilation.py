@@ -1,12 +1,15 @@
 """What happens around the first compilation."""
 
 import gc
+import os
+import subprocess
+import sys
 
 import pytest
 from numba import njit
 from numba.core import event
 
-from planewise import compilation  # noqa: F401 - registers itself
+from planewise import compilation
 
 
 @pytest.mark.parametrize(
@@ -45,3 +48,36 @@ def test_the_collector_runs_again_after_a_loop_that_does_not_compile():
     with pytest.raises(Exception, match="nothing_of_this_name"):
         njit(loop)(1)
     assert gc.isenabled()
+
+
+def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path):
+    """A change to a loop of clouds does not announce a compilation for images, nor the reverse."""
+    cache, sources = tmp_path / "cache", tmp_path / "sources"
+    for folder, names in (
+        (cache, ("cells.merge-1.nbi", "cloud_cells.merge-1.nbi")),
+        (sources, ("cells.py", "cloud_cells.py")),
+    ):
+        folder.mkdir()
+        for name in names:
+            (folder / name).touch()
+            os.utime(folder / name, (100, 200 if folder == cache else 100))
+    monkeypatch.setattr(compilation, "cache_directory", lambda: cache)
+    monkeypatch.setattr(compilation, "_SOURCES", sources)
+    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, True]
+    os.utime(sources / "cloud_cells.py", (100, 300))
+    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, False]
+    compilation.confirm(cloud=True)  # it was written anew without a change
+    assert compilation.is_cached(cloud=True)
+    os.utime(sources / "cells.py", (100, 300))
+    (cache / "cloud_cells.merge-1.nbi").unlink()
+    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [False, False]
+
+
+def test_the_process_that_helps_can_be_waited_for(monkeypatch):
+    helper = subprocess.Popen([sys.executable, "-c", ""])
+    helper.returncode = 0  # as `announce` leaves it
+    monkeypatch.setattr(compilation, "_helpers", [helper])
+    compilation.wait_for_help()
+    with pytest.raises(ChildProcessError):
+        os.waitpid(helper.pid, os.WNOHANG)
+    compilation.wait_for_help()  # there is none any more

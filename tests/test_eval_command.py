@@ -7,17 +7,9 @@ import re
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from planewise.commands.app import app
 from planewise.metrics import evaluate
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
+from tests.command import run
 
 
 @pytest.fixture

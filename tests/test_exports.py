@@ -8,12 +8,10 @@ import shutil
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 from planewise.batch import Store
 from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
-from planewise.commands.app import app
 from planewise.errors import PlanewiseError
 from planewise.exports import FORMATS, CocoExport, NpzExport, PngExport, export
 from planewise.exports.planercnn import nearest_points
@@ -21,17 +19,11 @@ from planewise.files.coco_rle import decode_mask
 from planewise.files.labels import read_labels
 from tests import dataset_files
 from tests.batch_sources import Renamed
+from tests.command import run
 from tests.stores import Sweeps, make_folder_store, make_store, write_frames
 
 COUNT = 4
 DONE = COUNT + 1  # and the frame without a reading
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +67,7 @@ def test_coco_masks_are_those_of_the_labels(store, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning:pycocotools")
-def test_the_coco_tools_read_it(store, tmp_path, capsys):
+def test_the_coco_tools_read_it(store, tmp_path):
     from pycocotools import coco as tools
     from pycocotools import mask as masks
 

@@ -11,12 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 from planewise import scenes
 from planewise.batch import Selection, Store
 from planewise.batch.stored_source import StoredSource
-from planewise.commands.app import app
 from planewise.drawing.overlay import draw_small
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
@@ -24,19 +22,13 @@ from planewise.gallery.records import record_of
 from planewise.gallery.thumbnail import HEIGHT, Thumbnail, thumbnail_of
 from tests import browser
 from tests.batch_sources import Renamed
+from tests.command import run
 from tests.stores import SIZE, Cloning, Many, Sweeps, make_folder_store, make_store, write_frames
 
 COUNT = 6
 KNOWN = COUNT + 2  # and a damaged frame, and one without a reading
 HOSTILE = "</script><img src=x onerror=document.title=1>&<!--"
 MANY = 2000
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
 
 
 @pytest.fixture(scope="module")

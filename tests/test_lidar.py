@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import cameras
-from planewise.commands.app import app
 from planewise.metrics import evaluate
+from tests.command import run
 from tests.conftest import SHARED
 
 SENSOR = pw.Sensor(max_depth=60.0, resolution=0.002, noise=0.02)
@@ -303,15 +302,15 @@ def test_command_line(tmp_path):
     arguments += ["--resolution", "0.001", "--max-depth", "65", "--noise", "0.02"]
     for camera in (str(tmp_path / "lidar.json"), "ouster-os1-64"):
         out = tmp_path / "out"
-        result = CliRunner().invoke(app, [*arguments, "--camera", camera, "-o", str(out)])
-        assert result.exit_code == 0, result.output
+        code, _, errors = run(*arguments, "--camera", camera, "-o", out)
+        assert code == 0, errors
         record = json.loads((out / "planes.json").read_text())
         assert record["frame"].startswith("x forward, y left, z up;")
         assert record["camera"]["columns"] == 1024
         assert len(record["planes"]) > 8
-    wrong = CliRunner().invoke(app, [*arguments, "--camera", "velodyne-vlp16", "-o", str(out)])
-    assert wrong.exit_code == 2
-    assert "16 rows and 1800 columns" in wrong.output
+    code, _, errors = run(*arguments, "--camera", "velodyne-vlp16", "-o", out)
+    assert code == 2
+    assert "16 rows and 1800 columns" in errors
 
 
 @pytest.mark.parametrize("name", ["kitti_000000", "kitti_000005"])

@@ -310,9 +310,13 @@ def test_hoover_counts_no_region_twice(predicted, truth):
 
 
 def test_inputs_are_not_changed():
-    truth = image("1122", "0022")
-    truth.setflags(write=False)
-    evaluate(truth, truth, valid=truth > 0)
+    inputs = image("1121", "0022"), image("1122", "0022"), image("1111", "0011") > 0
+    before = [array.copy() for array in inputs]
+    for array in inputs:
+        array.setflags(write=False)
+    predicted, truth, valid = inputs
+    assert evaluate(predicted, truth, valid=valid).row()["voi_labelled"] > 0
+    assert all(np.array_equal(*pair) for pair in zip(inputs, before, strict=True))
 
 
 @pytest.mark.parametrize("bad", INVALID.values(), ids=INVALID)

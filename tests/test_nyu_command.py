@@ -1,21 +1,19 @@
 """The paper's evaluation on NYU-v2, on small files in the real formats."""
 
 import csv
-import re
 
 import numpy as np
 import pytest
 from PIL import Image
 from skimage.metrics import variation_of_information
-from typer.testing import CliRunner
 
 import planewise as pw
-from planewise.commands.app import app
 from planewise.datasets.frames import DatasetFrame
 from planewise.datasets.nyu import FULL
 from planewise.errors import PlanewiseError
 from planewise.metrics.contingency import Clustering
 from planewise.reproduce.nyu import PUBLISHED, Protocol, counted, lines_of, scores_of
+from tests.command import run as run_command
 
 from .nyu_files import frame, write_archive, write_folder, write_mat
 
@@ -24,10 +22,7 @@ CAMERA = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
 
 
 def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, ["nyu", *map(str, arguments)], prog_name="planewise")
-    plain = [re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr)]
-    return result.exit_code, *plain
+    return run_command("nyu", *arguments)
 
 
 @pytest.fixture

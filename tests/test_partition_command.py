@@ -11,7 +11,8 @@ from PIL import Image
 import planewise as pw
 from planewise import scenes
 from planewise.results.partition import read_partition
-from tests.test_cli import ARGUMENTS, run
+from tests.command import run
+from tests.test_cli import ARGUMENTS
 
 
 @pytest.fixture(scope="module")

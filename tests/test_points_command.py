@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import re
 import sys
 
 import jsonschema
@@ -11,15 +10,14 @@ import plyfile
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
-from typer.testing import CliRunner
 
 import planewise as pw
-from planewise.commands.app import app
 from planewise.drawing.cloud import draw_cloud
 from planewise.results.cloud import CLOUD_FILES
 from planewise.results.image import FILES, OUTLINE_FILES
 from planewise.results.outlines import OUTLINES_SCHEMA_FILE
 from planewise.results.planes_json import SCHEMA_FILE
+from tests.command import run
 from tests.test_outlines import model_of, plane_at
 
 SIGMA = 0.01
@@ -44,12 +42,6 @@ def corner():
 @pytest.fixture
 def out(tmp_path):
     return tmp_path / "results" / "cloud"
-
-
-def run(*arguments):
-    """Run the command; streams come back as plain text with single spaces."""
-    result = CliRunner().invoke(app, [str(each) for each in arguments], prog_name="planewise")
-    return result.exit_code, *(re.sub(r"\s+", " ", text) for text in (result.stdout, result.stderr))
 
 
 def check(folder):

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
-from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
-from planewise.commands.app import app
 from planewise.options import Options
 from planewise.paper.reassign import surface_normals
 from planewise.search import find
+from tests.command import run
 
 from .conftest import render
 
@@ -274,11 +273,11 @@ def test_the_command_line_has_it(tmp_path):
     Image.fromarray(scene.depth).save(tmp_path / "depth.png")
     arguments = ["detect", tmp_path / "depth.png", "--camera", "125,125,80,60", "--noise", "5mm"]
     arguments += ["-o", tmp_path / "out", "--reassign", "normals"]
-    result = CliRunner().invoke(app, list(map(str, arguments)))
-    assert result.exit_code == 2
-    assert "reassign needs objective='paper' or search='sequential'" in result.stderr
-    result = CliRunner().invoke(app, [*map(str, arguments), "--search", "sequential"])
-    assert result.exit_code == 0, result.stderr
+    code, _, errors = run(*arguments)
+    assert code == 2
+    assert "reassign needs objective='paper' or search='sequential'" in errors
+    code, _, errors = run(*arguments, "--search", "sequential")
+    assert code == 0, errors
     record = json.loads((tmp_path / "out" / "planes.json").read_text())
     assert record["options"]["reassign"] == {"normals": {"gradient": 7, "smoothing": 3.0}}
     assert record["curve"]["moves"][-1]["kind"] == "reassign"

@@ -29,7 +29,7 @@ from planewise.reproduce.scores import (
     scored,
 )
 
-from .test_cli import run
+from .command import run
 
 SIZE = (72, 96)
 

@@ -88,7 +88,10 @@ def test_distorted_camera_and_custom_noise_are_valid(tmp_path, scene):
     sensor = pw.Sensor(max_depth=3.0, noise=lambda z: 0.004 + 0 * z)
     model = pw.detect_planes(scene.depth, camera, sensor, search="sequential", inlier_ratio=0.2)
     write_results(tmp_path, model, depth=scene.depth, camera=camera, sensor=sensor)
-    validate(json.loads((tmp_path / "planes.json").read_text()))
+    record = json.loads((tmp_path / "planes.json").read_text())
+    validate(record)
+    assert record["camera"]["distortion"][:4] == [0.05, 0.0, 0.0, 0.0]
+    assert record["sensor"]["noise"]
 
 
 def test_the_document_describes_every_field():

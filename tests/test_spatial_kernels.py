@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise.kernels import borders, cells, forms, gaps, segments
+from planewise.kernels import borders, cells, forms, gaps, segments, squares
 from planewise.spatial.segments import Segments
 
 from . import spatial_oracles as oracles
@@ -373,11 +373,11 @@ def test_join_blocks(seed, limit):
     exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3)
     count, of = len(rows), forms_of(rows, drift)
     root, square = np.empty(count, np.int32), np.empty(count, np.int32)
-    joined = np.empty((count // 4, 13)), np.empty((count // 4, segments.FORM))
+    joined = np.empty((count // 4, 13)), np.empty((count // 4, forms.FORM))
     right, _ = square_discords(grid, size == 2, of)
     free, rows[:, 12] = rows[:, 12].copy(), 0
     told, known = drift.copy(), (rows.copy(), of.copy())
-    left = segments.join_blocks(
+    left = squares.join_blocks(
         grid, size == 2, right, rows, of, free, drift, limit, 3, root, square, *joined
     )
     assert_array_equal(root, exact_root)
@@ -390,9 +390,9 @@ def test_join_blocks(seed, limit):
         assert_array_equal(array, before)
 
     priors, numbers = rng.random((2, count)), np.empty((3, left))
-    kept = np.empty((left, 13)), np.empty((left, segments.FORM))
+    kept = np.empty((left, 13)), np.empty((left, forms.FORM))
     arrays = (rows, of, free, *joined, drift, *priors, *kept, numbers)
-    segments.keep_roots(root, square, *arrays)
+    squares.keep_roots(root, square, *arrays)
     assert_array_equal(ids[root], exact_root)
     assert_allclose(kept[0], exact_rows[ids], rtol=1e-6, atol=1e-9)
     assert_allclose(kept[1], forms_of(kept[0], drift[ids]), rtol=1e-12)

@@ -23,7 +23,8 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.information import information
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.objective import Objective
-from planewise.observation import observe, observe_points
+from planewise.observation import observe
+from planewise.point_observation import observe_points
 from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
 

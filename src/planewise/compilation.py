@@ -8,6 +8,7 @@ import logging
 import os
 import subprocess
 import sys
+from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,9 +20,10 @@ from planewise.kernels.readings import score_rays
 from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
+_SOURCES = Path(kernels.__path__[0])
 _CLOUD = ("cloud_", "cubes", "pairs")  # modules of kernels that only clouds need
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
-_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody waits for them
+_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody has to wait for them
 
 
 def cache_directory() -> Path:
@@ -37,11 +39,13 @@ def is_cached(*, cloud: bool = False) -> bool:
     cloud : bool
         Those of clouds, not of depth images.
     """
-    indexes = cache_directory().glob("*.nbi")
-    written = [each.stat().st_mtime for each in indexes if each.name.startswith(_CLOUD) == cloud]
-    sources = Path(kernels.__path__[0]).glob("*.py")
-    needed = [each for each in sources if cloud or not each.name.startswith(_CLOUD)]
-    return bool(written) and max(written) >= max(source.stat().st_mtime for source in needed)
+    written = _times(cache_directory().glob("*.nbi"), cloud)
+    return bool(written) and max(written) >= max(_times(_SOURCES.glob("*.py"), cloud))
+
+
+def _times(files: Iterable[Path], cloud: bool) -> list[float]:
+    """When files that belong to modules of clouds, or to the others, were changed."""
+    return [each.stat().st_mtime for each in files if each.name.startswith(_CLOUD) == cloud]
 
 
 def announce(*, cloud: bool = False) -> bool:
@@ -80,6 +84,27 @@ def _announced(cloud: bool) -> bool:
             helper.returncode = 0  # nobody waits for it, nor should Python complain of that at exit
             _helpers.append(helper)
     return True
+
+
+def confirm(*, cloud: bool = False) -> None:
+    """Note that the cache is as new as the sources, which may have been written anew unchanged.
+
+    Parameters
+    ----------
+    cloud : bool
+        The loops of clouds were found in it or compiled, not those of depth images.
+    """
+    with contextlib.suppress(OSError):
+        for index in cache_directory().glob("*.nbi"):
+            if index.name.startswith(_CLOUD) == cloud:
+                index.touch()
+
+
+def wait_for_help() -> None:
+    """Wait for the process that helps, where one runs: for those who look after all children."""
+    while _helpers:
+        with contextlib.suppress(OSError):
+            os.waitpid(_helpers.pop().pid, 0)
 
 
 class _Uncollected(event.Listener):

@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike
 from planewise.camera import Camera, checked_camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
-from planewise.observation import checked_points, observe, observe_points
+from planewise.observation import observe
 from planewise.options import Options, Search, Seed
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
+from planewise.point_observation import checked_points, observe_points
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage

@@ -15,10 +15,10 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud import open_cloud
 from planewise.model import PlaneModel
 from planewise.noise import AUTO
-from planewise.observation import checked_origin, checked_points, checked_sigma
 from planewise.options import Options, Seed
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
+from planewise.point_observation import checked_origin, checked_points, checked_sigma
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 

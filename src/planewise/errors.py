@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class PlanewiseError(ValueError):
     """A file, folder or setting that cannot be used as it is."""
@@ -31,3 +34,23 @@ def in_one_line(error: BaseException) -> str:
     """First line of what an error says, or else its kind."""
     lines = str(error).strip().splitlines()
     return lines[0] if lines else type(error).__name__
+
+
+@contextmanager
+def naming(what: str, damaged: str = "it is damaged or not what its name says") -> Iterator[None]:
+    """Put the name of what is read before any error of reading it.
+
+    Raises
+    ------
+    PlanewiseError
+        In place of whatever else is raised: decoders of foreign bytes may raise anything.
+    """
+    try:
+        yield
+    except MissingExtraError:
+        raise
+    except PlanewiseError as error:
+        raise PlanewiseError(f"{what} {error}") from None
+    except Exception as error:
+        detail = in_one_line(error)
+        raise PlanewiseError(f"{what} cannot be read; {damaged} ({detail})") from error

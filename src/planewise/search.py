@@ -11,13 +11,7 @@ from planewise import compilation, threads
 from planewise.model import Curve, PlaneModel
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
-from planewise.observation import (
-    Observation,
-    PointObservation,
-    RayObservation,
-    checked_origin,
-    checked_sigma,
-)
+from planewise.observation import Observation, RayObservation
 from planewise.options import Options
 from planewise.paper.evaluate import MAX_PLANES, evaluator
 from planewise.paper.joint import joint_search
@@ -30,6 +24,7 @@ from planewise.paper.sequential import sequential_search, trial_count
 from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
+from planewise.point_observation import PointObservation, checked_origin, checked_sigma
 from planewise.sensor import Sensor
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -157,7 +152,7 @@ def find_in_cloud(
     Parameters
     ----------
     points : ndarray, shape (k, 3)
-        As `observation.checked_points` gives them.
+        As `point_observation.checked_points` gives them.
     sensor, sigma, origin
         As in `detect_planes_in_points`.
     options : Options

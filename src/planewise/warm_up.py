@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
+from planewise.compilation import confirm
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
 from planewise.kernels.forms import FORM
 from planewise.spatial.cells import Cells
@@ -109,3 +110,4 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
 if __name__ == "__main__":
     gc.disable()  # a short life
     later_stages()
+    confirm()

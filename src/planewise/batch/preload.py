@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.camera import PinholeCamera
+from planewise.compilation import wait_for_help
 from planewise.detect import detect_planes
 from planewise.sensor import Sensor
 
@@ -23,3 +24,4 @@ def _load() -> None:
 
 
 _load()
+wait_for_help()  # the process that is forked from complains of children that it did not start

@@ -29,11 +29,11 @@ from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import AREA, WEIGHT, XX, ZZ, write_normals
 from planewise.objective import PAPER
-from planewise.observation import PointObservation
 from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
 from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
+from planewise.point_observation import PointObservation
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

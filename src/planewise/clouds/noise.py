@@ -29,8 +29,8 @@ from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.noise import Polynomial, constant
-from planewise.observation import checked_origin, checked_points
 from planewise.paper.evaluate import MAX_PLANES
+from planewise.point_observation import checked_origin, checked_points
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]

@@ -17,6 +17,7 @@ from planewise.clouds.model import CloudPlanes, ranked_model
 from planewise.clouds.order import Grid
 from planewise.clouds.rows import planes_of
 from planewise.clouds.segments import segments_of
+from planewise.compilation import confirm
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import (
@@ -111,3 +112,4 @@ def _rows(centres: NDArray[np.float64]) -> NDArray[np.float64]:
 if __name__ == "__main__":
     gc.disable()  # a short life
     later_stages()
+    confirm(cloud=True)

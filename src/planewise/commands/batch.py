@@ -17,24 +17,34 @@ from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.batch_progress import Progress, show_forecast, show_result
 from planewise.commands.command_line import (
-    CAMERA_HELP,
-    DEPTH_SCALE_HELP,
-    MAX_DEPTH_HELP,
     NO_ROOM,
-    RESOLUTION_HELP,
-    ObjectiveName,
-    ReassignName,
-    SearchName,
     check_numbers,
-    optional,
     partition_of,
     preset_of,
     reported,
     sensor_of,
 )
 from planewise.commands.exit_codes import FAILED, INTERRUPTED
+from planewise.commands.shared_options import (
+    CameraInstead,
+    DepthScale,
+    Every,
+    Kind,
+    Limit,
+    MaxDepth,
+    MaxPlanes,
+    NoiseAsForDetect,
+    ObjectiveName,
+    ReassignName,
+    Resolution,
+    SamDevice,
+    SamModel,
+    SearchName,
+    Seed,
+    optional,
+)
 from planewise.errors import PlanewiseError
-from planewise.files.camera import NOISE_HELP, read_camera, read_sensor
+from planewise.files.camera import read_camera, read_sensor
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source
@@ -74,18 +84,16 @@ def batch(
             help="Folder of the results: new, or one that this command began.",
         ),
     ],
-    kind: Annotated[
-        str | None, optional("Kind of dataset. Default: whichever the contents look like.")
-    ] = None,
-    camera: Annotated[str | None, optional(f"Instead of the dataset's. {CAMERA_HELP}")] = None,
+    kind: Kind = None,
+    camera: CameraInstead = None,
     sensor: Annotated[
         str | None,
         optional("As for detect. Default: the dataset's, or the preset of the camera's name."),
     ] = None,
-    noise: Annotated[str | None, optional(f"As for detect: {NOISE_HELP}; or auto.")] = None,
-    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
-    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
-    depth_scale: Annotated[float | None, optional(DEPTH_SCALE_HELP)] = None,
+    noise: NoiseAsForDetect = None,
+    max_depth: MaxDepth = None,
+    resolution: Resolution = None,
+    depth_scale: DepthScale = None,
     search: Annotated[SearchName, typer.Option(help="As for detect.")] = SearchName.joint,
     objective: Annotated[ObjectiveName | None, optional("As for detect.")] = None,
     instances: Annotated[
@@ -94,27 +102,21 @@ def batch(
     significance: Annotated[
         float, typer.Option(help="Nats a plane has to save beyond its costs.")
     ] = 0.0,
-    max_planes: Annotated[
-        int | None, optional("Largest number of planes. Default: 64, sequential 8.")
-    ] = None,
+    max_planes: MaxPlanes = None,
     confidence: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.99,
     inlier_ratio: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.1,
     reassign: Annotated[ReassignName | None, optional("As for detect (paper's objective).")] = None,
     partition: Annotated[
         str | None, optional("Regions to search, as for detect: auto, graph, blocks or sam.")
     ] = None,
-    sam_model: Annotated[
-        str | None, optional("Folder or hub name of the weights of Segment Anything.")
-    ] = None,
-    sam_device: Annotated[
-        str | None, optional("Where Segment Anything runs: cpu (the default), cuda ...")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
+    sam_model: SamModel = None,
+    sam_device: SamDevice = None,
+    seed: Seed = 0,
     labels: Annotated[
         _Labels, typer.Option(help="Label images as 16-bit PNG, or COCO's run lengths in Parquet.")
     ] = _Labels.png,
-    limit: Annotated[int | None, optional("Take only the first so many frames.")] = None,
-    every: Annotated[int, typer.Option(help="Take one of so many frames.")] = 1,
+    limit: Limit = None,
+    every: Every = 1,
     shard: Annotated[
         str, typer.Option(metavar="I/N", help="Take the I-th of N parts, for one machine each.")
     ] = "1/1",

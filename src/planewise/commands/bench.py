@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 
 from planewise.camera import Camera
 from planewise.commands import terminal
-from planewise.commands.command_line import (
-    CAMERA_HELP,
-    DEPTH_SCALE_HELP,
-    MAX_DEPTH_HELP,
-    RESOLUTION_HELP,
-    check_numbers,
+from planewise.commands.command_line import check_numbers, reported, sensor_of
+from planewise.commands.shared_options import (
+    CameraName,
+    DepthScale,
+    MaxDepth,
+    NoiseAsForDetect,
+    Resolution,
+    Threads,
     optional,
-    reported,
-    sensor_of,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import NOISE_HELP, read_camera
+from planewise.files.camera import read_camera
 from planewise.files.depth import read_depth
 from planewise.sensor import Sensor
 from planewise.stages import recorded
@@ -56,15 +56,15 @@ def bench(
     size: Annotated[
         str | None, optional(f"Pixels of the room, width x height. Default: {_ROOM}.")
     ] = None,
-    camera: Annotated[str | None, optional(CAMERA_HELP)] = None,
+    camera: CameraName = None,
     sensor: Annotated[
         str | None, optional("As for detect; not needed where the camera's preset has its name.")
     ] = None,
-    noise: Annotated[str | None, optional(f"As for detect: {NOISE_HELP}; or auto.")] = None,
-    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
-    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
-    depth_scale: Annotated[float | None, optional(DEPTH_SCALE_HELP)] = None,
-    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
+    noise: NoiseAsForDetect = None,
+    max_depth: MaxDepth = None,
+    resolution: Resolution = None,
+    depth_scale: DepthScale = None,
+    threads: Threads = None,
     output: Annotated[Path | None, optional("File for all times, .json.", "--json")] = None,
 ) -> None:
     """Time the default detection on this machine, called again and again on one frame."""

@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import (
-    CAMERA_HELP,
-    DEPTH_SCALE_HELP,
-    MAX_DEPTH_HELP,
-    RESOLUTION_HELP,
-    check_numbers,
-    optional,
-    preset_of,
-    reported,
-)
+from planewise.commands.command_line import check_numbers, preset_of, reported
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.shared_options import (
+    CameraName,
+    DepthScale,
+    MaxDepth,
+    Resolution,
+    optional,
+)
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
@@ -48,7 +46,7 @@ def calibrate(
             "-o", "--output", metavar="JSON", show_default=False, help="File for the sensor."
         ),
     ],
-    camera: Annotated[str | None, optional(CAMERA_HELP)] = None,
+    camera: CameraName = None,
     sensor: Annotated[
         str | None,
         optional(
@@ -56,9 +54,9 @@ def calibrate(
             "Default: the preset of the camera's name, else 10 m and 1 mm."
         ),
     ] = None,
-    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
-    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
-    depth_scale: Annotated[float | None, optional(DEPTH_SCALE_HELP)] = None,
+    max_depth: MaxDepth = None,
+    resolution: Resolution = None,
+    depth_scale: DepthScale = None,
     picture: Annotated[
         Path | None, optional("File for a picture of the curve, .png.", "--picture")
     ] = None,

@@ -7,7 +7,6 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,41 +25,6 @@ if TYPE_CHECKING:
 
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 """Errors of a disk that is full."""
-
-
-class SearchName(StrEnum):
-    """`--search`."""
-
-    joint = "joint"
-    sequential = "sequential"
-
-
-class ObjectiveName(StrEnum):
-    """`--objective`."""
-
-    paper = "paper"
-    spatial = "spatial"
-
-
-class ReassignName(StrEnum):
-    """`--reassign`."""
-
-    normals = "normals"
-
-
-CAMERA_HELP = (
-    "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "
-    "file, or a LiDAR's table of angles. Not needed where an .npz holds K."
-)
-MAX_DEPTH_HELP = "Largest depth in metres; what is beyond is no reading."
-OUTLINES_HELP = (
-    "Write where the planes lie, too: outlines.json, and meshes as planes.obj and planes.ply; with "
-    "--instances each connected piece on its own. Needs the extra 'cloud'."
-)
-RESOLUTION_HELP = "Step between two readings in metres."
-DEPTH_SCALE_HELP = (
-    "Metres per unit of an integer image. Default: what an .npz states, else the resolution."
-)
 
 
 class _OnStderr(logging.Handler):
@@ -92,11 +56,6 @@ def reported() -> Iterator[None]:
     else:
         return
     raise typer.Exit(FAILED)
-
-
-def optional(help_text: str, *names: str) -> typer.models.OptionInfo:
-    """Option that may be left out."""
-    return typer.Option(*names, show_default=False, help=help_text)  # type: ignore[no-any-return]
 
 
 def preset_of(camera: str | None) -> str | None:

@@ -8,23 +8,26 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import (
-    CAMERA_HELP,
-    DEPTH_SCALE_HELP,
-    MAX_DEPTH_HELP,
-    OUTLINES_HELP,
-    RESOLUTION_HELP,
-    ObjectiveName,
-    ReassignName,
-    SearchName,
-    check_numbers,
-    optional,
-    partition_of,
-    reported,
-    sensor_of,
-)
+from planewise.commands.command_line import check_numbers, partition_of, reported, sensor_of
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed, Job
+from planewise.commands.shared_options import (
+    CameraName,
+    DepthScale,
+    MaxDepth,
+    MaxPlanes,
+    ObjectiveName,
+    Outlines,
+    Output,
+    ReassignName,
+    Resolution,
+    SamDevice,
+    SamModel,
+    SearchName,
+    Seed,
+    Threads,
+    optional,
+)
 from planewise.errors import PlanewiseError
 from planewise.files.camera import NOISE_HELP, read_camera
 from planewise.files.depth import list_depth_files
@@ -40,16 +43,8 @@ def detect(
             help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them.",
         ),
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="OUT", show_default=False, help="Folder for the results."
-        ),
-    ],
-    camera: Annotated[
-        str | None,
-        optional(CAMERA_HELP),
-    ] = None,
+    output: Output,
+    camera: CameraName = None,
     sensor: Annotated[
         str | None,
         optional(
@@ -63,12 +58,9 @@ def detect(
             f"Standard deviation of a reading: {NOISE_HELP}; or auto: estimated from each frame."
         ),
     ] = None,
-    max_depth: Annotated[float | None, optional(MAX_DEPTH_HELP)] = None,
-    resolution: Annotated[float | None, optional(RESOLUTION_HELP)] = None,
-    depth_scale: Annotated[
-        float | None,
-        optional(DEPTH_SCALE_HELP),
-    ] = None,
+    max_depth: MaxDepth = None,
+    resolution: Resolution = None,
+    depth_scale: DepthScale = None,
     search: Annotated[
         SearchName, typer.Option(help="All planes together, or one after the other (the paper's).")
     ] = SearchName.joint,
@@ -90,9 +82,7 @@ def detect(
         float,
         typer.Option(help="Nats a plane has to save beyond its costs (spatial objective)."),
     ] = 0.0,
-    max_planes: Annotated[
-        int | None, optional("Largest number of planes. Default: 64, sequential 8.")
-    ] = None,
+    max_planes: MaxPlanes = None,
     confidence: Annotated[
         float, typer.Option(help="Sequential: probability that a plane's sample is pure.")
     ] = 0.99,
@@ -113,15 +103,10 @@ def detect(
             "folder of masks; with a folder of depth images, a folder of these of the same names."
         ),
     ] = None,
-    sam_model: Annotated[
-        str | None,
-        optional("Folder or hub name of the weights of Segment Anything, for --partition sam."),
-    ] = None,
-    sam_device: Annotated[
-        str | None, optional("Where Segment Anything runs: cpu (the default), cuda, cuda:1 ...")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
-    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
+    sam_model: SamModel = None,
+    sam_device: SamDevice = None,
+    seed: Seed = 0,
+    threads: Threads = None,
     rgb: Annotated[
         Path | None,
         optional(
@@ -129,7 +114,7 @@ def detect(
             "with a folder of depth images, a folder of pictures of the same names."
         ),
     ] = None,
-    outlines: Annotated[bool, typer.Option("--outlines", help=OUTLINES_HELP)] = False,
+    outlines: Outlines = False,
 ) -> None:
     """Find the planes of a depth image, or of every one in a folder.
 

@@ -9,8 +9,13 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import optional, reported
+from planewise.commands.command_line import reported
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.shared_options import (
+    Every,
+    Limit,
+    optional,
+)
 
 _SHOWN = 20  # frames that could not be exported
 
@@ -51,8 +56,8 @@ def export(
     pictures: Annotated[
         bool, typer.Option("--pictures", help="COCO: write the pictures of the frames, too.")
     ] = False,
-    limit: Annotated[int | None, optional("Take only the first so many frames.")] = None,
-    every: Annotated[int, typer.Option(help="Take one of so many frames.")] = 1,
+    limit: Limit = None,
+    every: Every = 1,
 ) -> None:
     """Write labels and planes of a store in a format of other programs.
 

@@ -10,8 +10,13 @@ import typer
 
 from planewise import sensors
 from planewise.commands import terminal
-from planewise.commands.command_line import CAMERA_HELP, check_numbers, optional, reported
+from planewise.commands.command_line import check_numbers, reported
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.shared_options import (
+    CameraInstead,
+    Kind,
+    optional,
+)
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.camera import read_camera
 
@@ -28,10 +33,8 @@ def frames(
             metavar="PATH", show_default=False, help="Folder or file; docs/datasets.md lists kinds."
         ),
     ],
-    kind: Annotated[
-        str | None, optional("Kind of dataset. Default: whichever the contents look like.")
-    ] = None,
-    camera: Annotated[str | None, optional(f"Instead of the dataset's. {CAMERA_HELP}")] = None,
+    kind: Kind = None,
+    camera: CameraInstead = None,
     depth_scale: Annotated[
         float | None, optional("Metres per unit of integer depth, instead of the dataset's.")
     ] = None,

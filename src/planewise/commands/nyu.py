@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,20 +11,23 @@ import typer
 
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
-from planewise.commands.command_line import (
-    CAMERA_HELP,
-    check_numbers,
-    optional,
-    partition_of,
-    reported,
-)
+from planewise.commands.command_line import check_numbers, partition_of, reported
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.shared_options import (
+    CAMERA_HELP,
+    SamDevice,
+    SamModel,
+    Seed,
+    Threads,
+    optional,
+)
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.camera import read_camera
 from planewise.whole_files import output_folder
 
 if TYPE_CHECKING:
-    from planewise.reproduce.nyu import Row
+    from planewise.datasets.frames import Dataset
+    from planewise.reproduce.nyu import Protocol, Row
 
 
 class _Depth(StrEnum):
@@ -68,15 +72,10 @@ def nyu(
             "or of folders of masks named like the frames."
         ),
     ] = None,
-    sam_model: Annotated[
-        str | None,
-        optional("Folder or hub name of the weights of Segment Anything, for --partition sam."),
-    ] = None,
-    sam_device: Annotated[
-        str | None, optional("Where Segment Anything runs: cpu (the default), cuda, cuda:1 ...")
-    ] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
-    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
+    sam_model: SamModel = None,
+    sam_device: SamDevice = None,
+    seed: Seed = 0,
+    threads: Threads = None,
 ) -> None:
     """Score the paper's search and ours on NYU-v2 as the paper does (VOI, RI, SC).
 
@@ -123,27 +122,33 @@ def nyu(
                 f"{terminal.listed(left_out)}"
             )
         with output_folder(output) as folder:
-            rows: list[Row] = []
-            shapes: set[tuple[int, int]] = set()
-            failed = 0
-            for each in terminal.progress(ids, len(ids)):
-                try:
-                    frame = dataset[each]
-                    rows += protocol.run(frame)
-                    shapes.add((frame.depth.shape[0], frame.depth.shape[1]))
-                except MissingExtraError:
-                    raise
-                except ValueError as error:
-                    failed += 1
-                    terminal.error(str(error))
+            rows, shapes = _scored(dataset, ids, protocol)
             if not rows:
                 raise PlanewiseError(f"data: none of {len(ids)} frames could be scored")
-            lines = lines_of(rows)
-            notes = notes_on(protocol, dataset, len(ids) - failed, shapes)
+            lines, scored = lines_of(rows), len({row.frame for row in rows})
+            notes = notes_on(protocol, dataset, scored, shapes)
             write_report(folder, lines, rows, notes)
         terminal.show_table(MEANING, table_of(lines), COLUMNS)
         for note in notes:
             terminal.say_wrapped(note)
-        terminal.say(f"{len(ids) - failed} of {len(ids)} frames scored, files in {output}")
-        if failed:
+        terminal.say(f"{scored} of {len(ids)} frames scored, files in {output}")
+        if scored < len(ids):
             raise typer.Exit(FAILED)
+
+
+def _scored(
+    dataset: Dataset, ids: Sequence[str], protocol: Protocol
+) -> tuple[list[Row], set[tuple[int, int]]]:
+    """Rows of all frames that can be used, and the sizes of these; the others are reported."""
+    rows: list[Row] = []
+    shapes: set[tuple[int, int]] = set()
+    for each in terminal.progress(ids, len(ids)):
+        try:
+            frame = dataset[each]
+            rows += protocol.run(frame)
+            shapes.add((frame.depth.shape[0], frame.depth.shape[1]))
+        except MissingExtraError:
+            raise
+        except ValueError as error:
+            terminal.error(str(error))
+    return rows, shapes

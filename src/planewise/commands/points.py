@@ -11,7 +11,14 @@ import typer
 
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
-from planewise.commands.command_line import OUTLINES_HELP, check_numbers, optional, reported
+from planewise.commands.command_line import check_numbers, reported
+from planewise.commands.shared_options import (
+    Outlines,
+    Output,
+    Seed,
+    Threads,
+    optional,
+)
 from planewise.errors import PlanewiseError
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
@@ -40,12 +47,7 @@ def points(
             "'cloud' LAS, LAZ and E57. Metres, z up.",
         ),
     ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "-o", "--output", metavar="OUT", show_default=False, help="Folder for the results."
-        ),
-    ],
+    output: Output,
     sigma: Annotated[
         str,
         typer.Option(
@@ -65,9 +67,9 @@ def points(
         _RESOLUTION
     ),
     max_planes: Annotated[int | None, optional("Largest number of planes. Default: 64.")] = None,
-    seed: Annotated[int, typer.Option(help="The same seed gives the same result.")] = 0,
-    threads: Annotated[int | None, optional("Default: one per processor.")] = None,
-    outlines: Annotated[bool, typer.Option("--outlines", help=OUTLINES_HELP)] = False,
+    seed: Seed = 0,
+    threads: Threads = None,
+    outlines: Outlines = False,
     instances: Annotated[
         bool,
         typer.Option("--instances", help="With --outlines: each connected piece on its own."),

@@ -11,7 +11,10 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import optional, reported
+from planewise.commands.command_line import reported
+from planewise.commands.shared_options import (
+    optional,
+)
 from planewise.errors import PlanewiseError
 from planewise.whole_files import output_folder
 

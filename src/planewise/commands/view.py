@@ -8,7 +8,12 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import optional, reported
+from planewise.commands.command_line import reported
+from planewise.commands.shared_options import (
+    Every,
+    Limit,
+    optional,
+)
 
 _MANY = 5000  # frames that a page opens with at ease
 
@@ -25,8 +30,8 @@ def view(
         Path | None,
         optional("Where the frames are now, to draw planes over them. Default: where they were."),
     ] = None,
-    limit: Annotated[int | None, optional("Take only the first so many frames.")] = None,
-    every: Annotated[int, typer.Option(help="Take one of so many frames.")] = 1,
+    limit: Limit = None,
+    every: Every = 1,
 ) -> None:
     """Write one page with pictures, planes and curves of the frames, for any browser.
 

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.sensor import Sensor
 
 _FORBIDDEN = frozenset("/\\\0\n\r")  # in ids, which become names of files
@@ -231,17 +231,8 @@ class Frames(ABC, Generic[Frame]):
             last = f" ... {self.ids[-1]}" if len(self.ids) > 1 else ""
             has = f"it has {self.ids[0]}{last}" if self.ids else "none were chosen"
             raise PlanewiseError(f"{self.name} has no frame {frame!r}; {has}")
-        try:
+        with naming(f"{self.name}, frame {frame}:", damaged="it is damaged"):
             return self._read(frame)
-        except MissingExtraError:
-            raise
-        except PlanewiseError as error:
-            raise PlanewiseError(f"{self.name}, frame {frame}: {error}") from None
-        except Exception as error:  # decoders of foreign bytes may raise anything
-            detail = in_one_line(error)
-            raise PlanewiseError(
-                f"{self.name}, frame {frame}: cannot be read; it is damaged ({detail})"
-            ) from error
 
     def readable(self, report: Callable[[str, PlanewiseError], None]) -> Iterator[Frame]:
         """Read all frames in their order, and go on past those that cannot be read.

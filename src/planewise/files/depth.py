@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import MissingExtraError, PlanewiseError, naming
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -88,18 +88,8 @@ def read_depth(path: str | Path) -> DepthFile:
     if reader is None:
         known = ", ".join(sorted(_READERS))
         raise PlanewiseError(f"depth: {path.name} is of no known kind; expected one of {known}")
-    try:
-        frame = reader(path)
-    except MissingExtraError:
-        raise
-    except PlanewiseError as error:
-        raise PlanewiseError(f"depth: {path.name} {error}") from None
-    except Exception as error:  # decoders of foreign bytes may raise anything
-        detail = in_one_line(error)
-        raise PlanewiseError(
-            f"depth: {path.name} cannot be read; it is damaged or not what its name says ({detail})"
-        ) from error
-    return frame
+    with naming(f"depth: {path.name}"):
+        return reader(path)
 
 
 def is_depth_file(path: Path) -> bool:

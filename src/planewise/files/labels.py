@@ -12,7 +12,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.files.depth import check_size, natural_order, read_array
 
 _KEYS = ("labels", "gt", "plane_instance")
@@ -84,18 +84,8 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
         raise PlanewiseError(
             f"{name}: {path.name} is of no known kind; expected one of {', '.join(_KINDS)}"
         )
-    try:
+    with naming(f"{name}: {path.name}"):
         return _read(path)
-    except MissingExtraError:
-        raise
-    except PlanewiseError as error:
-        raise PlanewiseError(f"{name}: {path.name} {error}") from None
-    except Exception as error:  # decoders of foreign bytes may raise anything
-        detail = in_one_line(error)
-        raise PlanewiseError(
-            f"{name}: {path.name} cannot be read; it is damaged or not what its name says "
-            f"({detail})"
-        ) from error
 
 
 def label_images(folder: Path) -> dict[str, Path]:

@@ -23,6 +23,7 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
@@ -127,40 +128,18 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
     half-edges, 2 e and 2 e + 1.
     """
     # A twin of `segments.agglomerate`: what they weigh differs, and a loop that is given functions
-    # is not kept in Numba's cache; with its walks along edges in functions it took a third longer.
+    # is not kept in Numba's cache. What they do to the graph is the same: `kernels.edges`.
     count, edges = rows.shape[0], boundary.size
-    following = np.full(2 * edges, -1, np.int64)
-    head, tail = np.full(count, -1, np.int64), np.full(count, -1, np.int64)
-    seen = np.full(count, -1, np.int64)
+    following = np.empty(2 * edges, np.int64)
+    head, tail = np.empty(count, np.int64), np.empty(count, np.int64)
+    seen = np.empty(count, np.int64)
     degree, version = np.zeros(count, np.int64), np.zeros(count, np.int64)
     alive = np.ones(edges, np.bool_)
     valued = np.zeros(edges, np.int64)
     misfit, place = np.zeros(edges), np.empty(edges, np.int64)
     keys, items = np.empty(edges + SPARE), np.empty(edges + SPARE, np.int64)
-    for half in range(2 * edges):
-        u = ends[half >> 1, half & 1]
-        if head[u] < 0:
-            head[u] = half
-        else:
-            following[tail[u]] = half
-        tail[u] = half
-    for u in range(count):
-        # Two segments may share several borders: one edge is enough.
-        half = head[u]
-        while half >= 0:
-            edge = half >> 1
-            other = ends[edge, 1 - (half & 1)]
-            if alive[edge]:
-                if seen[other] >= 0:
-                    boundary[seen[other]] += boundary[edge]
-                    alive[edge] = False
-                else:
-                    seen[other] = edge
-            half = following[half]
-        half = head[u]
-        while half >= 0:
-            seen[ends[half >> 1, 1 - (half & 1)]] = -1
-            half = following[half]
+    list_edges(ends, edges, head, tail, following)
+    unite_edges(ends, boundary, alive, head, following, seen)
     for u in range(count):
         root[u] = u
     clear(keys, place)
@@ -205,21 +184,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
             if alive[moved]:
                 # An edge between u and the neighbour is in both lists: look into the shorter one.
                 walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                kept = -1
-                link, before = head[walked], -1
-                while link >= 0 and kept < 0:
-                    if not alive[link >> 1]:
-                        if before < 0:
-                            head[walked] = following[link]
-                        else:
-                            following[before] = following[link]
-                        if tail[walked] == link:
-                            tail[walked] = before
-                    else:
-                        before = link
-                        if ends[link >> 1, 1 - (link & 1)] == wanted:
-                            kept = link >> 1
-                    link = following[link]
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
                 if kept >= 0:
                     boundary[kept] += boundary[moved]
                     alive[moved] = False
@@ -234,18 +199,9 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
-                    following[half] = -1
-                    if tail[u] < 0:
-                        head[u] = half
-                    else:
-                        following[tail[u]] = half
-                    tail[u] = half
+                    append_half(u, half, head, tail, following)
             half = after
-    for u in range(count):
-        top = root[u]
-        while root[top] != top:
-            top = root[top]
-        root[u] = top
+    write_roots(root)
 
 
 @compiled

@@ -1,6 +1,7 @@
 """Loops over segments: merging neighbours while that saves nats.
 
-A segment is a row as `kernels.cells` lays it out; joining segments is adding rows.
+A segment is a row as `kernels.cells` lays it out; joining segments is adding rows. What needs no
+order is joined before, by `kernels.squares`.
 """
 
 from __future__ import annotations
@@ -8,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.borders import border_price
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
@@ -16,7 +18,7 @@ from planewise.kernels.forms import (
     write_form,
 )
 from planewise.kernels.heap import SPARE, clear, update
-from planewise.kernels.jit import compiled, internal
+from planewise.kernels.jit import compiled, inlined, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
@@ -24,7 +26,7 @@ _BATCH = 512  # edges that are valued at once
 
 
 @internal
-def _tempered(discord, count):  # type: ignore[no-untyped-def]
+def tempered(discord, count):  # type: ignore[no-untyped-def]
     """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
 
     The size of a cell's error is uncertain, so that a cell on a rounded edge costs little; an
@@ -77,22 +79,8 @@ def _merge_gain(  # type: ignore[no-untyped-def]
         discord, evidence = _across(
             segments, forms, home, turns, drift, small, large, offset, slope
         )
-    misfit = _tempered(discord, segments[small, COUNT])
+    misfit = tempered(discord, segments[small, COUNT])
     return min(evidence, most) - 0.5 * misfit + boundary, misfit
-
-
-@internal
-def _list_edges(ends, edges, head, tail, following):  # type: ignore[no-untyped-def]
-    """List the half-edges of every segment, in rising order."""
-    head[:] = tail[:] = -1
-    following[: 2 * edges] = -1
-    for half in range(2 * edges):
-        u = ends[half >> 1, half & 1]
-        if head[u] < 0:
-            head[u] = half
-        else:
-            following[tail[u]] = half
-        tail[u] = half
 
 
 @internal
@@ -121,7 +109,7 @@ def _first_gains(  # type: ignore[no-untyped-def]
     for edge in range(misfit.size):
         u, v = ends[edge, 0], ends[edge, 1]
         if home[u] == home[v]:
-            misfit[edge] = _tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
+            misfit[edge] = tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
             current[edge] = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
         else:
             current[edge], misfit[edge] = _merge_gain(
@@ -131,7 +119,7 @@ def _first_gains(  # type: ignore[no-untyped-def]
 
 
 @internal
-def _mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
+def mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
     """Drift of segment u when v becomes part of it: their mean by readings, of_u and of_v."""
     share = of_v / (of_u + of_v)
     drift[u] += share * (drift[v] - drift[u])
@@ -140,121 +128,45 @@ def _mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
 @internal
 def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u, in whose coordinates it is."""
-    _mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
+    mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
     for e in range(SEGMENT):
         segments[u, e] += segments[v, e]
     segments[u, MISFIT] += misfit
     write_form(segments[u], drift[u], forms[u])
 
 
-@compiled
-def join_blocks(  # type: ignore[no-untyped-def]
-    unit, whole, right, rows, forms, free, drift, limit, levels, root, square, joined, shapes
-):
-    """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
-
-    unit (rows, columns): unit of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
-    first level joins, and right: discords of those side by side (`square_discords`). Squares are
-    joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
-    forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
-    in place. Writes root (n,): the unit that each is part of, the upper left one of its square;
-    square (n,): where its joined row and form (n / 4, .) are, if any. Returns the number of roots.
-    """
-    level = np.empty(root.size, np.int8)
-    for k in range(root.size):
-        root[k], square[k] = k, -1
-        level[k] = 1 if whole[k] else 0
-    halves, shape = np.empty((2, SEGMENT)), np.empty((2, FORM))
-    side, squares, left = 2, 0, root.size
-    for step in range(1, levels + 1):
-        of, like = joined, shapes
-        if step == 1:
-            of, like = rows, forms
-        for i in range(0, unit.shape[0] - side, 2 * side):
-            for j in range(0, unit.shape[1] - side, 2 * side):
-                a, b = unit[i, j], unit[i, j + side]
-                c, d = unit[i + side, j], unit[i + side, j + side]
-                if a < 0 or b < 0 or c < 0 or d < 0:
-                    continue
-                if level[a] != step or level[b] != step or level[c] != step or level[d] != step:
-                    continue
-                if step == 1:
-                    m, n, o, p = a, b, c, d
-                    upper, lower = right[i // 2, j // 2], right[i // 2 + 1, j // 2]
-                else:
-                    m, n, o, p = square[a], square[b], square[c], square[d]
-                    upper, lower = (
-                        compare_forms(like[m], like[n], 0.0, 0.0)[0],
-                        compare_forms(like[o], like[p], 0.0, 0.0)[0],
-                    )
-                if upper > limit or lower > limit:
-                    continue
-                for e in range(SEGMENT):
-                    halves[0, e] = of[m, e] + of[n, e]
-                    halves[1, e] = of[o, e] + of[p, e]
-                if step == 1:
-                    halves[0, FREE], halves[1, FREE] = free[a] + free[b], free[c] + free[d]
-                write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
-                write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
-                both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
-                if both > limit:
-                    continue
-                misfit = _tempered(both, halves[1, COUNT])
-                misfit += _tempered(upper, of[n, COUNT])
-                misfit += _tempered(lower, of[p, COUNT])
-                _mix_drift(drift, c, d, of[o, COUNT], of[p, COUNT])
-                _mix_drift(drift, a, b, of[m, COUNT], of[n, COUNT])
-                _mix_drift(drift, a, c, halves[0, COUNT], halves[1, COUNT])
-                if step == 1:
-                    square[a] = squares
-                    squares += 1
-                row = joined[square[a]]
-                for e in range(SEGMENT):
-                    row[e] = halves[0, e] + halves[1, e]
-                row[MISFIT] += misfit
-                write_form(row, drift[a], shapes[square[a]])
-                root[b] = root[c] = root[d] = a
-                level[a] = step + 1
-                left -= 3
-        side *= 2
-    for k in range(root.size):
-        top = root[k]
-        while root[top] != top:
-            top = root[top]
-        root[k] = top
-    return left
+@inlined
+def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: ignore[no-untyped-def]
+    """Sides between cells of two segments, as edges with the nats that a merge saves there."""
+    rows, columns = unit.shape
+    sides = np.intp(0)
+    for i in range(rows):
+        for j in range(columns):
+            u = unit[i, j]
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if wraps and column == columns:
+                    column = 0
+                if u >= 0 and row < rows and column < columns:
+                    v = unit[row, column]
+                    if v >= 0 and v != u:
+                        ends[sides, 0], ends[sides, 1] = u, v
+                        boundary[sides] = border_price(discords[k, i, j], price)
+                        alive[sides] = 1
+                        sides += 1
+    return sides
 
 
-@compiled
-def keep_roots(  # type: ignore[no-untyped-def]
-    root, square, rows, forms, free, joined, shapes, drift, offset_prior, slope_prior,
-    out_rows, out_forms, numbers,
-):  # fmt: skip
-    """Copy what `join_blocks` left, and say in root (n,) where each unit's segment is.
-
-    Writes rows and forms of the segments, as many as there are roots, and numbers (3, .): their
-    drift and priors.
-    """
-    found = 0
-    place = np.empty(root.size, np.int32)
-    for k in range(root.size):
-        if root[k] == k:
-            place[k] = found
-            source, like, at = rows, forms, np.int32(k)
-            if square[k] >= 0:
-                source, like, at = joined, shapes, square[k]
-            # Written out: assigning rows would compile checks of their shapes.
-            for e in range(SEGMENT):
-                out_rows[found, e] = source[at, e]
-            for e in range(FORM):
-                out_forms[found, e] = like[at, e]
-            if square[k] < 0:
-                out_rows[found, FREE] = free[k]
-            numbers[0, found] = drift[k]
-            numbers[1, found], numbers[2, found] = offset_prior[k], slope_prior[k]
-            found += 1
-    for k in range(root.size):
-        root[k] = place[root[k]]
+@inlined
+def _keep_alive(ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
+    """Move the edges that are left to the front. Returns how many there are."""
+    edges = np.intp(0)
+    for side in range(sides):
+        if alive[side]:
+            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
+            boundary[edges], alive[edges] = boundary[side], 1
+            edges += 1
+    return edges
 
 
 def room(sides: int, segments: int) -> tuple[int, int]:
@@ -295,7 +207,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
     half-edges, 2 e and 2 e + 1.
     """
     count = segments.shape[0]
-    rows, columns = unit.shape
     most_edges = (ints.size - 5 * count - SPARE) // 8
     ends = ints[: 2 * most_edges].reshape((most_edges, 2))
     following = ints[2 * most_edges : 4 * most_edges]
@@ -304,48 +215,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
     head, tail, degree, seen, version = ints[ints.size - 5 * count :].reshape((5, count))
     boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
     keys = floats[2 * most_edges :]
-    seen[:] = -1
     degree[:] = version[:] = 0
-    edges = np.intp(0)
-    for i in range(rows):
-        for j in range(columns):
-            u = unit[i, j]
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if wraps and column == columns:
-                    column = 0
-                if u >= 0 and row < rows and column < columns:
-                    v = unit[row, column]
-                    if v >= 0 and v != u:
-                        ends[edges, 0], ends[edges, 1] = u, v
-                        boundary[edges] = border_price(discords[k, i, j], price)
-                        alive[edges] = 1
-                        edges += 1
-    _list_edges(ends, edges, head, tail, following)
-    for u in range(count):
-        # Two units may share two sides: one edge is enough. seen: the edge to each neighbour.
-        half = head[u]
-        while half >= 0:
-            edge = half >> 1
-            other = ends[edge, 1 - (half & 1)]
-            if alive[edge]:
-                if seen[other] >= 0:
-                    boundary[seen[other]] += boundary[edge]
-                    alive[edge] = 0
-                else:
-                    seen[other] = edge
-            half = following[half]
-        half = head[u]
-        while half >= 0:
-            seen[ends[half >> 1, 1 - (half & 1)]] = -1
-            half = following[half]
-    sides, edges = edges, np.intp(0)
-    for side in range(sides):
-        if alive[side]:
-            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
-            boundary[edges], alive[edges] = boundary[side], 1
-            edges += 1
-    _list_edges(ends, edges, head, tail, following)
+    edges = _list_sides(unit, discords, price, wraps, ends, boundary, alive)
+    list_edges(ends, edges, head, tail, following)
+    unite_edges(ends, boundary, alive, head, following, seen)
+    edges = _keep_alive(ends, boundary, alive, edges)
+    list_edges(ends, edges, head, tail, following)
 
     # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
@@ -396,21 +271,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             if alive[moved]:
                 # An edge between u and the neighbour is in both lists: look into the shorter one.
                 walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                kept = -1
-                link, before = head[walked], -1
-                while link >= 0 and kept < 0:
-                    if not alive[link >> 1]:
-                        if before < 0:
-                            head[walked] = following[link]
-                        else:
-                            following[before] = following[link]
-                        if tail[walked] == link:
-                            tail[walked] = before
-                    else:
-                        before = link
-                        if ends[link >> 1, 1 - (link & 1)] == wanted:
-                            kept = link >> 1
-                    link = following[link]
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
                 if kept >= 0:
                     boundary[kept] += boundary[moved]
                     alive[moved] = 0
@@ -426,15 +287,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 else:
                     ends[moved, half & 1] = u
                     degree[u] += 1
-                    following[half] = -1
-                    if tail[u] < 0:
-                        head[u] = half
-                    else:
-                        following[tail[u]] = half
-                    tail[u] = half
+                    append_half(u, half, head, tail, following)
             half = after
-    for u in range(count):
-        top = root[u]
-        while root[top] != top:
-            top = root[top]
-        root[u] = top
+    write_roots(root)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.kernels.readings import PART
-from planewise.observation import Observation, PointObservation, RayObservation
+from planewise.observation import Observation, RayObservation
+from planewise.point_observation import PointObservation
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

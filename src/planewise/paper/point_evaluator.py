@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import readings as kernels
-from planewise.observation import PointObservation
 from planewise.paper.evaluate import (
     Array,
     Assignment,
@@ -16,6 +15,7 @@ from planewise.paper.evaluate import (
     inverse,
     scored,
 )
+from planewise.point_observation import PointObservation
 
 
 class PointEvaluator(Evaluator):

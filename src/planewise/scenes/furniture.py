@@ -56,6 +56,15 @@ class Solid(ABC):
         return np.broadcast_to(np.array(self.colour), points.shape)
 
 
+def turned(points: Array, axes: Array) -> Array:
+    """Coordinates of points (k, 3) along the columns of axes, shape (3, k).
+
+    Written out: `matmul` wakes threads for every such product, and waits for them.
+    """
+    x, y, z = np.ascontiguousarray(points.T)
+    return np.stack([a * x + b * y + c * z for a, b, c in axes.T])
+
+
 _SIGNS = np.array(list(product((-1, 1), repeat=3)))
 
 
@@ -67,19 +76,20 @@ class Block(Solid):
 
     def hit(self, origin: Array, ray: Array) -> tuple[Array, Faces]:
         """Enter through the farthest of the three nearer faces."""
-        first, last, start = self._slabs(origin, ray)
-        near = first.max(axis=1)
-        axis = first.argmax(axis=1)
-        met = (near < last.min(axis=1)) & (near > 0)
-        side = np.take_along_axis(start, axis[:, None], axis=1)[:, 0] > 0
-        return np.where(met, near, np.inf), 2 * axis + side
+        first, last, along = self._slabs(origin, ray)
+        near = first.max(axis=0)
+        met = (near < last.min(axis=0)) & (near > 0)
+        axis = _which(first, near)
+        return np.where(met, near, np.inf), 2 * axis + (_of_axis(along, axis) < 0)
 
     def _slabs(self, origin: Array, ray: Array) -> tuple[Array, Array, Array]:
-        start, along = (origin - self.centre) @ self.axes, ray @ self.axes
-        with np.errstate(divide="ignore"):
-            inverse = 1 / np.where(along == 0, 1e-300, along)
-        low, high = (-self.half - start) * inverse, (self.half - start) * inverse
-        return np.minimum(low, high), np.maximum(low, high), -along
+        """Where rays enter and leave the three slabs, and their course along the axes, (3, k)."""
+        start = turned(origin - self.centre, self.axes)
+        along = turned(ray, self.axes)
+        inverse = 1 / np.where(along == 0, 1e-300, along)
+        half = self.half[:, None]
+        low, high = (-half - start) * inverse, (half - start) * inverse
+        return np.minimum(low, high), np.maximum(low, high), along
 
     def normal(self, points: Array, face: Faces) -> Array:
         """Axis of the face, outward."""
@@ -101,10 +111,10 @@ class Room(Block):
 
     def hit(self, origin: Array, ray: Array) -> tuple[Array, Faces]:
         """Leave through the nearest of the three farther faces."""
-        _, last, start = self._slabs(origin, ray)
-        axis = last.argmin(axis=1)
-        side = np.take_along_axis(start, axis[:, None], axis=1)[:, 0] < 0
-        return last.min(axis=1), 2 * axis + side
+        _, last, along = self._slabs(origin, ray)
+        far = last.min(axis=0)
+        axis = _which(last, far)
+        return far, 2 * axis + (_of_axis(along, axis) > 0)
 
     def normal(self, points: Array, face: Faces) -> Array:
         """Axis of the face, into the room."""
@@ -159,6 +169,16 @@ class Can(Solid):
         out[:, 2] = 0
         out[face == 1] = (0, 0, 1)
         return np.asarray(out)
+
+
+def _which(rows: Array, row: Array) -> Faces:
+    """Which of three rows (3, k) a row (k,) was taken from, the first of equal ones."""
+    return np.where(rows[0] == row, 0, np.where(rows[1] == row, 1, 2))
+
+
+def _of_axis(rows: Array, axis: Faces) -> Array:
+    """Entry of three rows (3, k) at an axis for each, shape (k,)."""
+    return np.asarray(np.where(axis == 0, rows[0], np.where(axis == 1, rows[1], rows[2])))
 
 
 def _nearer_root(start: Array, ray: Array, radius: float) -> Array:

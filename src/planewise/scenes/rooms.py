@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planewise import noise, sensors
 from planewise.camera import Camera, PinholeCamera
-from planewise.scenes.furniture import Block, Room, Solid, furnish
+from planewise.scenes.furniture import Block, Room, Solid, furnish, turned
 from planewise.scenes.scene import Scene, Seed
 
 Array = NDArray[np.float64]
@@ -141,7 +141,7 @@ class Hits:
 
 def cast(solids: list[Solid], view: View, camera: Camera, size: tuple[int, int]) -> Hits:
     """First surface on the ray of every pixel; every ray has to meet one."""
-    rays = camera.rays(size).reshape(-1, 3) @ view.rotation.T
+    rays = _rays(view, camera, size)
     origin = np.broadcast_to(view.position, rays.shape)
     depth = np.full(len(rays), np.inf)
     solid = np.zeros(len(rays), np.intp)
@@ -165,6 +165,11 @@ def cast(solids: list[Solid], view: View, camera: Camera, size: tuple[int, int])
         normal=normal.reshape(*size, 3),
         cosine=cosine.reshape(size),
     )
+
+
+def _rays(view: View, camera: Camera, size: tuple[int, int]) -> Array:
+    """Ray of every pixel in the world, shape (k, 3)."""
+    return np.ascontiguousarray(turned(camera.rays(size).reshape(-1, 3), view.rotation.T).T)
 
 
 def _in_view(thing: Solid, view: View, camera: Camera, size: tuple[int, int]) -> NDArray[np.intp]:
@@ -218,7 +223,7 @@ def _picture(
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:
     """Paint the scene: one lamp with cast shadows, some light from everywhere."""
-    rays = camera.rays(size).reshape(-1, 3) @ view.rotation.T
+    rays = _rays(view, camera, size)
     points = view.position + hit.depth.reshape(-1, 1) * rays
     normal = hit.normal.reshape(-1, 3)
     colour = np.empty_like(points)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.information import plane_information
-from planewise.kernels import borders, gaps
+from planewise.kernels import borders, gaps, squares
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
@@ -259,7 +259,7 @@ def _joined_squares(
     )
     root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
     joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
-    left = merging.join_blocks(
+    left = squares.join_blocks(
         grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS, root, square,
         *joined,
     )  # fmt: skip
@@ -268,7 +268,7 @@ def _joined_squares(
         home = sector_of_units(cells, sectors)[root == np.arange(count)]
     rows, shapes = workspace.empty((left, SEGMENT)), workspace.empty((left, comparing.FORM))
     numbers = workspace.empty((3, left))
-    merging.keep_roots(
+    squares.keep_roots(
         root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
         cells.slope_prior, rows, shapes, numbers,
     )  # fmt: skip
