@@ -8,11 +8,14 @@ from benchmarks.building import building
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise import scenes
 from planewise.clouds import noise as estimates
 from planewise.clouds import order as cloud_order
+from planewise.clouds.depth_steps import Rounding
 from planewise.detect_in_cloud import detect_planes_in_cloud
 from planewise.kernels import cloud_noise as kernels
 from planewise.kernels import cloud_rows as rows
+from planewise.metrics import evaluate
 
 AUTO = pw.Sensor(max_depth=20.0, resolution=0.001, noise="auto")
 SIZE, ORIGIN = np.array([20.0, 8.0, 4.0]), np.array([2.0, 3.0, 1.5])
@@ -39,6 +42,56 @@ def test_noise_of_buildings_is_right_within_a_tenth(sigma):
         assert found.noise.linear == found.noise.quadratic == 0
         assert found.side > 8 * sigma
         assert not found.note
+
+
+def kinect_points(seed=0, every=2):
+    """Points of a synthetic Kinect image in the frame of its camera, and their labels."""
+    scene = scenes.room(seed)
+    depth = scene.depth * scene.sensor.resolution
+    points = (scene.camera.rays(depth.shape) * depth[..., None])[::every, ::every]
+    there = points[..., 2] > 0
+    return points[there], scene.labels[::every, ::every][there]
+
+
+@pytest.mark.parametrize("every", [1, 2, 4])
+def test_steps_of_depth_are_no_surfaces(every):
+    points, labels = kinect_points(every=every)
+    found = told(points, replace(AUTO, max_depth=10.0))
+    z = np.array([1.5, 2.0, 3.0])
+    step = 0.00287 * z**2
+    assert_allclose(found.noise(z), np.hypot(pw.noise.KINECT(z), step / np.sqrt(12)), rtol=0.3)
+    model = pw.detect_planes_in_points(points, replace(AUTO, max_depth=10.0))
+    assert 6 <= len(model) <= 14
+    assert evaluate(model.labels[None], labels[None]).row()["f1@0.5"] > 0.4
+
+
+def test_the_axis_and_the_order_of_a_depth_image_do_not_matter():
+    points, _ = kinect_points(every=4)
+    noise = told(points).noise
+    rng = np.random.default_rng(0)
+    turned = (points @ np.array([[0.0, -1, 0], [0, 0, -1], [1, 0, 0]]))[
+        rng.permutation(len(points))
+    ]
+    assert_allclose(told(turned).noise([1.0, 3.0]), noise([1.0, 3.0]), rtol=0.25)
+
+
+def test_what_is_no_depth_image_has_no_steps():
+    points, _ = kinect_points(every=4)
+    rng = np.random.default_rng(0)
+    assert Rounding.of(points, 0.001).has_steps
+    assert Rounding.of(points, 0.001, np.zeros(3)).has_steps
+    x, y = np.meshgrid(np.arange(5, 6, 0.005), np.arange(-0.5, 0.5, 0.005))
+    lattice = np.stack((x, y, rng.normal(0, 0.01, x.shape)), axis=-1).reshape(-1, 3)
+    lines = lattice + rng.uniform(0, 0.005, lattice.shape) * [0, 1, 1]
+    quarter = np.radians(45)
+    turned = points @ [[1, 0, 0], [0, np.cos(quarter), np.sin(quarter)],
+                       [0, -np.sin(quarter), np.cos(quarter)]]  # fmt: skip
+    behind, aside = points - np.array([0, 0, 2.0]), points + np.array([9.0, 0, 0])
+    sphere = hall(20_000, lambda z: 0.01 + 0 * z)
+    rounded = np.round(points, 2)
+    for cloud in (lattice, lines, turned, behind, aside, rounded, sphere, points[:0]):
+        assert not Rounding.of(cloud, 0.001).has_steps
+    assert not Rounding.of(points, 0.001, np.array([0.0, 0, 1])).has_steps
 
 
 def test_few_points_tell_their_noise_too():

@@ -5,6 +5,9 @@ than the noise tell none, and the larger a cube, the more often an edge goes thr
 counts whose flat cubes hold most points. Edges, clutter and bent surfaces only make cubes rougher,
 so the estimate comes from below, as that of depth images (`calibration.estimate`).
 
+Points of a depth image lie on slices, the steps of its depth (`clouds.depth_steps`): then no cube
+counts as flatter than these steps, and sigma is a function of the range, that along the rays.
+
 Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
 or along its lines. Then sigma is doubled until Phi rises, for models with different noise can be
 compared by it.
@@ -22,6 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import threads
 from planewise.calibration.fit import fit_polynomial
 from planewise.clouds.cloud import STEEPEST, mean_origins, middle_of, side_for
+from planewise.clouds.depth_steps import Rounding
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, Order, blocks_of, extent_in_blocks, order_of
 from planewise.kernels import cloud_cells, cloud_keys
@@ -161,21 +165,23 @@ def cloud_noise(
         return _assumed(sensor, 0.0)
     centre, reach = middle_of(points, low, high, sensor.range)
     some, seen_from = _standing_for(points, origin, centre, reach, count, workers, memory)
+    rounding, rays = Rounding.of(some, sensor.resolution, seen_from), seen_from
+    if rays is None and rounding.has_steps:
+        rays = np.zeros(3)  # where the camera is
     levels: list[list[Array]] = [[] for _ in range(_LEVELS)]
     side = 0.0
     for order, finest in _grids(some, centre, reach, workers):
         side = finest
-        for level, cubes in enumerate(_flat(some, order, seen_from)):
+        for level, cubes in enumerate(_flat(some, order, rays)):
             levels[level].append(cubes)
     sizes = [(side * 2.0**k, np.concatenate(each)) for k, each in enumerate(levels) if each]
-    floor = sensor.resolution**2 / 12.0
-    told = _best(sizes, floor)
+    told = _best(sizes, rounding.between(0.0, math.inf))
     if told is None:
         return _assumed(sensor, reach)
     noise = constant(told.sigma)
-    if seen_from is not None:
-        noise = _of_range(sizes, floor) or noise
-    if told.share < _SURE:
+    if rays is not None:
+        noise = _of_range(sizes, rounding) or _of_steps(sizes, rounding) or noise
+    if told.share < _SURE and not rounding.has_steps:
         noise = noise.scaled(_factor(some, sensor, noise, seen_from, workers))
     return CloudNoise(noise=noise, cubes=told.cubes, side=told.side)
 
@@ -333,22 +339,46 @@ def _told(side: float, cubes: Array, floor: float) -> _Told:
     return _Told(math.sqrt(square), int(flat.sum()), float(flat.mean()), weight, side)
 
 
-def _of_range(sizes: list[tuple[float, Array]], floor: float) -> Polynomial | None:
+def _of_range(sizes: list[tuple[float, Array]], rounding: Rounding) -> Polynomial | None:
     """Curve of sigma over the range, None where too few ranges tell."""
-    ranges = np.concatenate([cubes[:, RANGE] for _, cubes in sizes])
-    ranges = ranges[ranges > 0]
-    if not len(ranges):
-        return None
-    nearest = float(ranges.min())
-    bins = int(math.log(float(ranges.max()) / nearest) / math.log(_BIN)) + 1
     points = []
-    for k in range(bins):
-        low, high = nearest * _BIN**k, nearest * _BIN ** (k + 1)
+    for low, high in _bins(np.concatenate([cubes[:, RANGE] for _, cubes in sizes])):
         inside = [(side, c[(c[:, RANGE] >= low) & (c[:, RANGE] < high)]) for side, c in sizes]
-        told = _best(inside, floor)
+        told = _best(inside, rounding.between(low, high))
         if told is not None:
             error = math.hypot(math.sqrt(0.5 / told.freedom), _CURVE_ERROR)
             points.append((math.sqrt(low * high), told.sigma, error))
     if len(points) < _FEWEST_BINS:
         return None
     return fit_polynomial(*np.array(points).T)
+
+
+def _of_steps(sizes: list[tuple[float, Array]], rounding: Rounding) -> Polynomial | None:
+    """Curve of sigma where the steps of depth give its course, and cubes of all ranges its size.
+
+    Both are those of disparity, as a rule. None where there are no steps.
+    """
+    if not rounding.has_steps:
+        return None
+    points = []
+    for low, high in _bins(rounding.ranges):
+        middle = math.sqrt(low * high)
+        points.append((middle, math.sqrt(rounding.between(low, high)), _CURVE_ERROR))
+    course = fit_polynomial(*np.array(points).T)
+    units = []
+    for side, cubes in sizes:
+        step, in_steps = course(cubes[:, RANGE]), cubes.copy()
+        in_steps[:, VARIANCE] /= step**2
+        units.append((side / float(np.median(step)) if len(step) else side, in_steps))
+    told = _best(units, 1.0)
+    return None if told is None else course.scaled(told.sigma)
+
+
+def _bins(ranges: Array) -> list[tuple[float, float]]:
+    """Bins that hold ranges, but for those of 0."""
+    ranges = ranges[ranges > 0]
+    if not len(ranges):
+        return []
+    nearest = float(ranges.min())
+    held = np.unique((np.log(ranges / nearest) / math.log(_BIN)).astype(np.int64))
+    return [(nearest * _BIN**k, nearest * _BIN ** (k + 1)) for k in held.tolist()]

@@ -1,0 +1,86 @@
+"""Clouds that are a depth image in the frame of its camera, with the steps of its depth.
+
+A depth camera tells depth in steps, and points made of its image lie on slices, one a step, each as
+flat as if there were no noise. What is flat then says nothing of the noise across several steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Points = NDArray[np.floating]
+
+_SAMPLE = 20_000  # points that say which coordinate takes few values
+_HELD = 20  # of them to a value of that coordinate, at least
+_FEWEST = 20  # values
+_WIDEST = 2.0  # tangent of the angle from the axis that few points lie beyond
+_BEYOND = 0.01  # share of these few
+_WINDOW = 9  # gaps over which the step is a median: some values may be missing
+_GROWN = 1.1  # times the nearest steps: the farthest ones, but for a lattice, whose are alike
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rounding:
+    """Least variance that the points of a cloud may have: that of rounding.
+
+    Attributes
+    ----------
+    least : float
+        By the sensor's resolution, in square metres.
+    ranges, variances : ndarray, shape (k,) or empty
+        Range of every point of a depth image, and its variance by the steps of depth; empty where
+        the cloud is none, or has too many steps to tell.
+    """
+
+    least: float
+    ranges: Array
+    variances: Array
+
+    @classmethod
+    def of(cls, points: Points, resolution: float, origin: Array | None = None) -> Rounding:
+        """Of points (k, 3) in the frame of their file; origin: where the scanner stood, if known.
+
+        They are a depth image if a single coordinate takes few values, farther from each other the
+        larger they are, and all points lie before the origin along that axis.
+        """
+        least, steps = resolution**2 / 12.0, None
+        if len(points) and (origin is None or not origin.any()):
+            steps = _steps(points)
+        if steps is None:
+            return cls(least=least, ranges=np.empty(0), variances=np.empty(0))
+        ranges = np.linalg.norm(points, axis=1)
+        return cls(least=least, ranges=ranges, variances=steps**2 / 12.0)
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether the points are a depth image's."""
+        return self.variances.size > 0
+
+    def between(self, low: float, high: float) -> float:
+        """Median variance of the points whose range lies between two."""
+        mine = self.variances[(self.ranges >= low) & (self.ranges < high)]
+        return max(self.least, float(np.median(mine)) if mine.size else 0.0)
+
+
+def _steps(points: Points) -> Array | None:
+    """Step of depth at every point; None where they are no depth image."""
+    sample = points[:: 1 + len(points) // _SAMPLE]
+    values = np.array([np.unique(column).size for column in sample.T])
+    few = np.flatnonzero(values * _HELD <= len(sample))
+    if few.size != 1 or values[few[0]] < _FEWEST:
+        return None
+    ahead = sample[:, few[0]]
+    aside = np.abs(np.delete(sample, few[0], axis=1)).max(axis=1)
+    if ahead.min() <= 0 <= ahead.max() or np.mean(aside > _WIDEST * np.abs(ahead)) > _BEYOND:
+        return None
+    levels, place = np.unique(np.abs(points[:, few[0]]).astype(np.float64), return_inverse=True)
+    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="edge")
+    steps = np.median(np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW), axis=1)
+    third = len(steps) // 3
+    if np.median(steps[-third:]) < _GROWN * np.median(steps[:third]):
+        return None
+    return np.asarray(np.append(steps, steps[-1])[place])
