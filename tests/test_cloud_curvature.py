@@ -144,7 +144,7 @@ def test_quadrics_are_least_squares(segments):
         x, y, z, w = at @ e, at @ f, at @ normal, mine[:, of.WEIGHT]
         basis = np.column_stack((np.ones_like(x), x, y, x * x, x * y, y * y))
         root = np.sqrt(w)[:, None]
-        fitted = np.linalg.lstsq(basis * root, z * root[:, 0])[0]
+        fitted = np.linalg.lstsq(basis * root, z * root[:, 0], rcond=None)[0]
         k, tilt = matrix(quadrics[s]), quadrics[s, kernels.TILT : kernels.TILT + 3]
         flat = at - np.outer(z, normal)
         height = quadrics[s, kernels.OFFSET] + flat @ tilt
@@ -155,7 +155,7 @@ def test_quadrics_are_least_squares(segments):
 
         def left(columns, basis=basis * root, z=z * root[:, 0]):
             part = basis[:, :columns]
-            return float(((z - part @ np.linalg.lstsq(part, z)[0]) ** 2).sum())
+            return float(((z - part @ np.linalg.lstsq(part, z, rcond=None)[0]) ** 2).sum())
 
         area, n = np.sqrt(rows[s, of.AREA]), len(mine)
         walk = min(cells.error.drift * area * w.sum() / 80, max(left(6) - (n - 6), 0) / 6)
