@@ -10,7 +10,19 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cloud_rows import AREA, CELLS, COUNT, CX, CY, CZ, NX, NY, NZ, WEIGHT
+from planewise.kernels.cloud_rows import (
+    AREA,
+    CELLS,
+    COUNT,
+    CX,
+    CY,
+    CZ,
+    NX,
+    NY,
+    NZ,
+    WEIGHT,
+    plane_axes,
+)
 from planewise.kernels.jit import compiled, in_order, internal
 
 HEIGHTS = 22  # sums over the cells of a segment: of x^i y^j to the fourth order; of z; of z^2
@@ -30,16 +42,6 @@ _OWN = 0.5  # of the turn: what a segment's own K has to make of it over both ex
 _STEEP = 0.5  # least cosine between a segment that tells no quadric and what it may be part of
 
 
-@internal
-def _axes(rows, k):  # type: ignore[no-untyped-def]
-    """Two axes in the plane of a row (Duff and others)."""
-    nx, ny, nz = rows[k, NX], rows[k, NY], rows[k, NZ]
-    sign = 1.0 if nz >= 0.0 else -1.0
-    a = -1.0 / (sign + nz)
-    q = nx * ny * a
-    return 1.0 + sign * nx * nx * a, sign * q, -sign * nx, q, sign + ny * ny * a, -ny
-
-
 @in_order
 def add_heights(cells, of_cell, rows, sums):  # type: ignore[no-untyped-def]
     """Add cells (m, 18) to the sums (N, HEIGHTS) of their segments, rows (N, 18).
@@ -50,7 +52,7 @@ def add_heights(cells, of_cell, rows, sums):  # type: ignore[no-untyped-def]
         s = of_cell[cell]
         if rows[s, CELLS] < _FEWEST:
             continue
-        ex, ey, ez, fx, fy, fz = _axes(rows, s)
+        ex, ey, ez, fx, fy, fz = plane_axes(rows[s, NX], rows[s, NY], rows[s, NZ])
         scale = 1.0 / math.sqrt(rows[s, AREA])
         dx, dy = cells[cell, CX] - rows[s, CX], cells[cell, CY] - rows[s, CY]
         dz = cells[cell, CZ] - rows[s, CZ]
@@ -108,7 +110,7 @@ def quadrics_of(sums, rows, drift, quadrics):  # type: ignore[no-untyped-def]
             for g in range(e + 1, 6):
                 t[e] -= factor[g, e] * t[g]
             t[e] /= factor[e, e]
-        ex, ey, ez, fx, fy, fz = _axes(rows, s)
+        ex, ey, ez, fx, fy, fz = plane_axes(rows[s, NX], rows[s, NY], rows[s, NZ])
         scale = 1.0 / math.sqrt(rows[s, AREA])
         a, b, c = 2.0 * t[3] * scale * scale, t[4] * scale * scale, 2.0 * t[5] * scale * scale
         u, v = t[1] * scale, t[2] * scale

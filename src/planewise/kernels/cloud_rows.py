@@ -137,6 +137,15 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     return 1
 
 
+@internal
+def plane_axes(nx, ny, nz):  # type: ignore[no-untyped-def]
+    """Two axes in a plane, from its normal without a singularity (Duff and others)."""
+    sign = 1.0 if nz >= 0.0 else -1.0
+    k = -1.0 / (sign + nz)
+    q = nx * ny * k
+    return 1.0 + sign * nx * nx * k, sign * q, -sign * nx, q, sign + ny * ny * k, -ny
+
+
 @compiled
 def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two of rows one plane? Their discord, and the evidence that it would be a coincidence.
@@ -155,12 +164,7 @@ def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-un
         mx, my, mz, cosine = -mx, -my, -mz, -cosine
     if cosine < _STEEP:
         return APART, 0.0
-    # Axes in the plane of b, from its normal without a singularity (Duff and others).
-    sign = 1.0 if nz >= 0.0 else -1.0
-    k = -1.0 / (sign + nz)
-    q = nx * ny * k
-    ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
-    fx, fy, fz = q, sign + ny * ny * k, -ny
+    ex, ey, ez, fx, fy, fz = plane_axes(nx, ny, nz)
     dx, dy, dz = rows[a, CX] - rows[b, CX], rows[a, CY] - rows[b, CY], rows[a, CZ] - rows[b, CZ]
     u, v = dx * ex + dy * ey + dz * ez, dx * fx + dy * fy + dz * fz
     apart = math.sqrt(u * u + v * v)
