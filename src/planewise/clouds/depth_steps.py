@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.depth_image import reading_steps
+
 Array = NDArray[np.float64]
 Points = NDArray[np.floating]
 
@@ -19,7 +21,7 @@ _HELD = 20  # of them to a value of that coordinate, at least
 _FEWEST = 20  # values
 _WIDEST = 2.0  # tangent of the angle from the axis that few points lie beyond
 _BEYOND = 0.01  # share of these few
-_WINDOW = 9  # gaps over which the step is a median: some values may be missing
+_GRID = 1e-5  # metres: depths closer than that are one
 _GROWN = 1.1  # times the nearest steps: the farthest ones, but for a lattice, whose are alike
 
 
@@ -77,10 +79,10 @@ def _steps(points: Points) -> Array | None:
     aside = np.abs(np.delete(sample, few[0], axis=1)).max(axis=1)
     if ahead.min() <= 0 <= ahead.max() or np.mean(aside > _WIDEST * np.abs(ahead)) > _BEYOND:
         return None
-    levels, place = np.unique(np.abs(points[:, few[0]]).astype(np.float64), return_inverse=True)
-    gaps = np.pad(np.diff(levels), _WINDOW // 2, mode="edge")
-    steps = np.median(np.lib.stride_tricks.sliding_window_view(gaps, _WINDOW), axis=1)
+    depth = np.rint(np.abs(points[:, few[0]]) / _GRID).astype(np.int64)
+    levels, place = np.unique(depth, return_inverse=True)
+    steps = _GRID * reading_steps(levels)
     third = len(steps) // 3
     if np.median(steps[-third:]) < _GROWN * np.median(steps[:third]):
         return None
-    return np.asarray(np.append(steps, steps[-1])[place])
+    return np.asarray(steps[place])
