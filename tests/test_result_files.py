@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from pathlib import Path
 
 import jsonschema
@@ -152,11 +153,29 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path):
     assert list(tmp_path.iterdir()) == [tmp_path / "file"]
 
 
-@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write anywhere")
-def test_a_folder_without_permission_is_refused(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(PlanewiseError, match="output"), output_folder(tmp_path / "new"):
-        pytest.fail("the work must not start")
+NOBODY = 65534
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="permissions as POSIX has them")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded.*fork:DeprecationWarning")
+def test_a_folder_without_permission_is_refused():
+    with tempfile.TemporaryDirectory() as name:  # outside of pytest's, which is the user's alone
+        folder = Path(name)
+        folder.chmod(0o555)
+        child = os.fork()
+        if not child:  # root may write anywhere, nobody may not
+            code = 1
+            try:
+                if os.geteuid() == 0:
+                    os.setuid(NOBODY)
+                with pytest.raises(PlanewiseError, match="output"), output_folder(folder / "new"):
+                    pytest.fail("the work must not start")
+                code = 0
+            finally:
+                os._exit(code)
+        assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+        assert not list(folder.iterdir())
+        folder.chmod(0o755)
 
 
 def test_a_file_goes_to_a_folder_that_can_be_written_to(tmp_path, monkeypatch):
