@@ -57,7 +57,7 @@ def test_inverse_depth_is_affine_in_every_sector(camera):
         x, y, c = (a[:, inside].astype(float) for a in (sectors.x, sectors.y, sectors.ratio))
         w = affine[:, 0] + affine[:, 1] * x + affine[:, 2] * y
         assert_allclose(w * c, rays @ theta, atol=1e-5)
-        assert_allclose(sectors.theta(sectors.affine(theta[None]), [0])[0], theta, rtol=1e-9)
+        assert_allclose(sectors.turn[0] @ sectors.affine(theta[None])[0], theta, rtol=1e-9)
 
 
 def test_margins_show_what_lies_beyond_a_seam(camera):

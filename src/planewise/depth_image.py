@@ -6,6 +6,7 @@ level, so it is worked out once per level instead of once per pixel.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,7 @@ Array = NDArray[np.float64]
 
 _GRID = 0.1  # of the sensor's resolution: readings in metres closer than that are one level
 _MOST_LEVELS = 1 << 18
+_MOST_UNITS = (1 << 16) - 1  # of integer depth
 _LEAST_DEPTH = 1e-6  # metres
 _WINDOW = 9  # gaps between levels over which the step is a median
 
@@ -81,7 +83,7 @@ class DepthImage:
                 )
             if image.dtype.kind == "i" and (image < 0).any():
                 raise _negative(image)
-            if image.dtype.itemsize <= 2 or image.max() <= np.iinfo(np.uint16).max:
+            if image.dtype.itemsize <= 2 or image.max() <= _MOST_UNITS:
                 return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, sensor)
             image = image * scale
         elif depth_scale is not None:
@@ -93,11 +95,11 @@ class DepthImage:
     def _of_levels(cls, values: NDArray[np.uint16], scale: float, sensor: Sensor) -> DepthImage:
         from planewise.kernels import images as kernels  # loads Numba
 
-        low = max(1, int(np.ceil(sensor.min_depth / scale - 1e-9)))
-        high = int(min(np.floor(sensor.max_depth / scale + 1e-9), np.iinfo(np.uint16).max))
-        seen = np.zeros(max(high, low) + 1, np.uint8)
+        low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
+        high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
+        seen = np.zeros(max(high, low) + 1, np.bool_)
         count, present = kernels.mark_levels(values, low, high, seen)
-        seen[0] = 0
+        seen[0] = False
         levels = np.flatnonzero(seen)
         return cls(
             values=values,

@@ -215,10 +215,6 @@ class Sectors:
         place[order] = np.arange(1, len(order) + 1)
         return np.concatenate((np.zeros(1, np.uint16), self.repeated(place)))
 
-    def theta(self, affine: Array, order: NDArray[np.intp]) -> Array:
-        """theta of some planes, in order, of all given in every sector, (N K, 3)."""
-        return np.asarray(affine[:: self.count][order] @ self.turn[0].T)
-
     def affine(self, theta: Array) -> Array:
         """(t0, t1, t2) in every sector, (N K, 3), of planes theta (N, 3)."""
         inverse = np.linalg.inv(self.turn)

@@ -18,6 +18,7 @@ from planewise.camera import PinholeCamera
 from planewise.compilation import confirm
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
 from planewise.kernels.forms import FORM
+from planewise.kernels.planes import in_space
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
@@ -54,7 +55,9 @@ def later_stages() -> None:
     )
     labels = np.where(x < _CREASE, 1, 2).astype(np.uint16)
     area, place = camera.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
-    describe_image(frame, area, _PLANES, np.ones((2, 4)), np.zeros((2, 4, 4)), labels, place)
+    rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
+    in_space(_PLANES, np.tile(np.eye(3), (2, 1, 1)), np.eye(3), rows, covariances)
+    describe_image(frame, area, _PLANES, rows, covariances, labels, place)
 
     side = _SIZE // SIDE
     of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)

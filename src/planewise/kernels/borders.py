@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.forms import compare_forms
-from planewise.kernels.jit import in_order
+from planewise.kernels.jit import compiled, in_order
 
 
 @in_order
@@ -47,6 +47,15 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
                 else:
                     out[k, i, j] = compare_forms(forms[u], forms[v], 0.0, 0.0)[0]
     return found
+
+
+@compiled
+def segments_of_cells(unit, segment, out):  # type: ignore[no-untyped-def]
+    """Write the segment of every cell of out (rows, columns): segment[unit], or -1 as unit is."""
+    for i in range(unit.shape[0]):
+        units, segments = unit[i], out[i]
+        for j in range(units.size):
+            segments[j] = segment[units[j]] if units[j] >= 0 else -1
 
 
 @in_order

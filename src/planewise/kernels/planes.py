@@ -1,8 +1,10 @@
-"""Loop over rows of information: the planes that they tell."""
+"""Loops over planes: those that rows of information tell, and what they are in space."""
 
 from __future__ import annotations
 
 import math
+
+import numpy as np
 
 from planewise.kernels.jit import in_order
 
@@ -27,3 +29,43 @@ def affine_planes(rows, planes):  # type: ignore[no-untyped-def]
         z1 = y1 / d1 - e * z2
         z0 = y0 - a * z1 - b * z2
         out[0], out[1], out[2] = s0 * z0, s1 * z1, s2 * z2
+
+
+@in_order
+def in_space(affine, information, turn, rows, covariances):  # type: ignore[no-untyped-def]
+    """Normal and distance of planes w = t0 + t1 x + t2 y, and their covariance.
+
+    affine (n, 3), information (n, 3, 3): t, and P on it; turn (3, 3): (normal, distance) =
+    (-theta, 1) / |theta|, theta = turn t. With J its derivatives by t and P = S^-1 L L' S^-1, S
+    diagonal, the covariance is V' V with L V = S J'. Writes rows (n, 4) and covariances (n, 4, 4),
+    which are not finite where P is singular.
+    """
+    half = np.empty((3, 4))
+    for k in range(affine.shape[0]):
+        t, p = affine[k], information[k]
+        x, y, z = 0.0, 0.0, 0.0
+        for j in range(3):
+            x, y, z = x + turn[0, j] * t[j], y + turn[1, j] * t[j], z + turn[2, j] * t[j]
+        distance = 1.0 / math.sqrt(x * x + y * y + z * z)
+        x, y, z = x * distance, y * distance, z * distance
+        rows[k, 0], rows[k, 1], rows[k, 2], rows[k, 3] = -x, -y, -z, distance
+        s = 1.0 / math.sqrt(p[0, 0]), 1.0 / math.sqrt(p[1, 1]), 1.0 / math.sqrt(p[2, 2])
+        for j in range(3):
+            along = x * turn[0, j] + y * turn[1, j] + z * turn[2, j]
+            larger = -distance * s[j]
+            half[j, 0] = larger * (turn[0, j] - along * x)
+            half[j, 1] = larger * (turn[1, j] - along * y)
+            half[j, 2] = larger * (turn[2, j] - along * z)
+            half[j, 3] = larger * distance * along
+        a, b, c = p[0, 1] * s[0] * s[1], p[0, 2] * s[0] * s[2], p[1, 2] * s[1] * s[2]
+        second = math.sqrt(1.0 - a * a)
+        e = (c - a * b) / second
+        third = math.sqrt(1.0 - b * b - e * e)
+        for m in range(4):
+            half[1, m] = (half[1, m] - a * half[0, m]) / second
+            half[2, m] = (half[2, m] - b * half[0, m] - e * half[1, m]) / third
+        for m in range(4):
+            for n in range(4):
+                covariances[k, m, n] = (
+                    half[0, m] * half[0, n] + half[1, m] * half[1, n] + half[2, m] * half[2, n]
+                )

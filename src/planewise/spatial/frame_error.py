@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
+from planewise.kernels import medians
 from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.spatial.frame import ErrorTable
 from planewise.workspace import Workspace
@@ -111,8 +112,7 @@ def white_of_quiet(
 
 def _against_chi2(misfits: Array, freedom: int) -> float:
     """Median misfit against that of chi^2 (Wilson and Hilferty)."""
-    middle = misfits.size // 2
-    median = float(np.partition(misfits, middle)[middle])
+    median = float(medians.middle(misfits, np.empty(misfits.size)))
     return median / float(freedom * (1 - 2 / (9 * freedom)) ** 3)
 
 
@@ -141,7 +141,8 @@ def lateral_variance(
 def _medians(sample: Array, size: int) -> tuple[float, float]:
     """Medians of the two rows of a sample of so many."""
     taken = -(-size // -(-size // sample.shape[1]))
-    x, y = np.partition(sample[:, :taken], taken // 2, axis=1)[:, taken // 2].tolist()
+    work = np.empty(taken)
+    x, y = (float(medians.middle(row[:taken], work)) for row in sample)
     return x, y
 
 

@@ -47,9 +47,9 @@ def joined(
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     groups = groups_of(frame, cells, found.labels, len(found.affine), *limits, size, workspace)
     affine, data = refitted(groups, found.affine)
-    information, parameters = np.linalg.inv(found.covariance), plane_information(3, *limits)
-    theta = frame.sectors.theta(affine, np.arange(len(information)))
-    apart = theta[:, None] - theta
+    information, parameters = found.information, plane_information(3, *limits)
+    first = affine[:: frame.sectors.count]
+    apart = first[:, None] - first
     near = 0.5 * np.einsum("nmi,nij,nmj->nm", apart, information, apart) < _FAR * parameters
     part = _parts(_costs(groups, affine, data.worth, near) - parameters)
     alive, part = np.unique(part, return_inverse=True)
@@ -66,7 +66,7 @@ def joined(
         found,
         labels=labels,
         affine=affine,
-        covariance=np.asarray(np.linalg.inv(together), np.float64),
+        information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
 

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from planewise.kernels import planes as plane_loops
 from planewise.model import Curve, PlaneModel
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
-from planewise.paper.evaluate import covariance_of_plane
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image
@@ -93,10 +93,11 @@ def spatial_model(
     place = frame.sectors.places(order, len(book.order))
     phi = solution.curve[: best + 1]
 
-    theta = frame.sectors.theta(solution.affine, order)
-    length = np.linalg.norm(theta, axis=1, keepdims=True)
-    rows = np.hstack((-theta / length, 1.0 / length))
-    covariances = covariance_of_plane(theta, found.covariance[order])
+    rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
+    affine = solution.affine[:: frame.sectors.count][order]
+    plane_loops.in_space(
+        affine, found.information[order], frame.sectors.turn[0], rows, covariances
+    )
     told = {
         "information": book.saved[:best].tolist(),
         "significance": found.significance[order].tolist(),
@@ -104,7 +105,7 @@ def spatial_model(
     }
     with stage("describe"):
         if frame.sectors.column is None:
-            area, affine = observation.camera.pixel_area(observation.shape), solution.affine[order]
+            area = observation.camera.pixel_area(observation.shape)
             planes, labels = describe_image(
                 frame, area, affine, rows, covariances, found.labels, place, **told
             )

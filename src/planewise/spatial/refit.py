@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels.refits import refit_sums
 from planewise.spatial.information import GroupData, Groups
-from planewise.spatial.labels import affine_planes, information_matrices
+from planewise.spatial.labels import affine_planes
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,6 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
 
 def _told(rows: Array) -> NDArray[np.bool_]:
     """Whether sums of information determine a plane."""
-    matrix = information_matrices(rows)
-    size = np.einsum("nii->ni", matrix).prod(axis=1)
-    return np.asarray(np.linalg.det(matrix) > _LEAST * size)
+    a, b, c, d, e, f = rows[:, :6].T
+    determinant = a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d)
+    return np.asarray(determinant > _LEAST * a * d * f)

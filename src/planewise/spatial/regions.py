@@ -19,7 +19,6 @@ from planewise.kernels.cells import SIDE
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
-from planewise.sectors import turn_to_theta
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.labels import (
@@ -181,11 +180,10 @@ class _Mover:
 
     def described(self, now: SpatialSolution) -> Segmentation:
         """What was found, with what is said of planes brought up to date."""
-        turn, labels = turn_to_theta(self.observation.pixel_size), now.found.labels
-        information = pure_information(self.frame, self.cells, labels, len(now.affine))
+        labels = now.found.labels
         return replace(
             now.found,
-            covariance=turn @ np.linalg.pinv(information, hermitian=True) @ turn.T,
+            information=pure_information(self.frame, self.cells, labels, len(now.affine)),
             residual_correlation=residual_correlation(
                 self.cells, labels, now.affine, self.frame.sectors
             ),

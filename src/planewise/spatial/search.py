@@ -56,8 +56,8 @@ class Segmentation:
 
     Attributes
     ----------
-    covariance : ndarray, shape (N, 3, 3)
-        Of theta (`sectors`), the error that near readings share included.
+    information : ndarray, shape (N, 3, 3)
+        On (t0, t1, t2) of the first sector, the error that near readings share included.
     labels : ndarray of uint16, shape (H, W')
         In sectors: 0 for none, n K + k + 1 for plane n in sector k of K.
     significance : ndarray, shape (N,)
@@ -70,7 +70,7 @@ class Segmentation:
         Planes that pay but are more than was asked for.
     """
 
-    covariance: Array
+    information: Array
     labels: Labels
     significance: Array
     affine: Array
@@ -338,7 +338,8 @@ def join_through_gaps(
     forms = _forms(planes, drift)
     slope_prior = segments.slope_prior[chosen]
     gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
-    alive, owner = np.unique(owner, return_inverse=True)
+    there = np.bincount(owner, minlength=len(chosen)) > 0
+    alive, owner = np.flatnonzero(there), (np.cumsum(there) - 1)[owner]
     planes = planes[:, alive]
     rest = order[~accepted[order] & (worth[order] > 0.0)]
     plane = np.empty(len(rest), np.int64)
@@ -377,20 +378,17 @@ def _most_significant(
 
 def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
-    affine = affine_planes(planes)
-    turn = sectors.turn[0]
-    information = information_matrices(planes[:: sectors.count])
     return Segmentation(
-        covariance=turn @ np.linalg.inv(information) @ turn.T,
+        information=information_matrices(planes[:: sectors.count]),
         labels=labels,
         significance=worth,
-        affine=affine,
+        affine=affine_planes(planes),
     )
 
 
 def _nothing(shape: tuple[int, ...]) -> Segmentation:
     return Segmentation(
-        covariance=np.empty((0, 3, 3)),
+        information=np.empty((0, 3, 3)),
         labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.kernels import borders
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -54,5 +55,5 @@ class Segments:
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
         """Segment of every cell of a grid of units, -1 where there is none."""
         out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
-        np.take(np.append(self.of_unit, np.int32(-1)), grid, out=out, mode="wrap")
+        borders.segments_of_cells(grid, self.of_unit, out)
         return out
