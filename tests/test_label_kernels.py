@@ -252,7 +252,7 @@ def random_units(seed, shape=(40, 47), planes=4):
 def test_units_inside_labels_their_sums_and_correlations(seed):
     label, grid, rows = random_units(seed)
     inside = np.full(len(rows), 9, np.int32)
-    units.units_inside(label, grid, SIDE, inside)
+    units.units_inside(label, grid, inside)
     assert_array_equal(inside, oracles.units_inside(label, grid, SIDE, len(rows)))
     assert len(np.unique(inside)) == 4
 

@@ -20,11 +20,11 @@ from planewise.kernels.jit import compiled, internal
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
 NORM, CELL = PRODUCT, PRODUCT + 1
 NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block
-_LAST = np.uint16(65535)
+LAST = np.uint16(65535)
 
 
 @internal
-def _thirds(least, most, low, high):  # type: ignore[no-untyped-def]
+def thirds(least, most, low, high):  # type: ignore[no-untyped-def]
     """Smallest and largest of every three labels."""
     for j in range(low.size):
         low[j] = min(least[3 * j], min(least[3 * j + 1], least[3 * j + 2]))
@@ -50,26 +50,26 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
     )
     for i in range(block.shape[0]):
         for j in range(lows.size):
-            lows[j], highs[j] = _LAST, 0
+            lows[j], highs[j] = LAST, 0
         for a in range(3 * i, min(3 * i + 3, rows)):
             for x in range(least.size):
-                least[x], most[x] = _LAST, 0
+                least[x], most[x] = LAST, 0
             for y in range(SIDE * a, min(SIDE * (a + 1), height)):
                 row, weight = labels[y], p[y]
                 for x in range(width):
                     label, smallest = row[x], least[x]
-                    least[x] = min(smallest, label if weight[x] > 0.0 else _LAST)
+                    least[x] = min(smallest, label if weight[x] > 0.0 else LAST)
                 for x in range(width):
                     label, largest = row[x], most[x]
                     most[x] = max(largest, label if weight[x] > 0.0 else np.uint16(0))
-            _thirds(least, most, low, high)
+            thirds(least, most, low, high)
             for j in range(low.size):
                 lows[j], highs[j] = min(lows[j], low[j]), max(highs[j], high[j])
             out = cell[a]
             for j in range(columns):
                 one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
                 out[j] = NONE if low[j] > high[j] else one
-        _thirds(lows, highs, low[:wide], high[:wide])
+        thirds(lows, highs, low[:wide], high[:wide])
         for j in range(wide):
             one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
             block[i, j] = NONE if low[j] > high[j] else one

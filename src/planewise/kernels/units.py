@@ -1,52 +1,43 @@
 """Loops over the units of a frame (`spatial.cells.Cells`) once pixels have labels.
 
-label (H, W): 0 for no plane; grid (rows, columns): unit of every cell of side x side pixels, -1 for
-none; rows (units, 13): their segments (`kernels.cells`); inside (units,): label of every unit whose
-pixels all have it, 0 of the others. Unsigned indices spare the check for negative ones.
+label (H, W) uint16: 0 for no plane; grid (rows, columns): unit of every cell, -1 for none; rows
+(units, 13): their segments (`kernels.cells`); inside (units,): label of every unit whose pixels all
+have it, 0 of the others. Unsigned indices spare the check for negative ones.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.cells import SIDE
+from planewise.kernels.groups import LAST, thirds
 from planewise.kernels.jit import compiled
 
+_NONE = np.int32(0)
 _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
 
 
 @compiled
-def units_inside(label, grid, side, inside):  # type: ignore[no-untyped-def]
+def units_inside(label, grid, inside):  # type: ignore[no-untyped-def]
     """Write inside."""
-    height, width = label.shape
+    width = label.shape[1]
     rows, columns = grid.shape
-    # Whether pixels are like those above and below them in their cell, and the one to the right.
-    column, pair = np.empty(columns * side, np.bool_), np.empty(columns * side, np.bool_)
-    for j in range(columns * side):
-        column[j] = pair[j] = True
+    least, most = np.empty((2, SIDE * columns), label.dtype)
+    low, high = np.empty((2, columns), label.dtype)
     for k in range(inside.size):
         inside[k] = -1
     for r in range(rows):
-        top = label[r * side]
-        for j in range(width):
-            column[j] = True
-        for i in range(r * side + 1, min((r + 1) * side, height)):
+        for j in range(least.size):
+            least[j], most[j] = LAST, 0
+        for i in range(r * SIDE, min((r + 1) * SIDE, label.shape[0])):
             row = label[i]
             for j in range(width):
-                column[j] &= row[j] == top[j]
-        for j in range(width - 1):
-            pair[j] = column[j] & (top[j] == top[j + 1])
-        pair[width - 1] = column[width - 1]
-        units, at = grid[r], _0
+                least[j], most[j] = min(least[j], row[j]), max(most[j], row[j])
+        thirds(least, most, low, high)
+        units = grid[r]
         for c in range(columns):
-            k, first, whole = units[c], np.int32(top[at]), True
-            for _ in range(side - 1):
-                whole &= pair[at]
-                at += _1
-            whole &= column[at]
-            at += _1
-            if k >= 0:
-                unit = np.uintp(k)
-                mine = first if whole else np.int32(0)
+            if units[c] >= 0:
+                unit, mine = np.uintp(units[c]), np.int32(low[c]) if low[c] == high[c] else _NONE
                 inside[unit] = mine if inside[unit] < 0 or inside[unit] == mine else 0
 
 

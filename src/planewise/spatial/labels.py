@@ -338,7 +338,7 @@ def _lateral(cells: Cells, affine: Array) -> Array:
 def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
     """Label of every unit that lies wholly inside one, 0 of the others."""
     inside = np.empty(len(cells.rows), np.int32)
-    unit_loops.units_inside(labels, cells.grid, SIDE, inside)
+    unit_loops.units_inside(labels, cells.grid, inside)
     return inside
 
 
