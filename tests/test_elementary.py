@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from planewise.kernels import frame_error, images, planes
+from planewise.kernels import frame_error, images, medians, planes
 from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.jit import compiled
+from planewise.paper.evaluate import covariance_of_plane
 from planewise.spatial.frame import ErrorTable
 
 
@@ -53,6 +54,40 @@ def test_affine_planes():
     out = np.empty((50, 3))
     planes.affine_planes(rows, out)
     assert_allclose(out, exact, rtol=1e-6)
+
+
+def test_planes_in_space():
+    rng = np.random.default_rng(2)
+    t, turn = rng.normal(0, 1, (20, 3)), rng.normal(0, 2, (3, 3))
+    root = rng.normal(0, 1, (20, 3, 3)) * [[[1e4], [1e2], [3e2]]]
+    information = root @ root.transpose(0, 2, 1)
+    rows, covariances = np.empty((20, 4)), np.empty((20, 4, 4))
+    planes.in_space(t, information, turn, rows, covariances)
+    for k in range(20):
+        theta = turn @ t[k]
+        size = np.linalg.norm(theta)
+        assert_allclose(rows[k], [*(-theta / size), 1 / size], rtol=1e-12)
+        of_theta = turn @ np.linalg.inv(information[k]) @ turn.T
+        exact = covariance_of_plane(theta, of_theta)
+        assert_allclose(covariances[k], exact, rtol=0, atol=1e-9 * abs(exact).max())
+    planes.in_space(t, np.ones((20, 3, 3)), turn, rows, covariances)
+    assert not np.isfinite(covariances[:, 0, 0]).any()
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 100, 1801])
+@pytest.mark.parametrize("kind", ["spread", "alike", "tied", "edges"])
+def test_the_middle_of_numbers(size, kind):
+    rng = np.random.default_rng(size)
+    values = rng.chisquare(3, size) * 10.0 ** rng.integers(-300, 300, size)
+    if kind == "alike":
+        values[:] = values[0]
+    elif kind == "tied":
+        values = rng.integers(0, 4, size) / 8
+    elif kind == "edges":
+        values[::3], values[::4] = np.inf, 0.0
+    before = values.copy()
+    assert medians.middle(values, np.empty(size)) == np.sort(values)[size // 2]
+    assert_array_equal(values, before)
 
 
 @pytest.mark.parametrize("size", [5, 6, 9, 30])

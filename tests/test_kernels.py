@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import readings as kernels
+from planewise.kernels.samples import planes_through_rays
 
 from . import oracles
 
@@ -211,3 +212,21 @@ def test_readings_that_a_plane_explains_are_claimed():
     assert_array_equal(left[:count], np.flatnonzero(~mine))
     assert_array_equal(still[:count], free[~mine])
     assert_array_equal([labels, gains], exact)
+
+
+def test_planes_through_three_readings():
+    _, a, s, _ = rays(np.random.default_rng(7), 60)
+    chosen = np.random.default_rng(8).permuted(np.tile(np.arange(60), (200, 1)), axis=1)[:, :3]
+    chosen[0], chosen[1] = (50, 51, 52), (53, 54, 55)
+    s[50:56] = 1.0
+    a[:, 50:53] = np.array([[1, 2, 3], [0, 1, 2], [1, 1, 1]])  # in a line
+    a[:, 53:56] = np.array([[1, 2, 4], [1, 2, 3], [1, 2, 4]])  # in a plane with the sensor
+    theta = np.full((202, 3), 9.0)
+    planes_through_rays(a, s, chosen, 0, 120, theta)
+    planes_through_rays(a, s, chosen, 120, 200, theta)
+    for three, plane in zip(chosen[2:], theta[2:200], strict=True):
+        if {50, 51, 52, 53, 54, 55} & {*three}:
+            continue
+        assert_allclose(plane @ (a[:, three] * s[three]), 1, rtol=1e-9)
+    assert np.isnan(theta[:2]).all()
+    assert (theta[200:] == 9).all()

@@ -416,6 +416,13 @@ def test_only_roots_are_kept():
         assert_array_equal(getattr(kept, name), old[ids])
 
 
+def test_segments_of_cells():
+    unit, segment = np.array([[0, -1, 2], [1, 1, -1]], np.int32), np.array([4, 0, 3], np.int32)
+    out = np.full((2, 3), 9, np.int32)
+    borders.segments_of_cells(unit, segment, out)
+    assert_array_equal(out, [[4, -1, 3], [0, 0, -1]])
+
+
 def test_borders_of_segments_are_paid_for_once():
     rng = np.random.default_rng(5)
     of_cell = quilt(rng, (20, 30), 6, pieces=9).astype(np.int32) - 1

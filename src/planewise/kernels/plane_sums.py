@@ -69,8 +69,11 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
                     sx += z * c[k]
                     sy += z * d[k]
                     s1 += z
-                square, cube, along = square + s2, cube + s3, along + s1
-                across, down = across + sx, down + sy
+                square += float(s2)
+                cube += float(s3)
+                across += float(sx)
+                down += float(sy)
+                along += float(s1)
             if solid.size > 1:
                 area = solid[i, start:stop]
                 cube = 0.0

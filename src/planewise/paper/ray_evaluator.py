@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import readings as kernels
+from planewise.kernels.samples import planes_through_rays
 from planewise.observation import RayObservation
 from planewise.paper.evaluate import (
     FEWEST_PARTS,
@@ -22,6 +23,7 @@ from planewise.paper.evaluate import (
 from planewise.paper.runs import Runs
 from planewise.threads import over_chunks
 
+_FEWEST_SAMPLES = 4096  # whose planes are worth a thread
 _FEWEST_OFFERED = 8  # parts whose sums for one plane take as long as a thread to begin with them
 
 
@@ -64,17 +66,15 @@ class RayEvaluator(Evaluator):
         return RayEvaluator(out[:3], out[3], out[4], self.threads)
 
     def through(self, chosen: NDArray[np.int64]) -> Array:
-        """Solve theta . x = 1 for three points x: theta = sum of cross products / determinant."""
-        x, y, z = (self.a.take(i, axis=1) * self.s[i] for i in chosen.T)
-        one, other = y - x, z - x
-        normal = one[[1, 2, 0]] * other[[2, 0, 1]] - one[[2, 0, 1]] * other[[1, 2, 0]]
-        determinant = (normal * x).sum(axis=0)
-        # |normal| = |one| |other| sin of the angle between them.
-        size, span = (normal**2).sum(axis=0), (one**2).sum(axis=0) * (other**2).sum(axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            theta = normal / determinant
-        theta[:, (size <= 1e-18 * span) | ~np.isfinite(theta).all(axis=0)] = np.nan
-        return np.ascontiguousarray(theta.T)
+        """Solve theta . x = 1 for three points x."""
+        theta = np.empty((len(chosen), 3))
+        over_chunks(
+            lambda first, last: planes_through_rays(self.a, self.s, chosen, first, last, theta),
+            len(chosen),
+            self.threads,
+            _FEWEST_SAMPLES,
+        )
+        return theta
 
     def lowest(self, parameters: Array) -> tuple[int, float]:
         """Row of the plane that saves most and its score, by branch and bound: see `Runs`."""

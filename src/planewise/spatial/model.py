@@ -95,9 +95,7 @@ def spatial_model(
 
     rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
     affine = solution.affine[:: frame.sectors.count][order]
-    plane_loops.in_space(
-        affine, found.information[order], frame.sectors.turn[0], rows, covariances
-    )
+    plane_loops.in_space(affine, found.information[order], frame.sectors.turn[0], rows, covariances)
     told = {
         "information": book.saved[:best].tolist(),
         "significance": found.significance[order].tolist(),
