@@ -22,6 +22,8 @@ _FEWEST = 20  # values
 _WIDEST = 2.0  # tangent of the angle from the axis that few points lie beyond
 _BEYOND = 0.01  # share of these few
 _GRID = 1e-5  # metres: depths closer than that are one
+_PIXEL = 1e-5  # tangents closer than that are of one column or row of pixels ...
+_SHARED = 4  # with so many points of the sample on it, at least
 _GROWN = 1.1  # times the nearest steps: the farthest ones, but for a lattice, whose are alike
 
 
@@ -84,5 +86,7 @@ def _steps(points: Points) -> Array | None:
     steps = _GRID * reading_steps(levels)
     third = len(steps) // 3
     if np.median(steps[-third:]) < _GROWN * np.median(steps[:third]):
-        return None
+        columns = np.rint(np.delete(sample, few[0], axis=1) / (_PIXEL * ahead[:, None]))
+        if max(np.unique(column).size for column in columns.T) * _SHARED > len(sample):
+            return None
     return np.asarray(steps[place])
