@@ -65,6 +65,31 @@ def test_steps_of_depth_are_no_surfaces(every):
     assert evaluate(model.labels[None], labels[None]).row()["f1@0.5"] > 0.4
 
 
+def test_walls_as_thick_as_cubes_are_wide_are_planes():
+    points, labels = kinect_points(every=1)
+    thick = pw.noise.RootSum(
+        (pw.noise.KINECT, pw.noise.quadratic(0.0, 0.00287 / np.sqrt(12)))  # and of steps
+    )
+    model = pw.detect_planes_in_points(points, pw.Sensor(max_depth=10.0, noise=thick))
+    for wall in (1, 2):
+        mine = labels == wall
+        assert mine.sum() > 90_000
+        best = np.bincount(model.labels[mine])[1:].argmax() + 1
+        found = model.labels == best
+        assert (mine & found).sum() > 0.9 * (mine | found).sum()
+
+
+def test_even_steps_of_a_depth_image_are_known_by_its_pixels():
+    scene = scenes.room(0)
+    depth = np.round(scene.depth * scene.sensor.resolution / 0.04) * 0.04  # as if of 8 bits
+    points = (scene.camera.rays(depth.shape) * depth[..., None])[depth > 0]
+    rounding = Rounding.of(points, 0.001)
+    assert rounding.has_steps
+    assert_allclose(np.median(rounding.variances), 0.04**2 / 12, rtol=1e-6)
+    off = points + np.random.default_rng(0).normal(0, 0.01, points.shape) * [1, 1, 0]
+    assert not Rounding.of(off, 0.001).has_steps
+
+
 def test_the_axis_and_the_order_of_a_depth_image_do_not_matter():
     points, _ = kinect_points(every=4)
     noise = told(points).noise

@@ -62,6 +62,8 @@ class Cloud:
         Threads.
     on_rays : bool
         Whether the rays of the points are known: two of their coordinates.
+    louder : float
+        Times the described standard deviation that `variance` is of.
     memory : Memory
         Where its large arrays lie.
     parts : tuple of (int, int)
@@ -78,6 +80,7 @@ class Cloud:
     variance: Array
     workers: int
     on_rays: bool = False
+    louder: float = 1.0
     memory: Memory = field(default_factory=Memory)
     parts: tuple[tuple[int, int], ...] = ()
 
@@ -197,7 +200,7 @@ def cloud_of(
     write_about(cubes, 0, len(cubes), about, workers)
     return Cloud(
         coarse(order.grid), order.rows, local, starts, cubes, about, nodes, variance, workers,
-        on_rays=origin is not None,
+        on_rays=origin is not None, louder=louder,
     )  # fmt: skip
 
 

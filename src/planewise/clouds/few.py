@@ -128,7 +128,7 @@ def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits)
     kernels.label_points(
         cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
         cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
-        planes_of(rows), null, limits[1], 0, len(cloud.cubes), out,
+        planes_of(rows), null, limits[1], np.inf, 0, len(cloud.cubes), out,
     )  # fmt: skip
     return out
 

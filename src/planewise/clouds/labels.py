@@ -13,7 +13,7 @@ from planewise.kernels.cloud_keys import TURN
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-_POINT_DRIFT = 1.5  # of the drift over a metre's cubes: how far a point may lie from its plane
+_THIN = 16.0  # standard deviations that cubes are wide in which sheets are thin
 
 
 def label_points(
@@ -46,12 +46,15 @@ def label_points(
     extra = np.zeros(len(planes) + 1)
     # Points lie about the plane of a square as far as the error wanders on it.
     extra[1:] = 0.113 * cells.error.drift * np.sqrt(areas)
-    variance = cells.error.white * (1.0 + SHARED) * cloud.variance
+    larger = cells.error.white * (1.0 + SHARED)
+    variance = larger * cloud.variance
+    # By what was described: where that is far too little, nothing says what a sheet is.
+    thick = larger * (cloud.louder * cloud.side / _THIN) ** 2
     labels: Labels = cloud.memory.empty(len(cloud.local), np.uint16)
     cloud.over_cubes(
         lambda first, last: kernels.label_points(
             cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
-            cloud.about, label_of, variance, extra, planes, null, resolution,
+            cloud.about, label_of, variance, extra, planes, null, resolution, thick,
             first, last, labels,
         )
     )  # fmt: skip

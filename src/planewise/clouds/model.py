@@ -44,6 +44,8 @@ from planewise.stages import stage
 
 Array = NDArray[np.float64]
 
+_LEAST = 5.0  # times its parameters: what the points of a plane have to be shorter by, as of images
+_FULL = 1 << 17  # points of a cloud from which on that is so: of fewer, planes save less
 _ROUNDING = 1e-9  # of Phi
 
 
@@ -314,10 +316,14 @@ def _ranked(
 ) -> tuple[CloudLedger, Array]:
     """All planes as the paper ranks them, those that do not pay last; the curve of those that do.
 
-    Those pay with which Phi falls when they come after all that are worth more.
+    Those pay whose points are clearly shorter on them, and with which Phi falls when they come
+    after all that are worth more.
     """
     mask = mask_of(cloud, labels, planes)
     by_worth = ledger(cloud, mask, groups, alone, data, *limits)
+    share = max(1.0, _LEAST * min(1.0, len(cloud.local) / _FULL))
+    clear = int(np.sum(by_worth.worth < -share * plane_information(3, *limits)))
+    phi, first = by_worth.curve[: clear + 1], by_worth.order[:clear]
 
     def keeping(pays: NDArray[np.intp]) -> tuple[CloudLedger, Array]:
         rest = np.ones(planes, np.bool_)
@@ -326,11 +332,11 @@ def _ranked(
         book = ledger(cloud, mask, groups, alone, data, *limits, order)
         return book, book.curve[: len(pays) + 1]
 
-    best = int(np.argmin(by_worth.curve))
-    book, curve = keeping(by_worth.order[np.diff(by_worth.curve) < 0])
-    if by_worth.curve[best] < curve.min() - _ROUNDING * abs(curve[0]):
+    best = int(np.argmin(phi))
+    book, curve = keeping(first[np.diff(phi) < 0])
+    if phi[best] < curve.min() - _ROUNDING * abs(curve[0]):
         # Some pay only together with others that are cut.
-        book, curve = keeping(by_worth.order[:best])
+        book, curve = keeping(first[:best])
     return book, curve
 
 

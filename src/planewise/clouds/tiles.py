@@ -122,7 +122,8 @@ def tiled_cloud(
         disk.release()
     return Cloud(
         coarse(grid), rows.array(), local.array(), begins, in_order, about, nodes.array(),
-        variance.taken(), workers, on_rays=origin is not None, memory=disk, parts=parts,
+        variance.taken(), workers, on_rays=origin is not None, louder=louder, memory=disk,
+        parts=parts,
     )  # fmt: skip
 
 

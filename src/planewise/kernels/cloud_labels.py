@@ -26,31 +26,64 @@ from planewise.kernels.cloud_rows import (
     ZZ,
 )
 from planewise.kernels.cubes import beside
-from planewise.kernels.jit import compiled, in_order
+from planewise.kernels.jit import compiled, in_order, internal
 
 MOST = 12  # planes that the points of a cube may be on
+_ROUNDS = 2  # in which shares follow the labels
 _ALPHA = 0.5  # added to every count of points
 _HIGHER = 3  # levels up to which the surroundings of a lonely cube are looked at
+
+
+@internal
+def _cheapest(point, plane, none, null, nats):  # type: ignore[no-untyped-def]
+    """Slot of the fewest nats, `none` for no plane, besides those of the slots themselves."""
+    x, y, z = point[0], point[1], point[2]
+    least, best = null + nats[none], np.int64(none)
+    for slot in range(none):
+        delta = plane[slot, 0] * x + plane[slot, 1] * y + plane[slot, 2] * z + plane[slot, 3]
+        cost = delta * delta * plane[slot, 4] + plane[slot, 5] + nats[slot]
+        if cost < least:
+            least, best = cost, np.int64(slot)
+    return best
+
+
+@internal
+def _eighth(point, turn):  # type: ignore[no-untyped-def]
+    """Number of the eighth of its cube that a point lies in."""
+    number = 0
+    for axis in range(3):
+        along = turn[axis, 0] * point[0] + turn[axis, 1] * point[1] + turn[axis, 2] * point[2]
+        number = 2 * number + (along > 0.0)
+    return number
 
 
 @compiled
 def label_points(  # type: ignore[no-untyped-def]
     local, starts, cubes, side, middle, turn, about, label_of, variance, extra, planes, null,
-    resolution, first, last, labels,
+    resolution, thick, first, last, labels,
 ):  # fmt: skip
     """Label the points of cubes[first:last].
 
     local (k, 3): of points; starts (n + 1,), cubes (n,): where cubes begin, and their keys; side,
     middle: of their grid (`middle_of`); about (n, 27): `cubes_about`; label_of (n,): of the cell
     that each is part of; variance (n,): of their points; extra (N + 1,): what a point of each plane
-    errs more; planes (N, 4); null: nats of a point on none.
+    errs more; planes (N, 4); null: nats of a point on none; thick: variance of points whose sheets
+    are about as thick as their cubes.
 
     A point costs what its residual says, less the logarithm of the share that the label has of the
-    points in the cube and the 26 about it.
+    points in the cube and the 26 about it. Where sheets are thick they would so be a mix of labels
+    where they meet, and the mask would pay for every point of it. There points are looked at again
+    if their cube has several labels, the shares of planes being those of the other points in their
+    eighth of the cube, and of one point more with the shares of before.
     """
     near, there = np.empty(27, np.int32), np.empty(28, np.int64)
-    found, share = np.empty(MOST, np.int64), np.empty(MOST)
-    plane = np.empty((MOST, 6))
+    found, share = np.empty(MOST, np.int64), np.empty(MOST + 1)
+    plane, held = np.empty((MOST, 6)), np.empty((8, MOST + 1))
+    nats = np.empty(MOST + 1)
+    most = 0
+    for cube in range(first, last):
+        most = max(most, starts[cube + 1] - starts[cube])
+    eighth_of, slot_of = np.empty(most, np.int64), np.empty(most, np.int64)
     for cube in range(first, last):
         count, none = 0, _ALPHA
         for level in range(_HIGHER):
@@ -84,30 +117,43 @@ def label_points(  # type: ignore[no-untyped-def]
                 labels[i] = 0
             continue
         x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
-        total = none
+        share[count], total = none, none
         for slot in range(count):
             total += share[slot]
-        for slot in range(count):
             j = found[slot] - 1
             a, b, c = planes[j, 0], planes[j, 1], planes[j, 2]
             spread = variance[cube] + extra[j + 1]
             plane[slot, 0], plane[slot, 1], plane[slot, 2] = a, b, c
             plane[slot, 3] = a * x0 + b * y0 + c * z0 + planes[j, 3]
             plane[slot, 4] = 0.5 / spread
-            # -ln of the density at the plane, a cell of the resolution, times the share.
-            density = resolution * share[slot] / total
-            plane[slot, 5] = 0.5 * math.log(2.0 * math.pi * spread / (density * density))
-        nothing = null - math.log(none / total)
-        for i in range(starts[cube], starts[cube + 1]):
-            x, y, z = local[i, 0], local[i, 1], local[i, 2]
-            least, best = nothing, 0
-            for slot in range(count):
-                delta = plane[slot, 0] * x + plane[slot, 1] * y + plane[slot, 2] * z
-                delta += plane[slot, 3]
-                nats = delta * delta * plane[slot, 4] + plane[slot, 5]
-                if nats < least:
-                    least, best = nats, found[slot]
-            labels[i] = best
+            # -ln of the density at the plane, a cell of the resolution.
+            plane[slot, 5] = 0.5 * math.log(2.0 * math.pi * spread / (resolution * resolution))
+        for slot in range(count + 1):
+            share[slot] /= total
+            nats[slot] = -math.log(share[slot])
+        begin, end = starts[cube], starts[cube + 1]
+        mixed = False
+        for i in range(begin, end):
+            slot_of[i - begin] = _cheapest(local[i], plane, count, null, nats)
+            mixed |= slot_of[i - begin] != slot_of[0]
+        mixed &= variance[cube] > thick
+        for _ in range(_ROUNDS if mixed else 0):
+            held[:, : count + 1] = 0.0
+            for i in range(begin, end):
+                eighth_of[i - begin] = _eighth(local[i], turn)
+                held[eighth_of[i - begin], slot_of[i - begin]] += 1.0
+            for i in range(begin, end):
+                others, mine = held[eighth_of[i - begin]], slot_of[i - begin]
+                on_any = 1.0 - share[count]
+                total = on_any
+                for slot in range(count):
+                    total += others[slot] - (slot == mine)
+                for slot in range(count):
+                    drawn = (others[slot] - (slot == mine) + share[slot]) / total
+                    nats[slot] = -math.log(on_any * drawn)
+                slot_of[i - begin] = _cheapest(local[i], plane, count, null, nats)
+        for i in range(begin, end):
+            labels[i] = found[slot_of[i - begin]] if slot_of[i - begin] < count else 0
 
 
 @in_order
