@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from planewise.batch import Store
 from planewise.commands.app import app
+from planewise.errors import MissingExtraError
 from tests.command import run
 
 COUNT = 10
@@ -247,6 +248,41 @@ def test_without_pyarrow_one_line_says_so(originals, store, monkeypatch):
     code, _, errors = run("batch", originals, "-o", store, *CAMERA)
     assert code == 2
     assert "planewise[batch]" in errors
+    assert not store.parent.exists()
+
+
+@pytest.mark.parametrize("shard", [(), ("--shard", "1/2")])
+@pytest.mark.parametrize("empty", [False, True])
+def test_without_ray_nothing_is_left(originals, store, monkeypatch, shard, empty):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    if empty:
+        store.mkdir(parents=True)
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA, "--engine", "ray", *shard)
+    assert (code, text) == (2, "")
+    assert "planewise[ray]" in errors
+    assert store.exists() == store.parent.exists() == empty
+    assert not empty or not list(store.iterdir())
+
+
+def test_without_ray_a_begun_store_stays(frames, store, monkeypatch):
+    monkeypatch.setattr("planewise.batch.local_engine.LocalEngine.run", InOrder().run)
+    assert run("batch", frames, "-o", store, *CAMERA, "--limit", 2)[0] == 0
+    before = {path: path.read_bytes() for path in store.rglob("*.*") if path.name != ".lock"}
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert run("batch", frames, "-o", store, *CAMERA, "--engine", "ray")[0] == 2
+    assert before.items() <= {p: p.read_bytes() for p in store.rglob("*.*")}.items()
+    assert len(Store(store)) == 2
+
+
+@pytest.mark.usefixtures("here")
+def test_a_package_that_all_frames_need_and_lack(originals, store, monkeypatch):
+    def lacking(*_):
+        raise MissingExtraError("h5py", "reading it", "datasets")
+
+    monkeypatch.setattr("planewise.batch.frame_work.FrameWork._done", lacking)
+    code, _, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert code == 2
+    assert "planewise[datasets]" in errors
     assert not store.parent.exists()
 
 
