@@ -66,7 +66,7 @@ def test_workers_fill_a_store_and_go_on_where_they_were(frames, store):
     code, text, _ = run(*arguments)
     assert (code, text.strip()) == (
         0,
-        f"nothing to do: all {COUNT} frames are in {store}",
+        f"nothing to do: {store} holds {COUNT} of the {COUNT} frames selected",
     )
     assert before == {p: p.stat().st_mtime_ns for p in store.rglob("*.p*")}
     info = json.loads((store / "store.json").read_text())
@@ -171,6 +171,22 @@ def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
     assert not store.parent.exists()
     result = CliRunner().invoke(app, ["batch", str(frames), "-o", str(store), *CAMERA, "--dry-run"])
     assert max(map(len, result.stdout.splitlines())) <= 80
+
+
+@pytest.mark.usefixtures("here")
+def test_one_is_said_as_one(frames, store, tmp_path):
+    arguments = ("batch", frames, "-o", store, *CAMERA, "--limit", 1, "--max-planes", 1)
+    code, text, _ = run(*arguments, "--dry-run", "--workers", 1)
+    assert code == 0
+    assert "with 1 worker (" in text
+    code, text, _ = run(*arguments)
+    assert code == 0
+    assert "1 of 1 frame done, 1 plane, " in text
+    assert "holds 1 of the 1 frame selected" in text
+    assert run(*arguments)[1].endswith("holds 1 of the 1 frame selected ")
+    code, text, _ = run("view", store, "-o", tmp_path / "page.html")
+    assert code == 0
+    assert text.startswith("1 frame, of which 0 failed")
 
 
 @pytest.mark.usefixtures("here")

@@ -54,7 +54,7 @@ def test_two_files(tmp_path, truth, predicted):
     table = tmp_path / "new" / "scores.csv"
     code, text, errors = run("eval", tmp_path / "a.png", tmp_path / "b.npy", "-o", table)
     assert (code, errors) == (0, "")
-    assert "1 of 1 frames scored" in text
+    assert "1 of 1 frame scored" in text
     assert [path.name for path in table.parent.iterdir()] == ["scores.csv"]
     (line,) = read(table)
     assert line.pop("frame") == "b"
@@ -122,7 +122,7 @@ def test_no_table_where_no_frame_can_be_used(tmp_path, truth):
     )
     assert code == 2
     assert errors.count("error: ") == 1
-    assert "0 of 1 frames scored" in text
+    assert "0 of 1 frame scored" in text
     assert not (tmp_path / "s.csv").exists()
 
 

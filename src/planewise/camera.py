@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
@@ -155,7 +156,7 @@ class PinholeCamera:
         if len(self.distortion) not in (0, 4, 5):
             raise ValueError(
                 "camera: distortion must be (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), "
-                f"got {len(self.distortion)} numbers"
+                f"got {counted(len(self.distortion), 'number')}"
             )
         if (self.width is None) != (self.height is None) or min(
             self.width or 1, self.height or 1

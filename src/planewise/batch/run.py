@@ -24,6 +24,7 @@ from planewise.batch.tables import arrow
 from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
 from planewise.whole_files import parent_folder, remove_empty
+from planewise.wording import counted
 
 _UNFINISHED = ".unfinished-"
 
@@ -153,8 +154,8 @@ class Batch:
         strange = known.keys() - set(self.source.ids)
         if strange:
             raise PlanewiseError(
-                f"store: {folder} holds {len(strange)} frames that {self.source.name} does not "
-                f"have, such as {min(strange)}: it is of another source"
+                f"store: {folder} holds {counted(len(strange), 'frame')} that "
+                f"{self.source.name} does not have, such as {min(strange)}: it is of another source"
             )
         self._check_readings(store)
         return known

@@ -34,6 +34,7 @@ from planewise.sensor import Sensor
 from planewise.stages import recorded
 from planewise.threads import available
 from planewise.whole_files import written_whole
+from planewise.wording import counted
 
 _ROOM = "640x480"
 _SIZES = range(32, 8193)  # pixels along a side; the largest room takes 15 GB to make
@@ -99,7 +100,7 @@ def bench(
         terminal.show_machine(machine, used)
         terminal.say(
             f"{frame.name}, {frame.depth.shape[1]} x {frame.depth.shape[0]}, "
-            f"{times.readings:,} readings, {times.planes} planes"
+            f"{counted(times.readings, 'reading')}, {counted(times.planes, 'plane')}"
         )
         terminal.show_times(times.milliseconds, times.first)
         if stages:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from planewise.errors import PlanewiseError
 from planewise.files.labels import RESULT, STORE_FILE, LabelFile, Labelled, label_images
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.batch.store import Store
@@ -64,8 +65,8 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both folders: {predicted} has {len(found)} label images, {truth} has "
-            f"{len(true)}; their names (without ending) must agree"
+            f"no frame is in both folders: {predicted} has {counted(len(found), 'label image')}, "
+            f"{truth} has {len(true)}; their names (without ending) must agree"
         )
     return pairs
 
@@ -116,7 +117,8 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both: the store {folder} has {len(store)} frames, {truth} has "
-            f"{len(true)} label images; ids and names (without ending) must agree"
+            f"no frame is in both: the store {folder} has {counted(len(store), 'frame')}, "
+            f"{truth} has {counted(len(true), 'label image')}; ids and names (without "
+            "ending) must agree"
         )
     return pairs

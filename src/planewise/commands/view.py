@@ -14,6 +14,7 @@ from planewise.commands.shared_options import (
     Limit,
     optional,
 )
+from planewise.wording import counted
 
 _MANY = 5000  # frames that a page opens with at ease
 
@@ -55,12 +56,12 @@ def view(
                 read, output, selection=chosen, source=StoredSource(read, source), report=done
             )
         if shown.alone:
-            frames = "1 frame" if shown.alone == 1 else f"{shown.alone:,} frames"
             terminal.warning(
-                f"the planes of {frames} are drawn without picture or depth: {shown.reason}"
+                f"the planes of {counted(shown.alone, 'frame')} are drawn without picture or "
+                f"depth: {shown.reason}"
             )
         megabytes = output.stat().st_size / 1e6
         terminal.say(
-            f"{shown.frames:,} frames, of which {shown.failed:,} failed, {megabytes:.1f} MB in "
-            f"{output}"
+            f"{counted(shown.frames, 'frame')}, of which {shown.failed:,} failed, "
+            f"{megabytes:.1f} MB in {output}"
         )
