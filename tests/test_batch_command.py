@@ -186,7 +186,8 @@ def test_one_is_said_as_one(frames, store, tmp_path):
     assert run(*arguments)[1].endswith("holds 1 of the 1 frame selected ")
     code, text, _ = run("view", store, "-o", tmp_path / "page.html")
     assert code == 0
-    assert text.startswith("1 frame, of which 0 failed")
+    assert text.startswith("1 frame, of which 0 failed, ")
+    assert f" kB in {tmp_path / 'page.html'} " in text
 
 
 @pytest.mark.usefixtures("here")

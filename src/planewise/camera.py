@@ -145,6 +145,9 @@ class PinholeCamera:
                 f"camera: distortion must be numbers, got {self.distortion!r}"
             ) from None
         object.__setattr__(self, "distortion", coefficients)
+        for name in ("fx", "fy", "cx", "cy"):  # NumPy's numbers are written as others are
+            if is_finite(value := getattr(self, name)):
+                object.__setattr__(self, name, float(value))
         for name in ("fx", "fy"):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):

@@ -75,6 +75,8 @@ def bench(
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
         if output is not None and not os.access(output.absolute().parent, os.W_OK | os.X_OK):
             raise PlanewiseError(f"json: {output.parent} is not a folder that can be written to")
+        if output is not None and output.is_dir():
+            raise PlanewiseError(f"json: {output} is a folder; give a file such as times.json")
         if depth is None:
             given = (camera, sensor, noise, max_depth, resolution, depth_scale)
             if any(each is not None for each in given):

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
+from planewise.commands.batch_progress import size
 from planewise.commands.command_line import reported
 from planewise.commands.shared_options import (
     Every,
@@ -60,8 +61,7 @@ def view(
                 f"the planes of {counted(shown.alone, 'frame')} are drawn without picture or "
                 f"depth: {shown.reason}"
             )
-        megabytes = output.stat().st_size / 1e6
         terminal.say(
             f"{counted(shown.frames, 'frame')}, of which {shown.failed:,} failed, "
-            f"{megabytes:.1f} MB in {output}"
+            f"{size(output.stat().st_size)} in {output}"
         )
