@@ -181,6 +181,17 @@ def test_small_and_indexed_pictures_are_labels(tmp_path, truth):
     assert grey[0] == 0
 
 
+def test_the_folder_of_one_result_is_known(folders, tmp_path):
+    _, true = folders
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    Image.fromarray(np.zeros((6, 8), np.uint8)).save(alone / "labels.png")
+    for truth in (true, sorted(true.iterdir())[0]):
+        code, text, errors = run("eval", alone, truth)
+        assert (code, text) == (2, "")
+        assert f", or {alone / 'labels.png'} for one image" in errors
+
+
 def test_folders_that_do_not_fit_are_refused(folders, tmp_path, truth):
     found, true = folders
     other = tmp_path / "other"
