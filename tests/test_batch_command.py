@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from planewise.batch import Store
 from planewise.commands.app import app
+from planewise.errors import MissingExtraError
 from tests.command import run
 
 COUNT = 10
@@ -65,7 +66,7 @@ def test_workers_fill_a_store_and_go_on_where_they_were(frames, store):
     code, text, _ = run(*arguments)
     assert (code, text.strip()) == (
         0,
-        f"nothing to do: all {COUNT} frames are in {store}",
+        f"nothing to do: {store} holds {COUNT} of the {COUNT} frames selected",
     )
     assert before == {p: p.stat().st_mtime_ns for p in store.rglob("*.p*")}
     info = json.loads((store / "store.json").read_text())
@@ -173,6 +174,23 @@ def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
 
 
 @pytest.mark.usefixtures("here")
+def test_one_is_said_as_one(frames, store, tmp_path):
+    arguments = ("batch", frames, "-o", store, *CAMERA, "--limit", 1, "--max-planes", 1)
+    code, text, _ = run(*arguments, "--dry-run", "--workers", 1)
+    assert code == 0
+    assert "with 1 worker (" in text
+    code, text, _ = run(*arguments)
+    assert code == 0
+    assert "1 of 1 frame done, 1 plane, " in text
+    assert "holds 1 of the 1 frame selected" in text
+    assert run(*arguments)[1].endswith("holds 1 of the 1 frame selected ")
+    code, text, _ = run("view", store, "-o", tmp_path / "page.html")
+    assert code == 0
+    assert text.startswith("1 frame, of which 0 failed, ")
+    assert f" kB in {tmp_path / 'page.html'} " in text
+
+
+@pytest.mark.usefixtures("here")
 def test_a_dry_run_of_a_begun_store(frames, store):
     run("batch", frames, "-o", store, *CAMERA, "--limit", 4)
     text = run("batch", frames, "-o", store, *CAMERA, "--dry-run")[1]
@@ -247,6 +265,41 @@ def test_without_pyarrow_one_line_says_so(originals, store, monkeypatch):
     code, _, errors = run("batch", originals, "-o", store, *CAMERA)
     assert code == 2
     assert "planewise[batch]" in errors
+    assert not store.parent.exists()
+
+
+@pytest.mark.parametrize("shard", [(), ("--shard", "1/2")])
+@pytest.mark.parametrize("empty", [False, True])
+def test_without_ray_nothing_is_left(originals, store, monkeypatch, shard, empty):
+    monkeypatch.setitem(sys.modules, "ray", None)
+    if empty:
+        store.mkdir(parents=True)
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA, "--engine", "ray", *shard)
+    assert (code, text) == (2, "")
+    assert "planewise[ray]" in errors
+    assert store.exists() == store.parent.exists() == empty
+    assert not empty or not list(store.iterdir())
+
+
+def test_without_ray_a_begun_store_stays(frames, store, monkeypatch):
+    monkeypatch.setattr("planewise.batch.local_engine.LocalEngine.run", InOrder().run)
+    assert run("batch", frames, "-o", store, *CAMERA, "--limit", 2)[0] == 0
+    before = {path: path.read_bytes() for path in store.rglob("*.*") if path.name != ".lock"}
+    monkeypatch.setitem(sys.modules, "ray", None)
+    assert run("batch", frames, "-o", store, *CAMERA, "--engine", "ray")[0] == 2
+    assert before.items() <= {p: p.read_bytes() for p in store.rglob("*.*")}.items()
+    assert len(Store(store)) == 2
+
+
+@pytest.mark.usefixtures("here")
+def test_a_package_that_all_frames_need_and_lack(originals, store, monkeypatch):
+    def lacking(*_):
+        raise MissingExtraError("h5py", "reading it", "datasets")
+
+    monkeypatch.setattr("planewise.batch.frame_work.FrameWork._done", lacking)
+    code, _, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert code == 2
+    assert "planewise[datasets]" in errors
     assert not store.parent.exists()
 
 

@@ -8,6 +8,8 @@ import re
 import subprocess
 import sys
 import tempfile
+from contextlib import ExitStack
+from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
 
@@ -208,6 +210,36 @@ def test_the_lock_of_a_killed_process_is_taken_over(tmp_path):
     other.communicate()
     with locked(tmp_path):
         assert str(os.getpid()) in (tmp_path / ".lock").read_text()
+
+
+def test_a_store_that_another_shard_uses_is_not_removed(frames, tmp_path):
+    folder, camera = frames
+    first, second = (
+        replace(batch_of(folder, tmp_path / "store", camera), selection=Selection(shard=(part, 2)))
+        for part in (1, 2)
+    )
+    under_way = ExitStack()
+    others = []
+
+    class Failing:
+        def run(self, work, frames):
+            others.append(under_way.enter_context(second.started(InOrder())))
+            raise PlanewiseError("not here")
+
+    with under_way:
+        with pytest.raises(PlanewiseError, match="not here"), first.started(Failing()) as run:
+            list(run)
+        done = len(list(others[0]))
+    assert len(Store(tmp_path / "store")) == done > 0
+
+
+def test_a_lock_that_was_removed_holds_nothing(tmp_path, monkeypatch):
+    def late(handle, kind):
+        (tmp_path / ".lock").unlink(missing_ok=True)  # by who held it while this one waited
+
+    monkeypatch.setattr("fcntl.flock", late)
+    with pytest.raises(PlanewiseError, match="was removed by another run"), locked(tmp_path):
+        pass
 
 
 # Selections

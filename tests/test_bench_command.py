@@ -86,6 +86,7 @@ BAD_ARGUMENTS = {
     "camera without a file": (("--camera", "nyu"), "DEPTH"),
     "noise without a file": (("--noise", "5mm"), "DEPTH"),
     "no folder for the file": (("--json", "nowhere/bench.json"), "json"),
+    "a folder for the file": (("--json", "."), "json: . is a folder"),
     "file that is not there": (("no.png", "--camera", "nyu", "--noise", "5mm"), "no.png"),
     "size of a file": (("no.png", "--size", "64x48", "--noise", "5mm"), "size"),
 }

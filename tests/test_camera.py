@@ -68,6 +68,7 @@ def test_presets_suit_their_own_image(name):
         ({"fy": -500}, "fy must be a positive"),
         ({"fx": float("nan")}, "fx must be a positive"),
         ({"cx": float("inf")}, "numbers must be finite"),
+        ({"fx": np.float64(-5)}, "fx must be a positive number of pixels, got -5.0"),
         ({"fx": "500"}, "fx must be a positive number of pixels, got '500'"),
         ({"cy": None}, "numbers must be finite"),
         ({"distortion": (1, 2)}, "got 2 numbers"),

@@ -387,6 +387,15 @@ def test_kinds_and_options_that_are_none(tmp_path):
     assert len(datasets.open(tmp_path / "nyu", "nyu", camera=CAMERA)) == COUNT
 
 
+@pytest.mark.parametrize("name", datasets.opening.KINDS)
+def test_what_is_not_of_the_kind_that_was_named_is_said(name, tmp_path):
+    with pytest.raises(PlanewiseError) as error:
+        datasets.open(tmp_path, name)
+    start = f"data: {tmp_path} cannot be opened as the kind {name!r} ("
+    assert str(error.value).startswith(start)
+    assert "data:" not in str(error.value).removeprefix(start)
+
+
 def test_detecting_planes_in_any_frame(tmp_path):
     seen = opened("sens", tmp_path)[0]
     model = pw.detect_planes(

@@ -54,7 +54,7 @@ def test_two_files(tmp_path, truth, predicted):
     table = tmp_path / "new" / "scores.csv"
     code, text, errors = run("eval", tmp_path / "a.png", tmp_path / "b.npy", "-o", table)
     assert (code, errors) == (0, "")
-    assert "1 of 1 frames scored" in text
+    assert "1 of 1 frame scored" in text
     assert [path.name for path in table.parent.iterdir()] == ["scores.csv"]
     (line,) = read(table)
     assert line.pop("frame") == "b"
@@ -122,7 +122,7 @@ def test_no_table_where_no_frame_can_be_used(tmp_path, truth):
     )
     assert code == 2
     assert errors.count("error: ") == 1
-    assert "0 of 1 frames scored" in text
+    assert "0 of 1 frame scored" in text
     assert not (tmp_path / "s.csv").exists()
 
 
@@ -179,6 +179,17 @@ def test_small_and_indexed_pictures_are_labels(tmp_path, truth):
     )
     assert grey == by_index
     assert grey[0] == 0
+
+
+def test_the_folder_of_one_result_is_known(folders, tmp_path):
+    _, true = folders
+    alone = tmp_path / "alone"
+    alone.mkdir()
+    Image.fromarray(np.zeros((6, 8), np.uint8)).save(alone / "labels.png")
+    for truth in (true, sorted(true.iterdir())[0]):
+        code, text, errors = run("eval", alone, truth)
+        assert (code, text) == (2, "")
+        assert f", or {alone / 'labels.png'} for one image" in errors
 
 
 def test_folders_that_do_not_fit_are_refused(folders, tmp_path, truth):

@@ -282,7 +282,7 @@ def test_pictures_go_with_coco_and_nothing_else(made, tmp_path):
     code, _, errors = run("export", made / "png", "--format", "png", "--pictures", "-o",
                           tmp_path / "b")  # fmt: skip
     assert code == 2
-    assert "no place for pictures" in errors
+    assert "a choice of the format coco alone" in errors
 
 
 def test_a_damaged_label_file_costs_its_frame_only(own, tmp_path):

@@ -112,6 +112,43 @@ def test_information_refuses_what_does_not_fit(roof, camera):
         pw.information(observation, planes[:, :3], labels)
 
 
+@pytest.mark.parametrize("scene", [pw.scenes.room, pw.scenes.street])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_the_judge_of_the_spatial_objective_agrees_with_the_search(scene, seed):
+    seen = scene(seed)
+    model = pw.detect_planes(seen.depth, seen.camera, seen.sensor)
+    observation = pw.observe(seen.depth, seen.camera, seen.sensor)
+
+    def phi(planes, labels):
+        return pw.information(observation, planes, labels, objective="spatial")
+
+    assert phi(model.planes, model.labels) == pytest.approx(model.information, rel=1e-9)
+    readings = model.labels.reshape(-1)[observation.index]
+    assert phi(model.coefficients, readings) == pytest.approx(model.information, rel=1e-9)
+    none = np.zeros_like(model.labels)
+    assert phi([], none) == pytest.approx(model.curve[0], rel=1e-9)
+    best = np.where(model.labels == 1, model.labels, 0)
+    assert phi(model.planes[:1], best) == pytest.approx(model.curve[1], rel=1e-9)
+    # An edit: a plane without its labels still costs its parameters, and more.
+    assert phi(model.planes, np.where(model.labels == 1, 0, model.labels)) > model.information
+    swapped = np.where(model.labels > 0, 1 + len(model) - model.labels.astype(int), 0)
+    assert phi(model.planes[::-1], swapped) == pytest.approx(model.information, rel=1e-9)
+
+
+def test_the_judge_of_the_spatial_objective_refuses_what_it_cannot_judge(roof, camera):
+    depth, planes, labels = roof
+    observation = pw.observe(depth, camera, pw.Sensor(noise=0.01))
+    with pytest.raises(ValueError, match="passes through the sensor"):
+        pw.information(observation, [[0, 1.0, 0, 0]], labels * 0, objective="spatial")
+    with pytest.raises(ValueError, match="at most 65535"):
+        pw.information(observation, np.tile(planes[:1], (65536, 1)), labels, objective="spatial")
+    with pytest.raises(ValueError, match="objective must be 'paper' or 'spatial', got 'best'"):
+        pw.information(observation, planes, labels, objective="best")
+    points = pw.observe_points(np.eye(3), pw.Sensor())
+    with pytest.raises(ValueError, match="needs the observation of a depth image"):
+        pw.information(points, [], [0, 0, 0], objective="spatial")
+
+
 @pytest.mark.parametrize(
     "plane", [[0, 0, -2.0, 6.0], [0, 0, 0, 3.0], [np.nan, 0, -1.0, 3.0], [0, 0, -1.0, np.inf]]
 )

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
@@ -144,6 +145,9 @@ class PinholeCamera:
                 f"camera: distortion must be numbers, got {self.distortion!r}"
             ) from None
         object.__setattr__(self, "distortion", coefficients)
+        for name in ("fx", "fy", "cx", "cy"):  # NumPy's numbers are written as others are
+            if is_finite(value := getattr(self, name)):
+                object.__setattr__(self, name, float(value))
         for name in ("fx", "fy"):
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
@@ -155,7 +159,7 @@ class PinholeCamera:
         if len(self.distortion) not in (0, 4, 5):
             raise ValueError(
                 "camera: distortion must be (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), "
-                f"got {len(self.distortion)} numbers"
+                f"got {counted(len(self.distortion), 'number')}"
             )
         if (self.width is None) != (self.height is None) or min(
             self.width or 1, self.height or 1

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.model import Plane
-from planewise.observation import Observation
+from planewise.observation import Observation, RayObservation
 
 Array = NDArray[np.float64]
 
@@ -149,9 +149,13 @@ def planes_model(
 
 
 def information(
-    observation: Observation, planes: Sequence[Plane | ArrayLike] | Array, labels: ArrayLike
+    observation: Observation,
+    planes: Sequence[Plane | ArrayLike] | Array,
+    labels: ArrayLike,
+    *,
+    objective: str = "paper",
 ) -> float:
-    """Phi of any planes and any labelling on an observation: the judge under the paper's objective.
+    """Phi of any planes and any labelling on an observation: the judge of models, edited ones too.
 
     Parameters
     ----------
@@ -161,18 +165,35 @@ def information(
         Unit normal and distance of each.
     labels : array_like of int
         Of the shape of the input, or one per reading: 0 for none, j for the j-th plane.
+    objective : {"paper", "spatial"}
+        The paper's (eq. 6, and eq. 10 for readings on rays), or that of the default search, for
+        depth images (`planewise.spatial.information`), whichever one the planes were found with.
 
     Returns
     -------
     float
-        Nats, under the paper's objective (eq. 6, and eq. 10 for readings on rays), whichever one
-        the planes were found with.
+        Nats.
 
     Raises
     ------
     ValueError
         If shapes do not agree, a normal has not length one, or a label names no plane.
+
+    Examples
+    --------
+    >>> import numpy as np, planewise as pw
+    >>> wall = np.full((48, 64), 2.0) + np.random.default_rng(0).normal(0, 0.005, (48, 64))
+    >>> camera, sensor = pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24), pw.Sensor(noise=0.005)
+    >>> model = pw.detect_planes(wall, camera, sensor)
+    >>> edited = model.labels.copy()
+    >>> edited[:9, :9] = 0
+    >>> seen = pw.observe(wall, camera, sensor)
+    >>> phi = pw.information(seen, model.planes, edited, objective="spatial")
+    >>> bool(phi > model.information)
+    True
     """
+    if objective not in ("paper", "spatial"):
+        raise ValueError(f"objective must be 'paper' or 'spatial', got {objective!r}")
     rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], np.float64)
     n = observation.dimension
     rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows
@@ -199,6 +220,13 @@ def information(
             f"labels must lie between 0 and {len(rows)}, the number of planes, "
             f"got {marks.min()} to {marks.max()}"
         )
+    if objective == "spatial":
+        # Its compiled loops are loaded only where they are used.
+        from planewise.spatial.information import information_of_rows
+
+        if not isinstance(observation, RayObservation):
+            raise ValueError("objective='spatial' needs the observation of a depth image")
+        return information_of_rows(observation, rows, marks)
     inliers = []
     for j, row in enumerate(rows, start=1):
         mine = marks == j

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.wording import counted
+
 Array = NDArray[np.float64]
 
 
@@ -73,7 +75,8 @@ class Plane:
     def __repr__(self) -> str:
         normal = ", ".join(f"{part:.4f}" for part in self.normal)
         return (
-            f"<Plane: normal ({normal}), distance {self.distance:.4f} m, {self.count:,} readings, "
+            f"<Plane: normal ({normal}), distance {self.distance:.4f} m, "
+            f"{counted(self.count, 'reading')}, "
             f"{self.information:,.0f} nats>"
         )
 
@@ -167,9 +170,9 @@ class PlaneModel:
         return len(self.planes)
 
     def __repr__(self) -> str:
-        planes = "1 plane" if len(self) == 1 else f"{len(self)} planes"
         phi = f"Phi = {self.information:,.0f} nats"
-        return f"<PlaneModel: {planes}, {phi}, {self.readings:,} readings>"
+        planes, readings = counted(len(self), "plane"), counted(self.readings, "reading")
+        return f"<PlaneModel: {planes}, {phi}, {readings}>"
 
     @property
     def coefficients(self) -> Array:

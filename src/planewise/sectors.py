@@ -140,6 +140,14 @@ class Sectors:
             return sectors
         return np.ascontiguousarray(sectors[:, self.column >= 0])
 
+    def labels(self, image: NDArray[np.integer]) -> NDArray[np.integer]:
+        """Labels n K + k + 1 in sectors, (H, W'), of the labels n + 1 of an image; 0 for none."""
+        if self.column is None:
+            return image
+        out = np.where(self.column >= 0, np.take(image, self.column, axis=1), 0)
+        sector = self.of_columns(np.arange(self.column.size))
+        return np.where(out > 0, (out - 1) * self.count + sector + 1, 0)
+
     def of_columns(self, columns: NDArray[np.intp]) -> NDArray[np.int32]:
         """Sector of some columns, those of margins included."""
         before = np.searchsorted(self.start - _MARGIN, columns, side="right")

@@ -81,7 +81,7 @@ def output_folder(target: str | Path) -> Iterator[Path]:
         _publish(staging, target)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
-        _remove_empty(made[1:])
+        remove_empty(made[1:])
         raise
 
 
@@ -107,10 +107,11 @@ def parent_folder(target: str | Path) -> Iterator[Path]:
     try:
         yield target
     finally:
-        _remove_empty(made)
+        remove_empty(made)
 
 
-def _remove_empty(folders: list[Path]) -> None:
+def remove_empty(folders: list[Path]) -> None:
+    """Remove those folders, in this order, that are empty."""
     for folder in folders:
         with suppress(OSError):  # not empty, or not there
             folder.rmdir()

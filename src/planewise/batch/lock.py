@@ -48,11 +48,20 @@ def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
         else:
             held.enter_context(_lock(store / _WHOLE, store, shared=True))
             held.enter_context(_lock(store / _shard_file(shard), store))
-            for other in sorted(store.glob(".lock-*-of-*")):
+            for other in _shard_files(store):
                 if not other.name.endswith(f"-of-{shard[1]}"):
                     with _lock(other, store, shared=True):
                         pass
         yield
+
+
+def lock_files(store: Path) -> list[Path]:
+    """Files of the locks of a store; who removes them holds it, and has left nothing to hold."""
+    return [store / _WHOLE, *_shard_files(store)]
+
+
+def _shard_files(store: Path) -> list[Path]:
+    return sorted(store.glob(f"{_WHOLE}-*-of-*"))
 
 
 def _shard_file(shard: tuple[int, int]) -> str:
@@ -75,9 +84,12 @@ def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
         except BlockingIOError:
             raise PlanewiseError(f"store: {store} is in use by {_holder(path)}") from None
         except OSError as error:
+            path.unlink(missing_ok=True)
             raise PlanewiseError(
                 f"store: {store} lies on a file system without locks ({error.strerror})"
             ) from None
+        if not os.fstat(handle).st_nlink:
+            raise PlanewiseError(f"store: {store} was removed by another run; start this one again")
         # Only for messages, so a full disk does not matter here.
         with contextlib.suppress(OSError):
             os.ftruncate(handle, 0)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,8 +13,8 @@ from typing import Any
 from planewise.batch.columns import DONE, FAILED
 from planewise.batch.engine import Engine
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
-from planewise.batch.lock import locked, writer_name
-from planewise.batch.segments import FOLDERS, segments_of
+from planewise.batch.lock import lock_files, locked, writer_name
+from planewise.batch.segments import FOLDERS, Segment, segments_of
 from planewise.batch.source import Selection, Source
 from planewise.batch.staging import Staging
 from planewise.batch.store import Store
@@ -24,6 +23,8 @@ from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import arrow
 from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
+from planewise.whole_files import parent_folder, remove_empty
+from planewise.wording import counted
 
 _UNFINISHED = ".unfinished-"
 
@@ -106,6 +107,8 @@ class Batch:
     def started(self, engine: Engine) -> Iterator[Run]:
         """Lock the store, make it if need be, and give the run; at the end all is committed.
 
+        A store that was made here goes again if an error ends the run before its first frame.
+
         Raises
         ------
         PlanewiseError
@@ -115,7 +118,19 @@ class Batch:
         """
         self.plan()
         folder = Path(self.store)
-        self._make_folder(folder)
+        new = not (folder / STORE_FILE).exists()
+        with parent_folder(folder):
+            try:
+                with self._held(folder, engine) as run:
+                    yield run
+            except Exception:
+                if new:
+                    _remove_without_frames(folder)
+                raise
+
+    @contextmanager
+    def _held(self, folder: Path, engine: Engine) -> Iterator[Run]:
+        """Lock the store in its folder, and give the run."""
         writer = writer_name(self.selection.shard)
         with locked(folder, self.selection.shard):
             staging = Staging(folder / f"{_UNFINISHED}{writer}")
@@ -139,8 +154,8 @@ class Batch:
         strange = known.keys() - set(self.source.ids)
         if strange:
             raise PlanewiseError(
-                f"store: {folder} holds {len(strange)} frames that {self.source.name} does not "
-                f"have, such as {min(strange)}: it is of another source"
+                f"store: {folder} holds {counted(len(strange), 'frame')} that "
+                f"{self.source.name} does not have, such as {min(strange)}: it is of another source"
             )
         self._check_readings(store)
         return known
@@ -159,17 +174,6 @@ class Batch:
                 f"store: the frame {first} of {self.source.name} has other readings than the one "
                 f"that {self.store} was made from"
             )
-
-    @staticmethod
-    def _make_folder(folder: Path) -> None:
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise PlanewiseError(
-                f"output: the folder {folder} cannot be made ({error.strerror or error})"
-            ) from None
-        if not os.access(folder, os.W_OK | os.X_OK):
-            raise PlanewiseError(f"output: the folder {folder} cannot be written to")
 
     def _begin(self, folder: Path, staging: Staging) -> None:
         for name in FOLDERS:
@@ -237,3 +241,17 @@ def _check_empty(folder: Path) -> None:
         raise PlanewiseError(
             f"output: {folder} holds {min(others)}, but no store; give a new folder"
         )
+
+
+def _remove_without_frames(folder: Path) -> None:
+    """Remove a store that nothing of a frame is in, unless another process uses it."""
+    with suppress(PlanewiseError, OSError), locked(folder):
+        segments = segments_of(folder)
+        remove_empty([folder / "labels"])
+        if (folder / "labels").exists() or any(map(Segment.holds_frames, segments)):
+            return
+        for path in (folder / STORE_FILE, *(each.journal for each in segments)):
+            path.unlink(missing_ok=True)
+        remove_empty([folder / name for name in FOLDERS])
+        for path in lock_files(folder):
+            path.unlink()

@@ -61,6 +61,10 @@ class Segment:
         found, on_them = tables_of(records)
         return found.select(list(frames)), on_them.select(list(planes))
 
+    def holds_frames(self) -> bool:
+        """Whether any frame is in it, be it one that failed."""
+        return self.frames_file.exists() or bool(read_records(self.journal))
+
     def seal(self, staging: Staging) -> None:
         """Turn the journal into Parquet."""
         records = read_records(self.journal)

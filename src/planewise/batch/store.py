@@ -24,6 +24,7 @@ from planewise.batch.store_info import read_info
 from planewise.batch.tables import arrow, schema_of
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.coco_rle import decode_mask
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -161,7 +162,8 @@ class Store:
             If it is not in the store, or failed.
         """
         if frame not in self:
-            held = "it failed" if frame in self._statuses else f"it has {len(self)} others"
+            others = f"it has {counted(len(self), 'other')}"
+            held = "it failed" if frame in self._statuses else others
             raise PlanewiseError(f"store: {self.path} does not hold the frame {frame!r}; {held}")
         name = self._statuses[frame][1]
         if name not in self._read:

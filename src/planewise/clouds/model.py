@@ -288,7 +288,7 @@ def ranked_model(
     if not len(rows):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:
-            reason = f"{found.curved} patches that are flat enough are pieces of curved surfaces"
+            reason = "all patches that are flat enough are pieces of curved surfaces"
     if found.left_out:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(

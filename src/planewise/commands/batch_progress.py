@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from planewise.commands import terminal
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from rich import progress as bars
@@ -93,8 +94,8 @@ class Progress:
             self._last_line = time.monotonic()
             left = duration((self.total - ended) / self.rate)
             terminal.notice(
-                f"{ended:,} of {self.total:,} frames, {self.rate:.1f} frames/s, {left} left, "
-                f"{self.planes:,} planes, {self.failed:,} failed"
+                f"{ended:,} of {counted(self.total, 'frame')}, {self.rate:.1f} frames/s, "
+                f"{left} left, {counted(self.planes, 'plane')}, {self.failed:,} failed"
             )
 
 
@@ -123,17 +124,15 @@ def _bar() -> bars.Progress:
 def show_result(progress: Progress, store: Path) -> None:
     """Print what a run did."""
     plan = progress.plan
-    if not progress.total and plan.failed:
-        terminal.say(
-            f"nothing to do: {store} holds {plan.done:,} of the {plan.selected:,} frames selected"
-        )
-    elif not progress.total:
-        terminal.say(f"nothing to do: all {plan.selected:,} frames are in {store}")
+    selected = counted(plan.selected, "frame") + " selected"
+    if not progress.total:
+        terminal.say(f"nothing to do: {store} holds {plan.done:,} of the {selected}")
     else:
         ended = progress.done + progress.failed
         terminal.say(
-            f"{progress.done:,} of {ended:,} frames done, {progress.planes:,} planes, "
-            f"{duration(progress.seconds)}, {ended / progress.seconds:.1f} frames/s"
+            f"{progress.done:,} of {counted(ended, 'frame')} done, "
+            f"{counted(progress.planes, 'plane')}, {duration(progress.seconds)}, "
+            f"{ended / progress.seconds:.1f} frames/s"
         )
         if progress.done:
             read, detect, encode = progress.milliseconds / progress.done
@@ -141,20 +140,18 @@ def show_result(progress: Progress, store: Path) -> None:
                 f"a frame took {read:.1f} ms to read, {detect:.1f} to detect, "
                 f"{encode:.1f} to encode"
             )
-        terminal.say(
-            f"{store} holds {plan.done + progress.done:,} of the {plan.selected:,} frames selected"
-        )
+        terminal.say(f"{store} holds {plan.done + progress.done:,} of the {selected}")
     failed = plan.failed + progress.failed
     if failed:
-        frames = "1 frame" if failed == 1 else f"{failed:,} frames"
-        terminal.warning(f"{frames} failed; --retry-failed tries again")
+        terminal.warning(f"{counted(failed, 'frame')} failed; --retry-failed tries again")
 
 
 def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: int) -> None:
     """Print what a run would do, by the frames that were tried."""
     terminal.say(
-        f"{batch.source.name}: {len(batch.source.ids):,} frames, {plan.selected:,} selected, "
-        f"{plan.done:,} in the store, {plan.failed:,} failed before, {len(plan.to_do):,} to do"
+        f"{batch.source.name}: {counted(len(batch.source.ids), 'frame')}, "
+        f"{plan.selected:,} selected, {plan.done:,} in the store, {plan.failed:,} failed before, "
+        f"{len(plan.to_do):,} to do"
     )
     recipe = batch.recipe
     camera = "of each frame" if recipe.camera is None else recipe.camera.describe()
@@ -183,7 +180,7 @@ def _show_costs(good: Sequence[Outcome], to_do: int, workers: int) -> None:
         f"{encode:.1f} to encode; {_mean([each.planes for each in good]):.1f} planes"
     )
     terminal.say_wrapped(
-        f"all: {duration(seconds * to_do / workers)} with {workers} workers "
+        f"all: {duration(seconds * to_do / workers)} with {counted(workers, 'worker')} "
         f"({seconds * to_do / 3600:.2f} core-hours), {size(to_do * labels)} of labels and at most "
         f"{size(to_do * rows)} of tables"
     )

@@ -34,6 +34,7 @@ from planewise.sensor import Sensor
 from planewise.stages import recorded
 from planewise.threads import available
 from planewise.whole_files import written_whole
+from planewise.wording import counted
 
 _ROOM = "640x480"
 _SIZES = range(32, 8193)  # pixels along a side; the largest room takes 15 GB to make
@@ -74,6 +75,8 @@ def bench(
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
         if output is not None and not os.access(output.absolute().parent, os.W_OK | os.X_OK):
             raise PlanewiseError(f"json: {output.parent} is not a folder that can be written to")
+        if output is not None and output.is_dir():
+            raise PlanewiseError(f"json: {output} is a folder; give a file such as times.json")
         if depth is None:
             given = (camera, sensor, noise, max_depth, resolution, depth_scale)
             if any(each is not None for each in given):
@@ -99,7 +102,7 @@ def bench(
         terminal.show_machine(machine, used)
         terminal.say(
             f"{frame.name}, {frame.depth.shape[1]} x {frame.depth.shape[0]}, "
-            f"{times.readings:,} readings, {times.planes} planes"
+            f"{counted(times.readings, 'reading')}, {counted(times.planes, 'plane')}"
         )
         terminal.show_times(times.milliseconds, times.first)
         if stages:

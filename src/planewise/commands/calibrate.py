@@ -25,6 +25,7 @@ from planewise.files.camera import read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
 from planewise.sensor import Sensor
 from planewise.whole_files import written_whole
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.calibration.cells import NoiseCells
@@ -103,7 +104,7 @@ def calibrate(
             with written_whole(picture) as partial:
                 write_image(partial, drawn)
         terminal.show_noise(found, base if name is not None else None)
-        terminal.say(f"{len(cells)} of {len(paths)} frames used, sensor in {output}")
+        terminal.say(f"{len(cells)} of {counted(len(paths), 'frame')} used, sensor in {output}")
         if failed:
             raise typer.Exit(FAILED)
 

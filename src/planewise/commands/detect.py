@@ -32,6 +32,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.camera import NOISE_HELP, read_camera
 from planewise.files.depth import list_depth_files
 from planewise.whole_files import parent_folder
+from planewise.wording import counted
 
 
 def detect(
@@ -172,12 +173,12 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
                 failed += 1
                 terminal.error(result.reason)
                 continue
-            planes = "1 plane" if len(result.model) == 1 else f"{len(result.model)} planes"
+            planes = counted(len(result.model), "plane")
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
             elif result.out_of_range:
                 terminal.warning(f"{path.name}: {result.out_of_range}")
-    terminal.say(f"{len(paths) - failed} of {len(paths)} frames done, files in {output}")
+    terminal.say(f"{len(paths) - failed} of {counted(len(paths), 'frame')} done, files in {output}")
     if failed:
         raise typer.Exit(FAILED)

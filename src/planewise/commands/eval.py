@@ -11,6 +11,7 @@ from planewise.commands import terminal
 from planewise.commands.command_line import reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed
+from planewise.wording import counted
 
 
 def evaluate(
@@ -72,6 +73,6 @@ def evaluate(
                 write_table(output, frames)
         if len(results) > 1 or output is not None:
             where = f", scores in {output}" if output is not None and frames else ""
-            terminal.say(f"{len(frames)} of {len(results)} frames scored{where}")
+            terminal.say(f"{len(frames)} of {counted(len(results), 'frame')} scored{where}")
         if len(frames) < len(results):
             raise typer.Exit(FAILED)

@@ -16,6 +16,7 @@ from planewise.commands.shared_options import (
     Limit,
     optional,
 )
+from planewise.wording import counted
 
 _SHOWN = 20  # frames that could not be exported
 
@@ -91,6 +92,6 @@ def export(
                     terminal.error(frame.reason)
                     if failed == _SHOWN:
                         terminal.notice("more are counted only")
-        terminal.say(f"{count - failed:,} of {count:,} frames in {output}")
+        terminal.say(f"{count - failed:,} of {counted(count, 'frame')} in {output}")
         if failed:
             raise typer.Exit(FAILED)

@@ -19,6 +19,7 @@ from planewise.commands.shared_options import (
 )
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.camera import read_camera
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.datasets import Dataset, DatasetFrame, PointDataset, PointFrame
@@ -51,10 +52,10 @@ def frames(
         known = None if camera is None else read_camera(camera)
         dataset = datasets.open(data, kind, camera=known, depth_scale=depth_scale, topic=topic)
         parts = getattr(dataset, "parts", {})
-        known_as = f"{len(parts):,} datasets" if parts else dataset.holds
+        known_as = counted(len(parts), "dataset") if parts else dataset.holds
         terminal.say(f"{dataset.kind}: {known_as}")
         some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
-        terminal.say(f"{len(dataset):,} frames: {some}")
+        terminal.say(f"{counted(len(dataset), 'frame')}: {some}")
         _show_first(dataset.without_pictures(), quiet=check)
         if check and _damaged(dataset):
             raise typer.Exit(FAILED)
@@ -71,7 +72,7 @@ def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
             terminal.warning(str(error))
         return
     if hasattr(first, "points"):
-        terminal.say(f"first frame: {len(first.points):,} points")
+        terminal.say(f"first frame: {counted(len(first.points), 'point')}")
         return
     height, width = first.depth.shape
     camera = ", ".join(f"{name} {value}" for name, value in first.camera.describe().items())
@@ -103,5 +104,5 @@ def _damaged(dataset: Dataset | PointDataset) -> int:
         except PlanewiseError as error:
             damaged += 1
             terminal.error(str(error))
-    terminal.say(f"{len(dataset) - damaged:,} of {len(dataset):,} frames can be read")
+    terminal.say(f"{len(dataset) - damaged:,} of {counted(len(dataset), 'frame')} can be read")
     return damaged

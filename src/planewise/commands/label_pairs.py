@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from planewise.errors import PlanewiseError
 from planewise.files.labels import RESULT, STORE_FILE, LabelFile, Labelled, label_images
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.batch.store import Store
@@ -52,8 +53,10 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     if (predicted / STORE_FILE).is_file():
         return pair_store(predicted, truth)
     if predicted.is_dir() != truth.is_dir():
-        folder = "predicted" if predicted.is_dir() else "truth"
-        raise PlanewiseError(f"{folder} is a folder and the other is not; give two of a kind")
+        name, path = ("predicted", predicted) if predicted.is_dir() else ("truth", truth)
+        raise PlanewiseError(
+            f"{name} is a folder and the other is not; give two of a kind{_of_one_image(path)}"
+        )
     if not predicted.is_dir():
         return Pairs(paired=((_stem(truth), predicted, truth),))
     found, true = label_images(predicted), label_images(truth)
@@ -64,10 +67,16 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both folders: {predicted} has {len(found)} label images, {truth} has "
-            f"{len(true)}; their names (without ending) must agree"
+            f"no frame is in both folders: {predicted} has {counted(len(found), 'label image')}, "
+            f"{truth} has {len(true)}; their names (without ending) must agree"
+            f"{_of_one_image(predicted)}"
         )
     return pairs
+
+
+def _of_one_image(folder: Path) -> str:
+    """What to give in place of a folder that holds the result of one image."""
+    return f", or {folder / RESULT} for one image" if (folder / RESULT).is_file() else ""
 
 
 def _stem(path: Path) -> str:
@@ -116,7 +125,8 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both: the store {folder} has {len(store)} frames, {truth} has "
-            f"{len(true)} label images; ids and names (without ending) must agree"
+            f"no frame is in both: the store {folder} has {counted(len(store), 'frame')}, "
+            f"{truth} has {counted(len(true), 'label image')}; ids and names (without "
+            "ending) must agree"
         )
     return pairs

@@ -24,6 +24,7 @@ from planewise.commands.shared_options import (
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.camera import read_camera
 from planewise.whole_files import output_folder
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.datasets.frames import Dataset
@@ -124,14 +125,14 @@ def nyu(
         with output_folder(output) as folder:
             rows, shapes = _scored(dataset, ids, protocol)
             if not rows:
-                raise PlanewiseError(f"data: none of {len(ids)} frames could be scored")
+                raise PlanewiseError(f"data: none of {counted(len(ids), 'frame')} could be scored")
             lines, scored = lines_of(rows), len({row.frame for row in rows})
             notes = notes_on(protocol, dataset, scored, shapes)
             write_report(folder, lines, rows, notes)
         terminal.show_table(MEANING, table_of(lines), COLUMNS)
         for note in notes:
             terminal.say_wrapped(note)
-        terminal.say(f"{scored} of {len(ids)} frames scored, files in {output}")
+        terminal.say(f"{scored} of {counted(len(ids), 'frame')} scored, files in {output}")
         if scored < len(ids):
             raise typer.Exit(FAILED)
 

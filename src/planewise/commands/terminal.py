@@ -17,6 +17,7 @@ from rich.text import Text
 from planewise.metrics.confidence import Interval
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.calibration.estimate import NoiseEstimate
@@ -110,13 +111,13 @@ def _show(table: Table) -> None:
 
 def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     """Print how many planes there are, what they are worth and where the files are."""
-    planes = "1 plane" if len(model) == 1 else f"{len(model)} planes"
     without = f"({model.curve[0]:,.0f} without planes)" if len(model) else "without planes"
-    say(f"{planes}, Phi = {model.information:,.0f} nats {without}")
+    say(f"{counted(len(model), 'plane')}, Phi = {model.information:,.0f} nats {without}")
     from planewise.compilation import announce  # loads Numba, which has been used by now
 
     compiled = ", compiling included" if announce(cloud=model.labels.ndim == 1) else ""
-    say(f"{model.readings:,} readings, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
+    readings = counted(model.readings, "reading")
+    say(f"{readings}, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
 

@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
+from planewise.commands.batch_progress import size
 from planewise.commands.command_line import reported
 from planewise.commands.shared_options import (
     Every,
     Limit,
     optional,
 )
+from planewise.wording import counted
 
 _MANY = 5000  # frames that a page opens with at ease
 
@@ -55,12 +57,11 @@ def view(
                 read, output, selection=chosen, source=StoredSource(read, source), report=done
             )
         if shown.alone:
-            frames = "1 frame" if shown.alone == 1 else f"{shown.alone:,} frames"
             terminal.warning(
-                f"the planes of {frames} are drawn without picture or depth: {shown.reason}"
+                f"the planes of {counted(shown.alone, 'frame')} are drawn without picture or "
+                f"depth: {shown.reason}"
             )
-        megabytes = output.stat().st_size / 1e6
         terminal.say(
-            f"{shown.frames:,} frames, of which {shown.failed:,} failed, {megabytes:.1f} MB in "
-            f"{output}"
+            f"{counted(shown.frames, 'frame')}, of which {shown.failed:,} failed, "
+            f"{size(output.stat().st_size)} in {output}"
         )

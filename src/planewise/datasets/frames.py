@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from planewise.camera import Camera
 from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.sensor import Sensor
+from planewise.wording import counted
 
 _FORBIDDEN = frozenset("/\\\0\n\r")  # in ids, which become names of files
 
@@ -225,7 +226,9 @@ class Frames(ABC, Generic[Frame]):
         if not isinstance(frame, str):
             number = operator.index(frame)
             if not -len(self.ids) <= number < len(self.ids):
-                raise PlanewiseError(f"{self.name} has {len(self.ids)} frames, no number {number}")
+                raise PlanewiseError(
+                    f"{self.name} has {counted(len(self.ids), 'frame')}, no number {number}"
+                )
             frame = self.ids[number]
         if frame not in self:
             last = f" ... {self.ids[-1]}" if len(self.ids) > 1 else ""

@@ -87,7 +87,7 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         path = path.resolve()  # messages want a name
     given = {name: value for name, value in options.items() if value is not None}
     if kind is not None:
-        return _opened(_named(kind), path, given)
+        return _opened_as(_named(kind), path, given)
     reader = reader_of(path)
     if reader is not None:
         return _opened(reader, path, given)
@@ -125,6 +125,23 @@ def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | P
         )
     make: Callable[..., Dataset | PointDataset] = reader
     return make(path, **given)
+
+
+def _opened_as(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
+    """Open what was called by a kind; where it does not look like it, errors say so."""
+    try:
+        return _opened(reader, path, given)
+    except MissingExtraError:
+        raise
+    except (PlanewiseError, OSError) as error:
+        if reader.recognises(path):
+            raise
+        reason = str(error).removeprefix("data: ")
+        if isinstance(error, OSError):
+            reason = f"{error.filename}: {error.strerror}"
+        raise PlanewiseError(
+            f"data: {path} cannot be opened as the kind {reader.kind!r} ({reason})"
+        ) from None
 
 
 def _named(kind: str) -> Reader:

@@ -28,6 +28,7 @@ from planewise.datasets.picture_folder import known_pose
 from planewise.datasets.scannet import camera_of
 from planewise.errors import PlanewiseError
 from planewise.files.depth import check_size
+from planewise.wording import counted
 
 VERSION = 4
 
@@ -123,7 +124,7 @@ class SensFile(Dataset):
         if number >= len(self._starts):
             raise PlanewiseError(
                 f"is not in the file, which is cut short or damaged after {len(self._starts)} of "
-                f"{self.header.frames} frames"
+                + counted(self.header.frames, "frame")
             )
         with self.path.open("rb") as stream:
             stream.seek(int(self._starts[number]))

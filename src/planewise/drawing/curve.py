@@ -26,6 +26,7 @@ from planewise.drawing.axes import (
     round_step,
 )  # fmt: skip
 from planewise.model import Curve
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw as Pen
@@ -79,8 +80,7 @@ def _mark_chosen(
     dash = 6 * FINE
     for top in range(TOP * FINE, (HEIGHT - BOTTOM) * FINE, 2 * dash):
         pen.line((x, top, x, top + dash), fill=CHOSEN, width=FINE)
-    noun = "plane" if curve.chosen == 1 else "planes"
-    text = f"{curve.chosen} {noun}\n{curve[curve.chosen]:,.0f} nats"
+    text = f"{counted(curve.chosen, 'plane')}\n{curve[curve.chosen]:,.0f} nats"
     gap = 14 * FINE
     box = pen.multiline_textbbox((0, 0), text, font=font)
     wide, tall = box[2] - box[0], box[3] - box[1]

@@ -14,6 +14,7 @@ from planewise.drawing.palette import distinct_colours
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.model import PlaneModel
 from planewise.spherical import SphericalCamera
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw as Pen
@@ -342,10 +343,10 @@ def annotate(
     _write_ranks(pen, np.where(labels <= listed, labels, 0), size)
     if note:
         pen.text((size, height - size), note, fill=_FAINT, font=font, anchor="lb")
-    noun = "plane" if len(model) == 1 else "planes"
     left = width + size
     best = "" if listed == len(model) else f", the best {listed}"
-    pen.text((left, size), f"{len(model)} {noun}{best}", fill=_INK, font=bold, anchor="lt")
+    title = f"{counted(len(model), 'plane')}{best}"
+    pen.text((left, size), title, fill=_INK, font=bold, anchor="lt")
     if not len(model):
         return np.asarray(canvas)
     top = size + row + row // 3

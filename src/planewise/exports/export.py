@@ -68,7 +68,7 @@ def export(
         if source.missing:
             raise PlanewiseError(f"{source.missing}; give --source")
     if pictures and not form.places_pictures:
-        raise PlanewiseError("pictures: this format has no place for pictures to leave or take")
+        raise PlanewiseError("pictures: to take them or not is a choice of the format coco alone")
     if output.is_dir() and any(output.iterdir()):
         raise PlanewiseError(f"output: the folder {output} is not empty; give a new one")
     written, reason = 0, ""

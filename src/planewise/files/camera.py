@@ -17,6 +17,7 @@ from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 from planewise.files.lidar import is_spherical, spherical_camera
 from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
+from planewise.wording import counted
 
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
 _PLAIN_MODELS = {"", "none", "plumb_bob", "radtan", "brown_conrady", "pinhole", "opencv"}
@@ -288,7 +289,7 @@ def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
         fx, fy, cx, cy = flat
         return fx, fy, cx, cy
     if flat.size != 9:
-        raise PlanewiseError(f"has intrinsics of {flat.size} numbers; expected 9 (or 4)")
+        raise PlanewiseError(f"has intrinsics of {counted(flat.size, 'number')}; expected 9 (or 4)")
     k = flat.reshape(3, 3)
     if k[0, 2] == 0 == k[1, 2] and k[2, 0] != 0:
         k = k.T  # Open3D writes its matrix column by column

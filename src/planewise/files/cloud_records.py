@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
+from planewise.wording import counted
 
 Table = NDArray[Any]
 
@@ -36,7 +37,7 @@ def check_length(path: Path, start: int, count: int, width: int) -> None:
     there = path.stat().st_size - start
     if count * width > there:
         raise PlanewiseError(
-            f"is cut short or its header is wrong: it claims {count:,} points, "
+            f"is cut short or its header is wrong: it claims {counted(count, 'point')}, "
             f"there is room for {max(there, 0) // width:,}"
         )
 
@@ -123,11 +124,11 @@ def _numbers(
         words = line.split(delimiter)
         if len(words) != columns or not all(map(is_number, words)):
             shown = line if len(line) <= 60 else line[:57] + "..."
+            wanted = counted(columns, "number")
             raise PlanewiseError(
-                f"has a bad line of points, number {number:,}: expected {columns} numbers, "
-                f"got '{shown}'"
+                f"has a bad line of points, number {number:,}: expected {wanted}, got '{shown}'"
             )
-    raise PlanewiseError(f"must hold {columns} numbers a line")
+    raise PlanewiseError(f"must hold {counted(columns, 'number')} a line")
 
 
 def is_number(word: str) -> bool:

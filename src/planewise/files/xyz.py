@@ -15,6 +15,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_of, positions
 from planewise.files.cloud_records import is_number, point_lines, read_words
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+from planewise.wording import counted
 
 _XYZ = ["x", "y", "z"]
 _LOOK = 10_000  # lines that tell the columns and the offset
@@ -58,7 +59,7 @@ def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
             pass
         yield from read_words(stream, len(layout.names), size, layout.delimiter, layout.count)
         if layout.count is not None and next(point_lines(stream), None) is not None:
-            raise PlanewiseError(f"holds more than the {layout.count:,} points it claims")
+            raise PlanewiseError(f"holds more than the {counted(layout.count, 'point')} it claims")
 
 
 def _layout(path: Path) -> _Layout:
@@ -96,7 +97,8 @@ def _layout(path: Path) -> _Layout:
         names = _usual_names(rows, delimiter, len(words))
     elif len(names) != len(words):
         raise PlanewiseError(
-            f"names {len(names)} columns ({', '.join(names)}), but its points have {len(words)}"
+            f"names {counted(len(names), 'column')} ({', '.join(names)}), but its points have "
+            f"{len(words)}"
         )
     positions(names)
     return _Layout(delimiter=delimiter, names=names, skip=before, count=count)
@@ -109,7 +111,7 @@ def _delimiter(line: str) -> str | None:
 def _usual_names(lines: list[str], delimiter: str | None, columns: int) -> list[str]:
     """Names for columns without: x y z [i] [r g b], what is beyond them unknown."""
     if columns < 3:
-        raise PlanewiseError(f"has {columns} numbers a line; a point has at least three")
+        raise PlanewiseError(f"has {counted(columns, 'number')} a line; a point has at least three")
     rest = [f"column {k + 1}" for k in range(3, columns)]
     colours = {6: 3, 7: 4}.get(columns)  # where r, g, b would begin
     if colours is not None and _are_colours(lines, delimiter, colours):

@@ -13,6 +13,7 @@ from planewise.kernels.readings import claim
 from planewise.model import Curve, Move
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
+from planewise.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def sequential_search(
     free, rest = np.arange(everything.count), everything
     while len(found) < problem.max_planes:
         if free.size < n:
-            reason = f"{free.size} readings are left without a plane, fewer than {n}"
+            reason = f"{counted(free.size, 'reading')} left without a plane, fewer than {n}"
             break
         best = _best_of_samples(rest, trials, rng)
         plane, gain = Problem(evaluator=rest, empty=0.0, structure=np.zeros(2)).refine_one(best)

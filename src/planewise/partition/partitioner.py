@@ -15,6 +15,7 @@ from planewise.partition.blocks import Blocks
 from planewise.partition.graph import Graph
 from planewise.partition.regions import Regions, regions_of_labels, regions_of_masks
 from planewise.partition.segment_anything import SegmentAnything
+from planewise.wording import counted
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -108,7 +109,7 @@ class GivenRegions:
         """Say what it is."""
         if isinstance(self.regions, np.ndarray) and self.regions.ndim == 2:
             return "label image"
-        return "1 mask" if len(self.regions) == 1 else f"{len(self.regions)} masks"
+        return counted(len(self.regions), "mask")
 
 
 def as_partitioner(partition: Partition) -> Partitioner:

@@ -22,8 +22,9 @@ from planewise.reproduce.experiment import (
 )
 from planewise.reproduce.methods import OURS, Frame, detect
 from planewise.reproduce.scores import parameter_errors, placed
-from planewise.reproduce.section import Chart, Check, Section, Table, counted, length
+from planewise.reproduce.section import Chart, Check, Section, Table, length
 from planewise.scenes.scene import Scene
+from planewise.wording import counted
 
 ANGLES_DEGREES = (60, 70, 80, 90, 100, 110, 120, 130, 140, 150, 160, 165, 170, 175)
 _QUICK_ANGLES = (60, 90, 120, 150, 170)

@@ -20,8 +20,9 @@ from planewise.reproduce.experiment import (
 from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Frame, detect
 from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import scored
-from planewise.reproduce.section import Check, Pictures, Section, Table, counted, length, spread
+from planewise.reproduce.section import Check, Pictures, Section, Table, length, spread
 from planewise.scenes.scene import Scene
+from planewise.wording import counted
 
 PERIODS = (0, 2, 10, 100)
 """f of the bands from left to right."""

@@ -16,8 +16,9 @@ from planewise.reproduce.experiment import Experiment, Measured, Row, Settings
 from planewise.reproduce.methods import CONFIDENCE, OPEN3D
 from planewise.reproduce.open3d_ransac import why_missing
 from planewise.reproduce.page import page
-from planewise.reproduce.section import Chart, Section, counted
+from planewise.reproduce.section import Chart, Section
 from planewise.reproduce.tasks import compile_once, each_in_order
+from planewise.wording import counted
 
 PAGE = "report.html"
 

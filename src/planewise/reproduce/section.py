@@ -130,17 +130,6 @@ def spread(values: Sequence[float], digits: int, scale: float = 1.0) -> str:
     return f"{known.mean():,.{digits}f} ± {known.std(ddof=1):,.{digits}f}"
 
 
-def counted(number: int, noun: str) -> str:
-    """Number and noun.
-
-    Examples
-    --------
-    >>> counted(1, "plane"), counted(1200, "plane")
-    ('1 plane', '1,200 planes')
-    """
-    return f"{number:,} {noun}{'' if number == 1 else 's'}"
-
-
 def length(metres: float) -> str:
     """Millimetres as text.
 

@@ -26,11 +26,11 @@ from planewise.reproduce.section import (
     Pictures,
     Section,
     Table,
-    counted,
     length,
     spread,
 )
 from planewise.scenes.scene import Scene
+from planewise.wording import counted
 
 INLIER_RATIO, MOST = 0.25, 8
 TRUE_PLANES = 4

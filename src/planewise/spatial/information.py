@@ -30,9 +30,10 @@ from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
 from planewise.kernels import groups as tiles
 from planewise.kernels.frame_error import TILT
+from planewise.observation import RayObservation
 from planewise.sectors import Sectors
-from planewise.spatial.cells import Cells, moments_of
-from planewise.spatial.frame import Frame
+from planewise.spatial.cells import Cells, cells_of, moments_of
+from planewise.spatial.frame import Frame, frame_of
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.mask_code import MaskCounts
 from planewise.workspace import Workspace
@@ -42,6 +43,7 @@ Array = NDArray[np.float64]
 GROUP_SIDE = tiles.BLOCK  # pixels of a block whose readings share an offset and a tilt
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
+_MOST_LABELS = np.iinfo(np.uint16).max
 
 
 @dataclass(frozen=True)
@@ -179,6 +181,30 @@ def ledger(
     mask = np.ascontiguousarray(labels, np.uint16)
     groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
     return book_of(groups, groups.data(affine), mask_of(frame, mask), range, resolution)
+
+
+def information_of_rows(
+    observation: RayObservation, rows: Array, marks: NDArray[np.integer]
+) -> float:
+    """Phi of planes (normal, distance), shape (N, 4), and of the label of every reading, (k,).
+
+    Raises
+    ------
+    ValueError
+        If a plane passes through the sensor, where no ray meets it, or there are too many.
+    """
+    if not rows[:, 3].all():
+        raise ValueError("planes: one passes through the sensor, which sees nothing of it")
+    frame = frame_of(observation)
+    sectors, size = frame.sectors, observation.pixel_size
+    if len(rows) * sectors.count > _MOST_LABELS:
+        raise ValueError(f"planes: at most {_MOST_LABELS // sectors.count} are told apart")
+    image = np.zeros(observation.shape, np.int64)
+    image.reshape(-1)[observation.index] = marks
+    affine = sectors.affine(-rows[:, :3] / rows[:, 3:])
+    labels = sectors.labels(image).astype(np.uint16)
+    limits = observation.range, observation.resolution
+    return float(ledger(frame, cells_of(frame, size), affine, labels, *limits, size).curve[-1])
 
 
 def book_of(
