@@ -7,7 +7,6 @@ import numpy as np
 from planewise.kernels.jit import compiled, inlined
 
 _STEP = 16  # pixels that are compared with a run's label at a time
-_PART = 512  # pixels of a run that are summed before they are added to the others
 
 
 @inlined
@@ -50,30 +49,21 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
             if rank == 0:
                 continue
             j = rank - 1
-            t0, t1 = np.float32(planes[j, 0]), np.float32(planes[j, 1])
-            t2 = np.float32(planes[j, 2])
+            t0, t1, t2 = planes[j, 0], planes[j, 1], planes[j, 2]
             v, a = w[i, start:stop], x[0 if straight else i, start:stop]
             b = line[start:stop] if straight else y[i, start:stop]
             square = cube = across = down = along = 0.0
-            for first in range(0, v.size, _PART):
-                # In single precision, as the readings: sums of few, of twice as many at a time.
-                s2 = s3 = sx = sy = s1 = np.float32(0)
-                inverse, c, d = v[first : first + _PART], a[first:], b[first:]
-                for k in range(inverse.size):
-                    q = t0 + t1 * c[k] + t2 * d[k]
-                    r = np.float32(1) / (inverse[k] * q)
-                    z = q * r
-                    delta = (q - inverse[k]) * r
-                    s2 += delta * delta
-                    s3 += z * z * z
-                    sx += z * c[k]
-                    sy += z * d[k]
-                    s1 += z
-                square += float(s2)
-                cube += float(s3)
-                across += float(sx)
-                down += float(sy)
-                along += float(s1)
+            for k in range(v.size):
+                inverse, c, d = np.float64(v[k]), np.float64(a[k]), np.float64(b[k])
+                q = t0 + t1 * c + t2 * d
+                r = 1.0 / (inverse * q)
+                z = q * r
+                delta = (q - inverse) * r
+                square += delta * delta
+                cube += z * z * z
+                across += z * c
+                down += z * d
+                along += z
             if solid.size > 1:
                 area = solid[i, start:stop]
                 cube = 0.0
