@@ -25,7 +25,6 @@ from planewise.spatial.labels import (
     misfits,
     pure_information,
     relabelled,
-    residual_correlation,
 )
 from planewise.spatial.search import Segmentation, planes_within
 from planewise.spatial.solution import SpatialSolution, judged
@@ -184,9 +183,6 @@ class _Mover:
         return replace(
             now.found,
             information=pure_information(self.frame, self.cells, labels, len(now.affine)),
-            residual_correlation=residual_correlation(
-                self.cells, labels, now.affine, self.frame.sectors
-            ),
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from planewise.spatial.information import (
     mask_of,
 )
 from planewise.spatial.joining import joined
-from planewise.spatial.labels import residual_correlation
+from planewise.spatial.labels import residual_correlation, units_inside
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
@@ -36,6 +35,7 @@ Array = NDArray[np.float64]
 _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times as much: no plane that saves more is cut
+_APART = 2.0  # times 3 ln(R / eps): planes whose readings are as short on one are one
 
 
 @dataclass(frozen=True)
@@ -122,17 +122,7 @@ def solve(
         )
         with stage("ledger"), workspace.stage():
             meanwhile()  # where there was nothing to segment
-            if frame.sectors.column is not None and cells is not None and not instances:
-                found = joined(observation, frame, cells, found, workspace)
-            if cells is None:
-                return judged(observation, frame, cells, found, workspace, blocks)
-            told: list[Array] = []
-
-            def correlate() -> None:
-                told.append(residual_correlation(cells, found.labels, found.affine, frame.sectors))
-
-            solution = judged(observation, frame, cells, found, workspace, blocks, correlate)
-            return replace(solution, found=replace(found, residual_correlation=told[0]))
+            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
 
     first = look(cells)
     if cells is None or not cells.bends_more_than_told:
@@ -144,7 +134,8 @@ def solve(
     if not clear[cut].any() and not (clear & first.bent).any():
         return first
     closer = look(replace(cells, drift=cells.told_drift))
-    return closer if closer.information < first.information and not closer.bent.any() else first
+    bent = closer.bent & (closer.found.significance > sure)
+    return closer if closer.information < first.information and not bent.any() else first
 
 
 def judged(
@@ -154,7 +145,8 @@ def judged(
     found: Segmentation,
     workspace: Workspace,
     blocks: Blocks | None = None,
-    meanwhile: Callable[[], None] | None = None,
+    *,
+    join: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -168,22 +160,35 @@ def judged(
         Memory to work in.
     blocks : Blocks, optional
         Of the frame, if they were added up before.
-    meanwhile : callable, optional
-        Further work that may be done beside.
+    join : bool
+        Make those planes one that turn out to be (`spatial.joining`).
     """
-    limits, labels = (observation.range, observation.resolution), found.labels
-    size = observation.pixel_size
-    planes = len(found.affine)
+    limits, size = (observation.range, observation.resolution), observation.pixel_size
+    parameters = plane_information(3, *limits)
+
+    def grouped() -> Groups:
+        labels, planes = found.labels, len(found.affine)
+        return groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
+
+    groups = grouped()
+    if join:
+        apart, found = found, joined(groups, found, _APART * parameters)
+        if found is not apart:
+            groups = grouped()
+    labels = found.labels
     masks: list[MaskCounts] = []
+    inside: list[NDArray[np.int32]] = []
 
     def aside() -> None:
         masks.append(mask_of(frame, labels))
-        if meanwhile is not None:
-            meanwhile()
+        if cells is not None:
+            inside.append(units_inside(cells, labels))
 
     with threads.beside(aside):
-        groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
         affine, data = refitted(groups, found.affine)
+    if cells is not None:
+        correlation = residual_correlation(cells, inside[0], affine, frame.sectors)
+        found = replace(found, residual_correlation=correlation)
     pays = _paying(groups, data, masks[0], *limits)
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[0], *limits, order)
