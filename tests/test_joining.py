@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import scenes
 from planewise.spatial import solution
+from planewise.spatial.information import ledger
 from planewise.spatial.joining import _parts
 from tests.test_lidar import CAMERA, SENSOR, room
 
@@ -17,7 +18,7 @@ def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
     ranges, truth = room(CAMERA, np.random.default_rng(seed))
     model = pw.detect_planes(ranges, CAMERA, SENSOR)
     surfaces = pw.detect_planes(ranges, CAMERA, SENSOR, instances=True)
-    monkeypatch.setattr(solution, "joined", lambda groups, found, price: found)
+    monkeypatch.setattr(solution, "joined", lambda groups, found, price: (groups, found))
     apart = pw.detect_planes(ranges, CAMERA, SENSOR)
     assert len(model) == 6 < len(apart) <= len(surfaces)
     assert model.information < apart.information - 2 * 3 * np.log(60 / 0.002)
@@ -34,7 +35,7 @@ def test_pieces_of_a_face_in_a_room_are_one_plane(monkeypatch, seed):
     """Every true face has one plane, with no more readings on planes, and Phi is lower."""
     scene = scenes.room(seed)
     model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
-    monkeypatch.setattr(solution, "joined", lambda groups, found, price: found)
+    monkeypatch.setattr(solution, "joined", lambda groups, found, price: (groups, found))
     apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
     assert model.information < apart.information
 
@@ -45,6 +46,32 @@ def test_pieces_of_a_face_in_a_room_are_one_plane(monkeypatch, seed):
     assert len(faces(apart.labels)) > len(set(faces(apart.labels)))
     assert len(faces(model.labels)) == len(set(faces(model.labels)))
     assert set(faces(model.labels)) == set(faces(apart.labels))
+
+
+def test_groups_of_joined_planes_are_those_of_their_labels(monkeypatch):
+    """Phi with all planes and with none, and the worth of each, as if groups were made anew."""
+    scene, seen, real = scenes.room(143), [], solution.groups_of
+
+    def groups_of(frame, *others):
+        seen[:] = [frame, *others]
+        return real(frame, *others)
+
+    def judge(*given, **options):
+        result = judged(*given, **options)
+        frame, cells, _, _, *limits, workspace, _ = seen
+        labels, order = result.found.labels, result.book.order
+        again = ledger(frame, cells, result.affine, labels, *limits, workspace)
+        back = np.argsort(again.order)
+        assert_allclose(again.worth[back], result.book.worth[np.argsort(order)], rtol=1e-9)
+        assert again.curve[[0, -1]] == pytest.approx(result.book.curve[[0, -1]], rel=1e-12)
+        counts.append((seen[3], len(order)))
+        return result
+
+    judged, counts = solution.judged, []
+    monkeypatch.setattr(solution, "groups_of", groups_of)
+    monkeypatch.setattr(solution, "judged", judge)
+    pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    assert any(left < found for found, left in counts)
 
 
 def test_what_saves_most_is_joined_first():

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.kernels.groups import merge_groups
 from planewise.kernels.labels import rename
 from planewise.kernels.planes import nearest_planes
 from planewise.spatial.information import Groups
@@ -22,13 +23,13 @@ Array = NDArray[np.float64]
 _FAR = 5.0  # times their price, by the information on it: no plane is another that is so far
 
 
-def joined(groups: Groups, found: Segmentation, price: float) -> Segmentation:
+def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, Segmentation]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
     Parameters
     ----------
     groups : Groups
-        Of the labels.
+        Of the labels; used up where planes are joined.
     found : Segmentation
         Planes and labels.
     price : float
@@ -36,35 +37,40 @@ def joined(groups: Groups, found: Segmentation, price: float) -> Segmentation:
 
     Returns
     -------
+    Groups
     Segmentation
-        The same object where all planes stand apart.
+        The same objects where all planes stand apart.
     """
     count, planes = groups.sectors.count, len(found.information)
     nearest, far = np.empty(planes, np.intp), np.empty(planes)
     first = np.ascontiguousarray(found.affine[::count])
     nearest_planes(first, found.information, nearest, far)
-    if not far.min(initial=np.inf) < _FAR * price:
-        return found
     near = np.flatnonzero(far < _FAR * price)
+    if not len(near):
+        return groups, found
     more = np.full((planes, planes), np.inf)
     more[near, nearest[near]] = _costs(groups, found.affine, near, nearest[near]) - price
     part = _parts(more)
     alive, part = np.unique(part, return_inverse=True)
     if len(alive) == len(part):
-        return found
+        return groups, found
     named = 1 + count * part[:, None] + np.arange(count)
-    label = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
+    place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
     labels = np.empty_like(found.labels)
-    rename(found.labels.reshape(-1), label, labels.reshape(-1))
+    rename(found.labels.reshape(-1), place, labels.reshape(-1))
+    merge_groups(groups.moments, groups.label, groups.first, place)
+    readings = np.zeros(len(alive) * count + 1, np.int64)
+    np.add.at(readings, place, groups.readings)
     together = np.zeros((len(alive), 3, 3))
     np.add.at(together, part, found.information)
-    return replace(
+    one = replace(
         found,
         labels=labels,
         affine=found.affine.reshape(-1, count, 3)[alive].reshape(-1, 3),
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
+    return replace(groups, readings=readings), one
 
 
 def _costs(

@@ -164,17 +164,10 @@ def judged(
         Make those planes one that turn out to be (`spatial.joining`).
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
-    parameters = plane_information(3, *limits)
-
-    def grouped() -> Groups:
-        labels, planes = found.labels, len(found.affine)
-        return groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
-
-    groups = grouped()
+    planes = len(found.affine)
+    groups = groups_of(frame, cells, found.labels, planes, *limits, size, workspace, blocks)
     if join:
-        apart, found = found, joined(groups, found, _APART * parameters)
-        if found is not apart:
-            groups = grouped()
+        groups, found = joined(groups, found, _APART * plane_information(3, *limits))
     labels = found.labels
     masks: list[MaskCounts] = []
     inside: list[NDArray[np.int32]] = []
