@@ -23,11 +23,12 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
+from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.joining import joined
 from planewise.spatial.labels import label_planes, residual_correlation, units_inside
 from planewise.spatial.refit import refitted
-from planewise.spatial.search import Segmentation, join_through_gaps
+from planewise.spatial.search import Segmentation
 from planewise.spatial.segments import Segments
 
 _SIZE = 36  # pixels to a side of the frame

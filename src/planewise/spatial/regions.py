@@ -107,7 +107,10 @@ class _Mover:
     def judged(self, found: Segmentation) -> SpatialSolution:
         """Planes refitted, with exact Phi."""
         with self.workspace.stage():
-            return judged(self.observation, self.frame, self.cells, found, self.workspace)
+            return judged(
+                self.observation, self.frame, self.cells, found, self.workspace,
+                white=self.cells.bends_more_than_told,
+            )  # fmt: skip
 
     def planes_in(
         self, units: NDArray[np.bool_], settled: NDArray[np.bool_], significance: float

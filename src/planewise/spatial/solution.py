@@ -24,6 +24,7 @@ from planewise.spatial.information import (
 )
 from planewise.spatial.joining import joined
 from planewise.spatial.labels import residual_correlation, units_inside
+from planewise.spatial.leftovers import ENOUGH, WHITE
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
@@ -35,6 +36,7 @@ Array = NDArray[np.float64]
 _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times as much: no plane that saves more is cut
+_DEAR = 2.0  # times as much: of a plane whose residuals are not white, while the noise is
 _APART = 2.0  # times 3 ln(R / eps): planes whose readings are as short on one are one
 
 
@@ -102,6 +104,7 @@ def solve(
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
+    white = cells is not None and cells.bends_more_than_told
     todo = [blocks.add_up]
 
     def meanwhile() -> None:
@@ -117,15 +120,19 @@ def solve(
             instances=instances,
             max_planes=max_planes,
             significance=significance,
+            white=white,
             workspace=workspace,
             meanwhile=meanwhile,
         )
         with stage("ledger"), workspace.stage():
             meanwhile()  # where there was nothing to segment
-            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
+            return judged(
+                observation, frame, cells, found, workspace, blocks,
+                join=not instances, white=white,
+            )  # fmt: skip
 
     first = look(cells)
-    if cells is None or not cells.bends_more_than_told:
+    if cells is None or not white:
         return first
     # Of planes that hardly pay, neither is telling.
     sure = _SURE * _LEAST * plane_information(3, observation.range, observation.resolution)
@@ -147,6 +154,7 @@ def judged(
     blocks: Blocks | None = None,
     *,
     join: bool = False,
+    white: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -162,6 +170,8 @@ def judged(
         Of the frame, if they were added up before.
     join : bool
         Make those planes one that turn out to be (`spatial.joining`).
+    white : bool
+        Whether readings have little but white noise.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes = len(found.affine)
@@ -179,10 +189,13 @@ def judged(
 
     with threads.beside(aside):
         affine, data = refitted(groups, found.affine)
+    dear = np.zeros(len(data.worth), np.bool_)
     if cells is not None:
         correlation = residual_correlation(cells, inside[0], affine, frame.sectors)
         found = replace(found, residual_correlation=correlation)
-    pays = _paying(groups, data, masks[0], *limits)
+        enough = frame.sectors.summed(groups.readings[1:]) >= ENOUGH
+        dear = white & enough & (correlation > WHITE)  # not where it is NaN
+    pays = _paying(groups, data, masks[0], *limits, dear)
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[0], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
@@ -194,14 +207,20 @@ def judged(
 
 
 def _paying(
-    groups: Groups, data: GroupData, mask: MaskCounts, range: float, resolution: float
+    groups: Groups,
+    data: GroupData,
+    mask: MaskCounts,
+    range: float,
+    resolution: float,
+    dear: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
     least = groups.sectors.price(_LEAST, plane_information(3, range, resolution))
-    pays = np.asarray(data.worth < -least)
+    pays = np.asarray(data.worth < -least * np.where(dear, _DEAR, 1.0))
     if (data.worth[pays] > -_SURE * least).any():
-        # Phi is lower without some of these, maybe: the last of all by worth.
-        book = book_of(groups, data.copy(), mask, range, resolution)
+        # Phi is lower without some of these, maybe: the last of them by worth.
+        order = np.lexsort((data.worth, ~pays))
+        book = book_of(groups, data.copy(), mask, range, resolution, order)
         best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
-        pays[book.order[best:]] = False
+        pays[order[best:]] = False
     return pays
