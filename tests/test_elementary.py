@@ -90,6 +90,22 @@ def test_the_middle_of_numbers(size, kind):
     assert_array_equal(values, before)
 
 
+def test_nearest_planes():
+    rng = np.random.default_rng(2)
+    root = rng.normal(0, 1, (20, 3, 3)) * [[[1e-2], [1e-1], [3e-2]]]
+    information = root @ root.transpose(0, 2, 1)
+    some = rng.normal(0, 1, (20, 3))
+    nearest, far = np.empty(20, np.intp), np.empty(20)
+    planes.nearest_planes(some, information, nearest, far)
+    apart = some[:, None] - some
+    half = 0.5 * np.einsum("nmi,nij,nmj->nm", apart, information, apart)
+    np.fill_diagonal(half, np.inf)
+    assert_array_equal(nearest, half.argmin(axis=1))
+    assert_allclose(far, half.min(axis=1), rtol=1e-6)
+    planes.nearest_planes(some[:1], information[:1], nearest[:1], far[:1])
+    assert (nearest[0], far[0]) == (0, np.inf)
+
+
 @pytest.mark.parametrize("size", [5, 6, 9, 30])
 def test_running_medians(size):
     values = np.random.default_rng(size).integers(1, 9, size)

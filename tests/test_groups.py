@@ -83,6 +83,21 @@ def test_groups_are_the_readings_of_one_block_and_label(shape):
     assert several == len(first) - 1 > 0
 
 
+def test_merged_groups_are_those_of_the_merged_labels():
+    labels, images = patches(np.random.default_rng(9), (45, 60))
+    place = np.array([0, 2, 1, 1], np.uint16)
+    merged, exact = grouped(labels, images), grouped(place[labels], images)
+    before = (merged[0][COUNT, : merged[2][-1]] > 0).sum()
+    groups.merge_groups(*merged, place)
+    told = []
+    for moments, label, first in (merged, exact):
+        there = np.flatnonzero(moments[COUNT, : first[-1]] > 0)
+        rows = np.vstack((label[there], moments[:12, there]))
+        told.append(rows[:, np.lexsort(rows[[2, 1, 0]])])
+    assert_allclose(*told, rtol=1e-9)
+    assert told[0].shape[1] < before
+
+
 def test_cells_are_those_of_the_search():
     assert groups.SIDE == cells_module.SIDE
 

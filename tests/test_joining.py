@@ -1,11 +1,13 @@
-"""Planes of range images that turn out to be one."""
+"""Planes that turn out to be one."""
 
 import numpy as np
 import pytest
-from numpy.testing import assert_array_equal
+from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise import scenes
 from planewise.spatial import solution
+from planewise.spatial.information import ledger
 from planewise.spatial.joining import _parts
 from tests.test_lidar import CAMERA, SENSOR, room
 
@@ -16,7 +18,7 @@ def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
     ranges, truth = room(CAMERA, np.random.default_rng(seed))
     model = pw.detect_planes(ranges, CAMERA, SENSOR)
     surfaces = pw.detect_planes(ranges, CAMERA, SENSOR, instances=True)
-    monkeypatch.setattr(solution, "joined", lambda *given: given[3])
+    monkeypatch.setattr(solution, "joined", lambda groups, found, price: (groups, found))
     apart = pw.detect_planes(ranges, CAMERA, SENSOR)
     assert len(model) == 6 < len(apart) <= len(surfaces)
     assert model.information < apart.information - 2 * 3 * np.log(60 / 0.002)
@@ -26,6 +28,50 @@ def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
         assert share > 0.97
     # The same readings are on planes; only whose they are has changed.
     assert_array_equal(model.labels > 0, apart.labels > 0)
+
+
+@pytest.mark.parametrize("seed", [143, 225])
+def test_pieces_of_a_face_in_a_room_are_one_plane(monkeypatch, seed):
+    """Every true face has one plane, with no more readings on planes, and Phi is lower."""
+    scene = scenes.room(seed)
+    model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    monkeypatch.setattr(solution, "joined", lambda groups, found, price: (groups, found))
+    apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    assert model.information < apart.information
+
+    def faces(labels):
+        most = [np.bincount(scene.labels[labels == j]).argmax() for j in range(1, labels.max() + 1)]
+        return [face for face in most if face > 0]
+
+    assert len(faces(apart.labels)) > len(set(faces(apart.labels)))
+    assert len(faces(model.labels)) == len(set(faces(model.labels)))
+    assert set(faces(model.labels)) == set(faces(apart.labels))
+
+
+def test_groups_of_joined_planes_are_those_of_their_labels(monkeypatch):
+    """Phi with all planes and with none, and the worth of each, as if groups were made anew."""
+    scene, seen, real = scenes.room(143), [], solution.groups_of
+
+    def groups_of(frame, *others):
+        seen[:] = [frame, *others]
+        return real(frame, *others)
+
+    def judge(*given, **options):
+        result = judged(*given, **options)
+        frame, cells, _, _, *limits, workspace, _ = seen
+        labels, order = result.found.labels, result.book.order
+        again = ledger(frame, cells, result.affine, labels, *limits, workspace)
+        back = np.argsort(again.order)
+        assert_allclose(again.worth[back], result.book.worth[np.argsort(order)], rtol=1e-9)
+        assert again.curve[[0, -1]] == pytest.approx(result.book.curve[[0, -1]], rel=1e-12)
+        counts.append((seen[3], len(order)))
+        return result
+
+    judged, counts = solution.judged, []
+    monkeypatch.setattr(solution, "groups_of", groups_of)
+    monkeypatch.setattr(solution, "judged", judge)
+    pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    assert any(left < found for found, left in counts)
 
 
 def test_what_saves_most_is_joined_first():

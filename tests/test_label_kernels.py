@@ -268,6 +268,13 @@ def test_units_inside_labels_their_sums_and_correlations(seed):
     assert (out[1:, 2] > 0).all()
 
 
+def test_rename():
+    label = np.random.default_rng(0).integers(0, 5, 100).astype(np.uint16)
+    place, out = np.array([0, 3, 1, 1, 2], np.uint16), np.empty(100, np.uint16)
+    labels.rename(label, place, out)
+    assert_array_equal(out, place[label])
+
+
 # Creases
 
 

@@ -23,10 +23,12 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
+from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.information import book_of, groups_of, mask_of
-from planewise.spatial.labels import label_planes, residual_correlation
+from planewise.spatial.joining import joined
+from planewise.spatial.labels import label_planes, residual_correlation, units_inside
 from planewise.spatial.refit import refitted
-from planewise.spatial.search import join_through_gaps
+from planewise.spatial.search import Segmentation
 from planewise.spatial.segments import Segments
 
 _SIZE = 36  # pixels to a side of the frame
@@ -64,12 +66,14 @@ def later_stages() -> None:
     rows = np.array([_row(plane) for plane in _PLANES])
     cells = _cells(rows[of_unit])
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
+    found = Segmentation(np.tile(np.eye(3), (2, 1, 1)), labels, np.ones(2), _PLANES)
+    joined(groups, found, 1e9)
     _, data = refitted(groups, _PLANES)
     book_of(groups, data, mask_of(frame, labels), 10.0, 0.001)
 
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)
-    residual_correlation(cells, labels, _PLANES, frame.sectors)
+    residual_correlation(cells, units_inside(cells, labels), _PLANES, frame.sectors)
     label_planes(frame, cells, of_unit, both, rows[None], both, limits)
     segments = Segments(
         rows=rows,

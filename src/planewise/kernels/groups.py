@@ -238,3 +238,20 @@ def correct_groups(moments, first, block, factor, finer):  # type: ignore[no-unt
             if finer.size > 0:
                 moments[NORM, g] += moments[COUNT, g] * finer[b]
         several += 1
+
+
+@compiled
+def merge_groups(moments, label, first, place):  # type: ignore[no-untyped-def]
+    """Give groups other labels, place (N + 1,) of those that they have; all as of `sum_groups`.
+
+    Of the groups of a block that then have the same label the first takes over the readings.
+    """
+    for g in range(first[-1]):
+        label[g] = place[np.uintp(label[g])]
+    for b in range(first.size - 1):
+        for g in range(first[b], first[b + 1]):
+            for other in range(g + 1, first[b + 1]):
+                if label[other] == label[g]:
+                    for e in range(NORM + 1):
+                        moments[e, g] += moments[e, other]
+                        moments[e, other] = 0.0

@@ -260,3 +260,10 @@ def without_margin(label, out):  # type: ignore[no-untyped-def]
         row, source = out[i], label[i + 1]
         for j in range(row.size):
             row[j] = source[j + 1] if source[j + 1] > 0 else 0
+
+
+@compiled
+def rename(label, place, out):  # type: ignore[no-untyped-def]
+    """Write out (pixels,): place of every label."""
+    for k in range(label.size):
+        out[k] = place[np.uintp(label[k])]

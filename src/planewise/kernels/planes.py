@@ -1,4 +1,4 @@
-"""Loops over planes: those that rows of information tell, and what they are in space."""
+"""Loops over planes: what rows of information tell, what they are in space, which are near."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.jit import in_order
+from planewise.kernels.jit import compiled, in_order
 
 
 @in_order
@@ -69,3 +69,22 @@ def in_space(affine, information, turn, rows, covariances):  # type: ignore[no-u
                 covariances[k, m, n] = (
                     half[0, m] * half[0, n] + half[1, m] * half[1, n] + half[2, m] * half[2, n]
                 )
+
+
+@compiled
+def nearest_planes(planes, information, nearest, far):  # type: ignore[no-untyped-def]
+    """For every plane (N, 3) with the information on it (N, 3, 3) the one that is nearest by it.
+
+    Writes nearest (N,), the plane itself if it is the only one, and far (N,), half the squared
+    distance to it.
+    """
+    for n in range(planes.shape[0]):
+        p = information[n]
+        nearest[n], far[n] = n, np.inf
+        for m in range(planes.shape[0]):
+            x, y = planes[m, 0] - planes[n, 0], planes[m, 1] - planes[n, 1]
+            z = planes[m, 2] - planes[n, 2]
+            square = p[0, 0] * x * x + p[1, 1] * y * y + p[2, 2] * z * z
+            half = 0.5 * square + p[0, 1] * x * y + p[0, 2] * x * z + p[1, 2] * y * z
+            if m != n and half < far[n]:
+                nearest[n], far[n] = m, half

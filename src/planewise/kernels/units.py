@@ -64,6 +64,8 @@ def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
     """
     off = np.empty(inside.size)
     for k in range(off.size):
+        if inside[k] == 0:
+            continue
         m, mine = rows[k], np.uintp(inside[k])
         t0, t1, t2 = planes[mine, _0], planes[mine, _1], planes[mine, _2]
         off[k] = (m[6] - t0 * m[0] - t1 * m[1] - t2 * m[2]) / np.sqrt(m[0])
@@ -78,11 +80,12 @@ def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
             for _ in range(width - 1 + down):
                 a, b = grid[at], grid[at + step]
                 at += _1
-                if a == b or a < 0 or b < 0:
-                    continue
-                here, there = np.uintp(a), np.uintp(b)
+                here = np.uintp(max(a, 0))
                 label = inside[here]
-                if label > 0 and inside[there] == label:
+                if label == 0 or a == b or a < 0 or b < 0:
+                    continue
+                there = np.uintp(b)
+                if inside[there] == label:
                     if label != current:
                         out[current, 0], out[current, 1], out[current, 2] = product, square, pairs
                         product, square, pairs = out[label, 0], out[label, 1], out[label, 2]

@@ -1,8 +1,8 @@
-"""Planes of range images that turn out to be one, once they are refitted.
+"""Planes that turn out to be one, once pixels have labels.
 
 A segment of few cells is bent by those that lie across a border, so that the search takes a piece
 of a floor for another plane. The groups of Phi tell: on the other's plane its readings do not take
-so much more as its own parameters do.
+so much more as standing apart costs.
 """
 
 from __future__ import annotations
@@ -12,77 +12,92 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.information import plane_information
-from planewise.observation import RayObservation
-from planewise.spatial.cells import Cells
-from planewise.spatial.frame import Frame
-from planewise.spatial.information import Groups, groups_of
-from planewise.spatial.refit import refitted
+from planewise.kernels.groups import merge_groups
+from planewise.kernels.labels import rename
+from planewise.kernels.planes import nearest_planes
+from planewise.spatial.information import Groups
 from planewise.spatial.search import Segmentation
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-_FAR = 100.0  # times its parameters, by its covariance: no plane is another that is so far
+_FAR = 5.0  # times their price, by the information on it: no plane is another that is so far
 
 
-def joined(
-    observation: RayObservation,
-    frame: Frame,
-    cells: Cells,
-    found: Segmentation,
-    workspace: Workspace,
-) -> Segmentation:
-    """Planes with those made one whose parameters cost more than they save.
+def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, Segmentation]:
+    """Planes with those made one that do not save `price` nats by standing apart.
 
     Parameters
     ----------
-    observation, frame, cells
-        The readings.
+    groups : Groups
+        Of the labels; used up where planes are joined.
     found : Segmentation
         Planes and labels.
-    workspace : Workspace
-        Memory to work in.
+    price : float
+        Nats that the readings of a plane have to be shorter on it than on any other.
+
+    Returns
+    -------
+    Groups
+    Segmentation
+        The same objects where all planes stand apart.
     """
-    limits, size = (observation.range, observation.resolution), observation.pixel_size
-    groups = groups_of(frame, cells, found.labels, len(found.affine), *limits, size, workspace)
-    affine, data = refitted(groups, found.affine)
-    information, parameters = found.information, plane_information(3, *limits)
-    first = affine[:: frame.sectors.count]
-    apart = first[:, None] - first
-    near = 0.5 * np.einsum("nmi,nij,nmj->nm", apart, information, apart) < _FAR * parameters
-    part = _parts(_costs(groups, affine, data.worth, near) - parameters)
+    count, planes = groups.sectors.count, len(found.information)
+    nearest, far = np.empty(planes, np.intp), np.empty(planes)
+    first = np.ascontiguousarray(found.affine[::count])
+    nearest_planes(first, found.information, nearest, far)
+    near = np.flatnonzero(far < _FAR * price)
+    if not len(near):
+        return groups, found
+    more = np.full((planes, planes), np.inf)
+    more[near, nearest[near]] = _costs(groups, found.affine, near, nearest[near]) - price
+    part = _parts(more)
     alive, part = np.unique(part, return_inverse=True)
     if len(alive) == len(part):
-        return found
-    count = frame.sectors.count
+        return groups, found
     named = 1 + count * part[:, None] + np.arange(count)
-    label = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
-    labels = np.asarray(label[found.labels], np.uint16)
+    place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
+    labels = np.empty_like(found.labels)
+    rename(found.labels.reshape(-1), place, labels.reshape(-1))
+    merge_groups(groups.moments, groups.label, groups.first, place)
+    readings = np.zeros(len(alive) * count + 1, np.int64)
+    np.add.at(readings, place, groups.readings)
     together = np.zeros((len(alive), 3, 3))
-    np.add.at(together, part, information)
-    affine = affine.reshape(-1, count, 3)[alive].reshape(-1, 3)
-    return replace(
+    np.add.at(together, part, found.information)
+    one = replace(
         found,
         labels=labels,
-        affine=affine,
+        affine=found.affine.reshape(-1, count, 3)[alive].reshape(-1, 3),
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
+    return replace(groups, readings=readings), one
 
 
-def _costs(groups: Groups, affine: Array, worth: Array, near: NDArray[np.bool_]) -> Array:
-    """Nats more (N, N) that readings of the first plane take on the second; of those near it."""
-    planes = len(worth)
-    first, more = np.arange(planes), np.full((planes, planes), np.inf)
-    for step in range(1, planes):
-        second = (first + step) % planes
-        compared = near[first, second]
-        if compared.any():
-            moved = affine.reshape(planes, -1, 3)[np.where(compared, second, first)]
-            nats = groups.data(moved.reshape(-1, 3)).worth - worth
-            more[first[compared], second[compared]] = nats[compared]
-    return more
+def _costs(
+    groups: Groups, affine: Array, first: NDArray[np.intp], second: NDArray[np.intp]
+) -> Array:
+    """Nats more that readings of each first plane take on the second."""
+    count, pairs = groups.sectors.count, len(first)
+    # Groups of the first planes twice: labelled with their own plane, and with the other.
+    named = np.zeros(len(groups.readings), np.uint16)
+    of_plane = named[1:].reshape(-1, count)
+    of_plane[first] = 1 + np.arange(pairs * count).reshape(pairs, count)
+    label = named[groups.label[: groups.first[-1]]]
+    at = np.flatnonzero(label)
+    own = label[at]
+    at = np.append(at, at)
+    readings = groups.readings[1:].reshape(-1, count)[first]
+    both = replace(
+        groups,
+        moments=np.ascontiguousarray(groups.moments[:, at]),
+        label=np.append(own, own + np.uint16(pairs * count)),
+        first=np.array([len(at)], np.int32),
+        readings=np.concatenate((np.zeros(1, np.int64), readings.ravel(), readings.ravel())),
+        nats=np.empty((3, len(at))),
+    )
+    planes = affine.reshape(-1, count, 3)[np.append(first, second)]
+    on_own, on_other = both.data(planes.reshape(-1, 3)).worth.reshape(2, pairs)
+    return np.asarray(on_other - on_own)
 
 
 def _parts(more: Array) -> NDArray[np.intp]:

@@ -335,7 +335,7 @@ def _lateral(cells: Cells, affine: Array) -> Array:
     return np.asarray(cells.error.lateral / UNIT**2 * slope)
 
 
-def _units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
+def units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
     """Label of every unit that lies wholly inside one, 0 of the others."""
     inside = np.empty(len(cells.rows), np.int32)
     unit_loops.units_inside(labels, cells.grid, inside)
@@ -356,7 +356,7 @@ def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
 def _refit(cells: Cells, labels: Labels, planes: Array, sectors: Sectors) -> Array:
     """Rows of the planes once more, from the units that lie wholly inside their label."""
     sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
-    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    unit_loops.sum_units(cells.rows, units_inside(cells, labels), sums, count)
     enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
     return np.where(enough[:, None], sectors.together(sums[1:]), planes)
 
@@ -367,7 +367,7 @@ def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) ->
     Where these are few, from all readings as if they erred apart.
     """
     sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
-    unit_loops.sum_units(cells.rows, _units_inside(cells, labels), sums, count)
+    unit_loops.sum_units(cells.rows, units_inside(cells, labels), sums, count)
     out = information_matrices(sums[1:])
     for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
         mine = labels == j + 1
@@ -376,16 +376,17 @@ def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) ->
     return out
 
 
-def residual_correlation(cells: Cells, labels: Labels, affine: Array, sectors: Sectors) -> Array:
+def residual_correlation(
+    cells: Cells, inside: NDArray[np.int32], affine: Array, sectors: Sectors
+) -> Array:
     """Correlation of the residuals of cells side by side on every plane, shape (N,).
 
     Residuals are those of mean inverse depth in standard deviations of the cell's own error. Where
     the surface is a plane and the error white it is about 0; a surface that bends, or an error that
-    drifts, brings it towards 1. NaN with fewer than ten pairs of cells. affine (N K, 3): the planes
-    in every sector.
+    drifts, brings it towards 1. NaN with fewer than ten pairs of cells. inside (units,): label of
+    each (`units_inside`), 0 for none; affine (N K, 3): the planes in every sector.
     """
     sums = np.empty((len(affine) + 1, 3))
-    inside = _units_inside(cells, labels)
     unit_loops.correlate(cells.grid, cells.rows, inside, _with_none(affine), sums)
     together, apart, pairs = sectors.summed(sums[1:]).T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)

@@ -25,7 +25,6 @@ from planewise.spatial.labels import (
     misfits,
     pure_information,
     relabelled,
-    residual_correlation,
 )
 from planewise.spatial.search import Segmentation, planes_within
 from planewise.spatial.solution import SpatialSolution, judged
@@ -108,7 +107,10 @@ class _Mover:
     def judged(self, found: Segmentation) -> SpatialSolution:
         """Planes refitted, with exact Phi."""
         with self.workspace.stage():
-            return judged(self.observation, self.frame, self.cells, found, self.workspace)
+            return judged(
+                self.observation, self.frame, self.cells, found, self.workspace,
+                white=self.cells.bends_more_than_told,
+            )  # fmt: skip
 
     def planes_in(
         self, units: NDArray[np.bool_], settled: NDArray[np.bool_], significance: float
@@ -184,9 +186,6 @@ class _Mover:
         return replace(
             now.found,
             information=pure_information(self.frame, self.cells, labels, len(now.affine)),
-            residual_correlation=residual_correlation(
-                self.cells, labels, now.affine, self.frame.sectors
-            ),
         )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.information import plane_information
-from planewise.kernels import borders, gaps, squares
+from planewise.kernels import borders, squares
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as merging
 from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
@@ -24,12 +24,14 @@ from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
+from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.labels import (
     affine_planes,
     information_matrices,
     label_planes,
     sector_of_units,
 )
+from planewise.spatial.leftovers import flat_leftovers
 from planewise.spatial.seams import Neighbours, neighbours
 from planewise.spatial.segments import Segments
 from planewise.stages import stage
@@ -47,7 +49,6 @@ _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about the
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
 _LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
-_GAP_OFFSET = 0.3  # of its depth: where an unrelated plane seen through a gap may lie
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,8 @@ class Segmentation:
     labels : ndarray of uint16, shape (H, W')
         In sectors: 0 for none, n K + k + 1 for plane n in sector k of K.
     significance : ndarray, shape (N,)
-        Nats that each plane saves against a smooth surface, all its costs paid.
+        Nats that each plane saves against a smooth surface, all its costs paid; its border alone,
+        if it was left over (`spatial.leftovers`).
     affine : ndarray, shape (N K, 3)
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
@@ -86,6 +88,7 @@ def segment(
     instances: bool = False,
     max_planes: int | None = None,
     significance: float = 0.0,
+    white: bool = False,
     workspace: Workspace | None = None,
     meanwhile: Callable[[], None] | None = None,
 ) -> Segmentation:
@@ -103,6 +106,9 @@ def segment(
         Keep the most significant ones only.
     significance : float
         Nats that a segment has to save beyond its costs.
+    white : bool
+        Whether readings have little but white noise: then smaller planes are found
+        (`spatial.leftovers`), unless more significance is asked for.
     workspace : Workspace, optional
         Memory to work in.
     meanwhile : callable, optional
@@ -120,9 +126,13 @@ def segment(
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         price = frame.sectors.price(_PLANE_COST, cost)
         worth, accepted = _accept(beside, segments, price, significance, workspace)
-        chosen, owner, planes = join_through_gaps(
+        chosen, owner, planes, left = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
+        if white and not significance:
+            flat, small = flat_leftovers(segments, left, cells, frame.sectors)
+            owner = np.append(owner, planes.shape[1] + np.arange(len(flat)))
+            chosen, planes = np.append(chosen, flat), np.concatenate((planes, small), axis=1)
         worth = worth[chosen]
     count = planes.shape[1]
     left_out = 0 if max_planes is None else max(0, count - max_planes)
@@ -314,55 +324,6 @@ def _accept(
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += price
     return worth, accepted
-
-
-def join_through_gaps(
-    segments: Segments,
-    worth: Array,
-    accepted: NDArray[np.bool_],
-    sectors: Sectors,
-    instances: bool,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Join segments of one plane that do not touch.
-
-    First accepted ones, then what is left over and saves anything as part of one of those planes.
-    Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
-    """
-    order = np.argsort(-worth, kind="stable")
-    chosen = order[accepted[order]]
-    home = segments.home[chosen]
-    planes, owner = sectors.everywhere(segments.rows[chosen], home), np.arange(len(chosen))
-    if instances or not len(chosen):
-        return chosen, owner, planes
-    drift = segments.drift[chosen]
-    forms = _forms(planes, drift)
-    slope_prior = segments.slope_prior[chosen]
-    gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
-    there = np.bincount(owner, minlength=len(chosen)) > 0
-    alive, owner = np.flatnonzero(there), (np.cumsum(there) - 1)[owner]
-    planes = planes[:, alive]
-    rest = order[~accepted[order] & (worth[order] > 0.0)]
-    plane = np.empty(len(rest), np.int64)
-    others = sectors.everywhere(segments.rows[rest], segments.home[rest])
-    gaps.find_planes(
-        np.concatenate((planes, others), axis=1),
-        np.concatenate((forms[:, alive], _forms(others, segments.drift[rest])), axis=1),
-        np.concatenate((home[alive], segments.home[rest])),
-        np.concatenate((slope_prior[alive], segments.slope_prior[rest])),
-        _GAP_OFFSET,
-        planes.shape[1],
-        plane,
-    )
-    part = plane >= 0
-    return np.concatenate((chosen, rest[part])), np.concatenate((owner, plane[part])), planes
-
-
-def _forms(rows: Array, drift: Array) -> Array:
-    """Forms (K, n, 12) of segment rows (K, n, 13)."""
-    out = np.empty((*rows.shape[:2], comparing.FORM))
-    for of_sector, forms in zip(rows, out, strict=True):
-        comparing.write_forms(of_sector, drift, forms)
-    return out
 
 
 def _most_significant(

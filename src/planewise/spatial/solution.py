@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,8 @@ from planewise.spatial.information import (
     mask_of,
 )
 from planewise.spatial.joining import joined
-from planewise.spatial.labels import residual_correlation
+from planewise.spatial.labels import residual_correlation, units_inside
+from planewise.spatial.leftovers import ENOUGH, WHITE
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
@@ -36,6 +36,8 @@ Array = NDArray[np.float64]
 _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times as much: no plane that saves more is cut
+_DEAR = 2.0  # times as much: of a plane whose residuals are not white, while the noise is
+_APART = 2.0  # times 3 ln(R / eps): planes whose readings are as short on one are one
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ def solve(
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
+    white = cells is not None and cells.bends_more_than_told
     todo = [blocks.add_up]
 
     def meanwhile() -> None:
@@ -117,25 +120,19 @@ def solve(
             instances=instances,
             max_planes=max_planes,
             significance=significance,
+            white=white,
             workspace=workspace,
             meanwhile=meanwhile,
         )
         with stage("ledger"), workspace.stage():
             meanwhile()  # where there was nothing to segment
-            if frame.sectors.column is not None and cells is not None and not instances:
-                found = joined(observation, frame, cells, found, workspace)
-            if cells is None:
-                return judged(observation, frame, cells, found, workspace, blocks)
-            told: list[Array] = []
-
-            def correlate() -> None:
-                told.append(residual_correlation(cells, found.labels, found.affine, frame.sectors))
-
-            solution = judged(observation, frame, cells, found, workspace, blocks, correlate)
-            return replace(solution, found=replace(found, residual_correlation=told[0]))
+            return judged(
+                observation, frame, cells, found, workspace, blocks,
+                join=not instances, white=white,
+            )  # fmt: skip
 
     first = look(cells)
-    if cells is None or not cells.bends_more_than_told:
+    if cells is None or not white:
         return first
     # Of planes that hardly pay, neither is telling.
     sure = _SURE * _LEAST * plane_information(3, observation.range, observation.resolution)
@@ -144,7 +141,8 @@ def solve(
     if not clear[cut].any() and not (clear & first.bent).any():
         return first
     closer = look(replace(cells, drift=cells.told_drift))
-    return closer if closer.information < first.information and not closer.bent.any() else first
+    bent = closer.bent & (closer.found.significance > sure)
+    return closer if closer.information < first.information and not bent.any() else first
 
 
 def judged(
@@ -154,7 +152,9 @@ def judged(
     found: Segmentation,
     workspace: Workspace,
     blocks: Blocks | None = None,
-    meanwhile: Callable[[], None] | None = None,
+    *,
+    join: bool = False,
+    white: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -168,23 +168,34 @@ def judged(
         Memory to work in.
     blocks : Blocks, optional
         Of the frame, if they were added up before.
-    meanwhile : callable, optional
-        Further work that may be done beside.
+    join : bool
+        Make those planes one that turn out to be (`spatial.joining`).
+    white : bool
+        Whether readings have little but white noise.
     """
-    limits, labels = (observation.range, observation.resolution), found.labels
-    size = observation.pixel_size
+    limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes = len(found.affine)
+    groups = groups_of(frame, cells, found.labels, planes, *limits, size, workspace, blocks)
+    if join:
+        groups, found = joined(groups, found, _APART * plane_information(3, *limits))
+    labels = found.labels
     masks: list[MaskCounts] = []
+    inside: list[NDArray[np.int32]] = []
 
     def aside() -> None:
         masks.append(mask_of(frame, labels))
-        if meanwhile is not None:
-            meanwhile()
+        if cells is not None:
+            inside.append(units_inside(cells, labels))
 
     with threads.beside(aside):
-        groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
         affine, data = refitted(groups, found.affine)
-    pays = _paying(groups, data, masks[0], *limits)
+    dear = np.zeros(len(data.worth), np.bool_)
+    if cells is not None:
+        correlation = residual_correlation(cells, inside[0], affine, frame.sectors)
+        found = replace(found, residual_correlation=correlation)
+        enough = frame.sectors.summed(groups.readings[1:]) >= ENOUGH
+        dear = white & enough & (correlation > WHITE)  # not where it is NaN
+    pays = _paying(groups, data, masks[0], *limits, dear)
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[0], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
@@ -196,14 +207,20 @@ def judged(
 
 
 def _paying(
-    groups: Groups, data: GroupData, mask: MaskCounts, range: float, resolution: float
+    groups: Groups,
+    data: GroupData,
+    mask: MaskCounts,
+    range: float,
+    resolution: float,
+    dear: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
     least = groups.sectors.price(_LEAST, plane_information(3, range, resolution))
-    pays = np.asarray(data.worth < -least)
+    pays = np.asarray(data.worth < -least * np.where(dear, _DEAR, 1.0))
     if (data.worth[pays] > -_SURE * least).any():
-        # Phi is lower without some of these, maybe: the last of all by worth.
-        book = book_of(groups, data.copy(), mask, range, resolution)
+        # Phi is lower without some of these, maybe: the last of them by worth.
+        order = np.lexsort((data.worth, ~pays))
+        book = book_of(groups, data.copy(), mask, range, resolution, order)
         best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
-        pays[book.order[best:]] = False
+        pays[order[best:]] = False
     return pays
