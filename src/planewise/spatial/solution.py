@@ -37,7 +37,6 @@ _LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be sho
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times as much: no plane that saves more is cut
 _DEAR = 2.0  # times as much: of a plane whose residuals are not white, while the noise is
-_APART = 2.0  # times 3 ln(R / eps): planes whose readings are as short on one are one
 
 
 @dataclass(frozen=True)
@@ -174,11 +173,7 @@ def judged(
         Whether readings have little but white noise.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
-    planes = len(found.affine)
-    groups = groups_of(frame, cells, found.labels, planes, *limits, size, workspace, blocks)
-    if join:
-        groups, found = joined(groups, found, _APART * plane_information(3, *limits))
-    labels = found.labels
+    planes, labels = len(found.affine), found.labels
     masks: list[MaskCounts] = []
     inside: list[NDArray[np.int32]] = []
 
@@ -188,16 +183,23 @@ def judged(
             inside.append(units_inside(cells, labels))
 
     with threads.beside(aside):
+        groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
+        if join:
+            groups, found = joined(groups, found, plane_information(3, *limits))
         affine, data = refitted(groups, found.affine)
+    if found.labels is not labels:
+        labels = found.labels
+        aside()  # once more, for these
     dear = np.zeros(len(data.worth), np.bool_)
     if cells is not None:
-        correlation = residual_correlation(cells, inside[0], affine, frame.sectors)
+        correlation = residual_correlation(cells, inside[-1], affine, frame.sectors)
         found = replace(found, residual_correlation=correlation)
         enough = frame.sectors.summed(groups.readings[1:]) >= ENOUGH
-        dear = white & enough & (correlation > WHITE)  # not where it is NaN
-    pays = _paying(groups, data, masks[0], *limits, dear)
+        # Not where it is NaN, nor in range images, where cells far off are wide.
+        dear = white & enough & (correlation > WHITE) & (frame.sectors.count == 1)
+    pays = _paying(groups, data, masks[-1], *limits, dear)
     order = np.lexsort((data.saved, ~pays))
-    book = book_of(groups, data, masks[0], *limits, order)
+    book = book_of(groups, data, masks[-1], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
     best = int(np.argmin(curve))
