@@ -20,7 +20,7 @@ from planewise.spatial.search import Segmentation
 
 Array = NDArray[np.float64]
 
-_FAR = 100.0  # times its parameters, by the information on it: no plane is another that is so far
+_FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
 
 
 def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, Segmentation]:
