@@ -26,11 +26,11 @@ import numpy as np
 from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
+from planewise import prices
 from planewise.metrics import evaluate
 from planewise.spatial import cells
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial import search as spatial
-from planewise.spatial import solution as spatial_solution
 
 Gains = dict[str, float]
 
@@ -41,7 +41,7 @@ _OTHERS = 8  # restarts whose planes are tried
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial, "_PLANE_COST", 0.7),
     (spatial, "_SAME", 0.5),
-    (spatial_solution, "_LEAST", 1.5),
+    (prices, "LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_HOPELESS", 0.5),
     (cells, "_SATURATION", 0.7),

@@ -22,6 +22,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import prices
 from planewise.kernels.cells import SIDE, UNIT
 
 Array = NDArray[np.float64]
@@ -33,7 +34,6 @@ BLOCK = 3 * SQUARE  # columns in which squares and groups begin together
 GAP = 4 * SQUARE  # columns between sectors: the farthest that cells in a row lie apart
 _MARGIN = 9  # columns beyond a seam that are shown in a gap ...
 _FAR = np.radians(10.0)  # ... and how wide they are at most
-_FULL = 1 << 17  # pixels of an image from which on planes cost the same
 _WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
 _UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
 _ROW = [0, 1, 2, 4, 5, 8]  # and back
@@ -106,17 +106,13 @@ class Sectors:
 
     @cached_property
     def fineness(self) -> float:
-        """Pixels of the image against those of a fine one, at most 1.
-
-        What only looks like a plane saves nats in proportion to the readings that see it, as planes
-        do: so does what a plane has to save beyond its parameters (`price`).
-        """
+        """`prices.fineness` of the image."""
         columns = self.x.shape[1] if self.column is None else np.count_nonzero(self.column >= 0)
-        return min(1.0, len(self.x) * columns / _FULL)
+        return prices.fineness(len(self.x) * int(columns))
 
     def price(self, factor: float, parameters: float) -> float:
         """Nats that a plane has to save: `factor` times its parameters in a fine image."""
-        return max(1.0, factor * self.fineness) * parameters
+        return prices.price(factor, parameters, self.fineness)
 
     def spread(self, w: Image, p: Image) -> tuple[Image, Image]:
         """Inverse depth and its precision in sectors, from inverse range and precision (H, W).

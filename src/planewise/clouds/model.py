@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import prices
 from planewise.clouds import few as cloud_few
 from planewise.clouds.cells import (
     CloudError,
@@ -44,8 +45,6 @@ from planewise.stages import stage
 
 Array = NDArray[np.float64]
 
-_LEAST = 5.0  # times its parameters: what the points of a plane have to be shorter by, as of images
-_FULL = 1 << 17  # points of a cloud from which on that is so: of fewer, planes save less
 _ROUNDING = 1e-9  # of Phi
 
 
@@ -321,8 +320,9 @@ def _ranked(
     """
     mask = mask_of(cloud, labels, planes)
     by_worth = ledger(cloud, mask, groups, alone, data, *limits)
-    share = max(1.0, _LEAST * min(1.0, len(cloud.local) / _FULL))
-    clear = int(np.sum(by_worth.worth < -share * plane_information(3, *limits)))
+    fine = prices.fineness(len(cloud.local))
+    least = prices.price(prices.LEAST, plane_information(3, *limits), fine)
+    clear = int(np.count_nonzero(by_worth.worth < -least))
     phi, first = by_worth.curve[: clear + 1], by_worth.order[:clear]
 
     def keeping(pays: NDArray[np.intp]) -> tuple[CloudLedger, Array]:

@@ -136,22 +136,23 @@ def label_points(  # type: ignore[no-untyped-def]
         for i in range(begin, end):
             slot_of[i - begin] = _cheapest(local[i], plane, count, null, nats)
             mixed |= slot_of[i - begin] != slot_of[0]
-        mixed &= variance[cube] > thick
-        for _ in range(_ROUNDS if mixed else 0):
-            held[:, : count + 1] = 0.0
+        if mixed and variance[cube] > thick:
             for i in range(begin, end):
                 eighth_of[i - begin] = _eighth(local[i], turn)
-                held[eighth_of[i - begin], slot_of[i - begin]] += 1.0
-            for i in range(begin, end):
-                others, mine = held[eighth_of[i - begin]], slot_of[i - begin]
-                on_any = 1.0 - share[count]
-                total = on_any
-                for slot in range(count):
-                    total += others[slot] - (slot == mine)
-                for slot in range(count):
-                    drawn = (others[slot] - (slot == mine) + share[slot]) / total
-                    nats[slot] = -math.log(on_any * drawn)
-                slot_of[i - begin] = _cheapest(local[i], plane, count, null, nats)
+            for _ in range(_ROUNDS):
+                held[:, : count + 1] = 0.0
+                for i in range(begin, end):
+                    held[eighth_of[i - begin], slot_of[i - begin]] += 1.0
+                for i in range(begin, end):
+                    others, mine = held[eighth_of[i - begin]], slot_of[i - begin]
+                    on_any = 1.0 - share[count]
+                    total = on_any
+                    for slot in range(count):
+                        total += others[slot] - (slot == mine)
+                    for slot in range(count):
+                        drawn = (others[slot] - (slot == mine) + share[slot]) / total
+                        nats[slot] = -math.log(on_any * drawn)
+                    slot_of[i - begin] = _cheapest(local[i], plane, count, null, nats)
         for i in range(begin, end):
             labels[i] = found[slot_of[i - begin]] if slot_of[i - begin] < count else 0
 

@@ -33,7 +33,7 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
     found : Segmentation
         Planes and labels.
     price : float
-        Nats that the readings of a plane have to be shorter on it than on any other.
+        Nats that the readings of a plane have to be shorter on it than on the nearest other.
 
     Returns
     -------

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
+from planewise import prices, threads
 from planewise.information import plane_information
 from planewise.model import Move
 from planewise.observation import RayObservation
@@ -33,10 +33,9 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-_LEAST = 5.0  # times 3 ln(R / eps): what the readings of a plane have to be shorter by
 _BENDS = 0.5  # correlation of residuals of cells side by side
-_SURE = 4.0  # times as much: no plane that saves more is cut
-_DEAR = 2.0  # times as much: of a plane whose residuals are not white, while the noise is
+_SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
+_DEAR = 2.0  # times `prices.LEAST`: of a plane whose residuals are not white, while the noise is
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ def solve(
     if cells is None or not white:
         return first
     # Of planes that hardly pay, neither is telling.
-    sure = _SURE * _LEAST * plane_information(3, observation.range, observation.resolution)
+    sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
     clear = first.found.significance > sure
     cut = first.book.order[first.best :]
     if not clear[cut].any() and not (clear & first.bent).any():
@@ -217,7 +216,7 @@ def _paying(
     dear: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
-    least = groups.sectors.price(_LEAST, plane_information(3, range, resolution))
+    least = groups.sectors.price(prices.LEAST, plane_information(3, range, resolution))
     pays = np.asarray(data.worth < -least * np.where(dear, _DEAR, 1.0))
     if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of them by worth.
