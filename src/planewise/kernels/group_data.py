@@ -18,7 +18,7 @@ from planewise.kernels.jit import compiled, inlined, internal
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
 _LN2 = math.log(2.0)
-_BATCH = 256
+_BATCH = 200  # groups at once; columns a power of 2 apart share lines of the cache
 
 
 @inlined

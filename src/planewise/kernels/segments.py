@@ -22,7 +22,7 @@ from planewise.kernels.jit import compiled, inlined, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-_BATCH = 512  # edges that are valued at once
+_BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
 
 
 @internal
