@@ -32,7 +32,7 @@ def random_frame(rng, camera, shape):
 
 
 @pytest.mark.parametrize("distortion", [(), (0.05, -0.02, 0.001, 0.0)])
-@pytest.mark.parametrize("shape", [(40, 61), (20, 200)])
+@pytest.mark.parametrize("shape", [(40, 61), (20, 200), (200, 20)])
 def test_planes_are_described_as_by_their_readings(shape, distortion):
     camera = pw.PinholeCamera(fx=180, fy=170, cx=33, cy=18, distortion=distortion)
     depth, labels = random_frame(np.random.default_rng(shape[1]), camera, shape)
@@ -63,5 +63,17 @@ def test_planes_are_described_as_by_their_readings(shape, distortion):
         assert_allclose(a.centroid, b.centroid, rtol=0, atol=1e-6 * far)
         assert_allclose(a.rms, b.rms, rtol=0, atol=1e-6 * far)
         assert_allclose(a.area, b.area, rtol=3e-6)
-        if a.count:
-            assert a.bounding_box == b.bounding_box
+        assert a.bounding_box == b.bounding_box
+
+
+def test_boxes_of_planes_in_one_half_of_an_image_that_stands_upright():
+    shape = (90, 20)
+    camera = pw.PinholeCamera(fx=180, fy=170, cx=10, cy=45)
+    labels = np.zeros(shape, np.uint16)
+    labels[3:20, 2:9], labels[70:88, 5:17] = 1, 2
+    frame = frame_of(pw.observe(np.full(shape, 2.0), camera, SENSOR))
+    rows, affine = np.tile((0.0, 0.0, -1.0, 2.0), (3, 1)), np.tile((0.5, 0.0, 0.0), (3, 1))
+    place, area = np.arange(4, dtype=np.uint16), camera.pixel_area(shape)
+    planes, _ = describe_image(frame, area, affine, rows, np.zeros((3, 4, 4)), labels, place)
+    boxes = [plane.bounding_box for plane in planes]
+    assert boxes == [(3, 2, 20, 9), (70, 5, 88, 17), (0, 0, 0, 0)]

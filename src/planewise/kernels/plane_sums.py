@@ -7,6 +7,7 @@ import numpy as np
 from planewise.kernels.jit import compiled, inlined
 
 _STEP = 16  # pixels that are compared with a run's label at a time
+_FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
 
 
 @inlined
@@ -36,7 +37,7 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
     and boxes (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
-    boxes[:, :2] = max(labels.shape[0], labels.shape[1])
+    boxes[:, :2] = _FAR
     boxes[:, 2:] = 0
     line = np.empty(labels.shape[1], y.dtype)
     for i in range(labels.shape[0]):

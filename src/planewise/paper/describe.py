@@ -155,7 +155,7 @@ def planes_of(
     if boxes is not None:
         # |dx/du x dx/dv| = z^3 / d for the point z r of a plane at distance d.
         columns["area"] = (sums[:, 3] / distances).tolist()
-        columns["bounding_box"] = map(tuple, boxes.tolist())
+        columns["bounding_box"] = map(tuple, (boxes * (sums[:, :1] > 0)).tolist())
     columns |= told
     return [
         Plane(**dict(zip(columns, each, strict=True)))

@@ -50,10 +50,9 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
         return groups, found
     more = np.full((planes, planes), np.inf)
     more[near, nearest[near]] = _costs(groups, found.affine, near, nearest[near]) - price
-    part = _parts(more)
-    alive, part = np.unique(part, return_inverse=True)
-    if len(alive) == len(part):
+    if more.min() >= 0.0:
         return groups, found
+    alive, part = np.unique(_parts(more), return_inverse=True)
     named = 1 + count * part[:, None] + np.arange(count)
     place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
     labels = np.empty_like(found.labels)
@@ -103,7 +102,7 @@ def _costs(
 def _parts(more: Array) -> NDArray[np.intp]:
     """Plane that each becomes part of, itself unless `more` nats are fewer than none."""
     part = np.arange(len(more))
-    while more.size and more.min() < 0.0:
+    while more.min() < 0.0:
         small, large = np.unravel_index(more.argmin(), more.shape)
         part[part == small] = large
         more[small] = more[:, small] = np.inf

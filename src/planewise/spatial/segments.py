@@ -39,17 +39,17 @@ class Segments:
 
     def kept(self, root: NDArray[np.int32]) -> Segments:
         """Only the roots of segments that were merged."""
-        alive = np.flatnonzero(root == np.arange(root.size))
+        alive = np.flatnonzero(root == np.arange(root.size, dtype=np.int32))
         place = np.empty(root.size, np.int32)
         place[alive] = np.arange(alive.size)
         return Segments(
-            rows=self.rows[alive],
-            forms=self.forms[alive],
-            drift=self.drift[alive],
-            offset_prior=self.offset_prior[alive],
-            slope_prior=self.slope_prior[alive],
-            home=self.home[alive],
-            of_unit=place[root].take(self.of_unit),
+            rows=self.rows.take(alive, axis=0),
+            forms=self.forms.take(alive, axis=0),
+            drift=self.drift.take(alive),
+            offset_prior=self.offset_prior.take(alive),
+            slope_prior=self.slope_prior.take(alive),
+            home=self.home.take(alive),
+            of_unit=place.take(root).take(self.of_unit),
         )
 
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
