@@ -399,6 +399,12 @@ def test_covariance_of_planes_is_that_of_their_offset_and_slopes():
         assert_allclose(found, jacobian @ variances @ jacobian.T, rtol=1e-9, atol=1e-18)
 
 
+def test_points_in_a_line_leave_the_covariance_open():
+    row = plane_row(np.random.default_rng(7), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.5)
+    row[rows_of.XX : rows_of.ZZ + 1] = [9.0, 12.0, 0.0, 16.0, 0.0, 1e-30]
+    assert np.isnan(covariances(row[None], np.full(3, 1e5))).all()
+
+
 def test_border_prices_fall_with_discord():
     rng = np.random.default_rng(0)
     rows = np.array([plane_row(rng, (x, 0, 0.01 * x), (0, 0, 1), 0.9) for x in range(4)])

@@ -160,3 +160,16 @@ def test_what_is_no_plane_has_no_information(camera, plane):
 
 def test_the_judge_is_public():
     assert pw.information is module_function
+
+
+@pytest.mark.parametrize("readings", [0, 1, 2])
+def test_too_few_readings_for_a_plane_are_outliers_for_judge_and_search(readings):
+    depth = np.zeros((12, 16))
+    depth.reshape(-1)[:readings] = 2.0
+    camera, sensor = pw.PinholeCamera(fx=50, fy=50, cx=8, cy=6), pw.Sensor(noise=0.005)
+    model = pw.detect_planes(depth, camera, sensor)
+    seen = pw.observe(depth, camera, sensor)
+    phi = pw.information(seen, [], model.labels, objective="spatial")
+    assert phi == model.information == readings * np.log(seen.range / seen.resolution)
+    more = pw.information(seen, [[0, 0, -1.0, 2.0]], model.labels, objective="spatial")
+    assert more - phi == pytest.approx(3 * np.log(seen.range / seen.resolution))

@@ -168,6 +168,7 @@ def information(
     objective : {"paper", "spatial"}
         The paper's (eq. 6, and eq. 10 for readings on rays), or that of the default search, for
         depth images (`planewise.spatial.information`), whichever one the planes were found with.
+        Fewer than three readings are outliers under both.
 
     Returns
     -------
@@ -226,6 +227,10 @@ def information(
 
         if not isinstance(observation, RayObservation):
             raise ValueError("objective='spatial' needs the observation of a depth image")
+        if observation.count < n:  # too few for a search, which says the same of no planes
+            limits = observation.range, observation.resolution
+            every = outlier_model(observation.count, observation.freedom, *limits)
+            return every + len(rows) * plane_information(n, *limits)
         return information_of_rows(observation, rows, marks)
     inliers = []
     for j, row in enumerate(rows, start=1):

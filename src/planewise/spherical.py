@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 _FULL_TURN = 1.5  # columns that may be missing from one
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)  # thousands of angles say nothing
 class SphericalCamera:
     """Directions of an organised LiDAR image, in degrees.
 
@@ -54,6 +54,8 @@ class SphericalCamera:
     Examples
     --------
     >>> camera = SphericalCamera.spinning([15, 5, -5, -15], columns=360)
+    >>> camera
+    <SphericalCamera: 4 rows from 15 to -15, 360 columns from 180 to -179 degrees>
     >>> camera.shape, camera.wraps
     ((4, 360), True)
     >>> camera.rays(camera.shape)[1, 180].round(3)  # the middle of the image looks ahead
@@ -82,6 +84,14 @@ class SphericalCamera:
         angles.check_azimuth(along)
         usual = float(np.median(np.abs(np.diff(along))))
         angles.check_offset(np.array(self.azimuth_offset), usual)
+
+    def __repr__(self) -> str:
+        up, round_about = self.elevation, self.azimuth
+        return (
+            f"<SphericalCamera: {len(up)} rows from {up[0]:g} to {up[-1]:g}, {len(round_about)} "
+            f"columns from {round_about[0]:g} to {round_about[-1]:g} degrees"
+            f"{', rows offset' if self.azimuth_offset else ''}>"
+        )
 
     @classmethod
     def spinning(

@@ -9,6 +9,8 @@ from planewise.kernels.cloud_rows import CX, CZ, NX, NZ, WEIGHT, XX, ZZ
 
 Array = NDArray[np.float64]
 
+_IN_LINE = 1e-12  # of the scatter along points: as much across them is rounding
+
 
 def planes_of(rows: Array) -> Array:
     """(normal, distance) of rows, shape (N, 4), relative to the centre of the cloud."""
@@ -19,7 +21,8 @@ def planes_of(rows: Array) -> Array:
 def covariances(rows: Array, centre: Array) -> Array:
     """Of (normal, distance) of rows, shape (N, 4, 4).
 
-    From the information on offset and slopes in each plane's own frame.
+    From the information on offset and slopes in each plane's own frame; NaN where points in a line
+    leave a slope open.
     """
     xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
     scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
@@ -30,5 +33,7 @@ def covariances(rows: Array, centre: Array) -> Array:
     jacobian[:, :3, 1:] = turn
     jacobian[:, 3, 0] = -1.0
     jacobian[:, 3, 1:] = -np.einsum("ne,nes->ns", at, turn)
-    variances = np.column_stack((1.0 / rows[:, WEIGHT], 1.0 / np.maximum(values[:, 1:], 1e-300)))
+    open_ended = values[:, 1] <= _IN_LINE * values[:, 2]
+    values[open_ended] = np.nan
+    variances = np.column_stack((1.0 / rows[:, WEIGHT], 1.0 / values[:, 1:]))
     return np.asarray((jacobian * variances[:, None]) @ jacobian.transpose(0, 2, 1))
