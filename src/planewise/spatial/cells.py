@@ -78,6 +78,11 @@ class Cells:
         """Whether planes are allowed to bend more than the readings tell."""
         return bool((self.told_drift < self.drift).any())
 
+    @property
+    def drifting(self) -> float:
+        """How much the error drifts between segments, against its description; at most 1."""
+        return min(1.0, self.error.drift / (_SATURATION * min(self.error.white, 1.0)))
+
 
 def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
     """Moments of cells and chi^2 of their planes, and the same of blocks of 2 x 2 cells.

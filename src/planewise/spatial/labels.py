@@ -22,7 +22,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-_DIFFERING = 1.0  # nats per neighbouring pixel with another label
+_DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
 _SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look

@@ -8,6 +8,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -42,13 +43,52 @@ Labels = NDArray[np.uint16]
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
-_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
+_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for where error is white ...
+_DRIFT_BORDER = (0.25, 1.25, 30.0)  # ... and where it drifts as described (`Cells.drifting`)
+_DISTORTED = 0.22  # steradians under which a plane of a frame that drifts may bend by twice as much
 _PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
 _LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
+
+
+@dataclass(frozen=True)
+class Charges:
+    """What a segment has to save to be a plane.
+
+    Where the error drifts, as that of a depth camera does, clutter looks like small planes, which
+    have much border for what they save, and distortion bends the wide ones.
+
+    Attributes
+    ----------
+    plane : float
+        Nats for its parameters.
+    border : (float, float, float)
+        For its border, as `kernels.borders.border_price` takes it.
+    distorted : float
+        Pixels of a plane of whose misfit half is distortion.
+    """
+
+    plane: float
+    border: tuple[float, float, float]
+    distorted: float
+
+    @classmethod
+    def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
+        """Those of a frame; cost: 3 ln(R / eps)."""
+        drifting = cells.drifting
+        white, drift = np.array(_PLANE_BORDER), np.array(_DRIFT_BORDER)
+        low, high, knee = (white + drifting * (drift - white)).tolist()
+        distorted = math.inf
+        if sectors.count == 1 and drifting:
+            distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
+        return cls(sectors.price(_PLANE_COST, cost), (low, high, knee), distorted)
+
+    def misfit(self, rows: Array) -> Array:
+        """Half the misfit of segments, but for what distortion makes of it."""
+        return np.asarray(0.5 * rows[:, MISFIT] / (1.0 + rows[:, COUNT] / self.distorted))
 
 
 @dataclass(frozen=True)
@@ -124,8 +164,8 @@ def segment(
     cost = plane_information(3, observation.range, observation.resolution)
     with stage("segments"), workspace.stage():
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
-        price = frame.sectors.price(_PLANE_COST, cost)
-        worth, accepted = _accept(beside, segments, price, significance, workspace)
+        charges = Charges.of(cells, frame.sectors, cost)
+        worth, accepted = _accept(beside, segments, charges, significance, workspace)
         chosen, owner, planes, left = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
@@ -185,8 +225,8 @@ def planes_within(
     """
     grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
     segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
-    price, beside = sectors.price(_PLANE_COST, cost), replace(beside, grid=cells.grid)
-    worth, accepted = _accept(beside, segments, price, significance, workspace, settled & ~inside)
+    charges, beside = Charges.of(cells, sectors, cost), replace(beside, grid=cells.grid)
+    worth, accepted = _accept(beside, segments, charges, significance, workspace, settled & ~inside)
     mine = np.zeros(len(worth), np.bool_)
     mine[segments.of_unit[inside]] = True
     chosen = np.flatnonzero(mine & accepted)
@@ -300,29 +340,29 @@ def _nothing_else() -> None:
 def _accept(
     beside: Neighbours,
     segments: Segments,
-    price: float,
+    charges: Charges,
     least: float,
     workspace: Workspace,
     settled: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What each segment saves in nats, and which pay for being a plane.
 
-    A plane has to save `price` besides its border, but what does not is worth what it saves as part
-    of a plane that is paid for. Segments of `settled` units are planes, whatever they save.
+    A plane has to save its parameters besides its border, but what does not is worth what it saves
+    as part of a plane that is paid for. Segments of `settled` units are planes, whatever they save.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
     ends = workspace.empty((2 * of_cell.size, 2), np.int32)
     nats = workspace.empty(2 * of_cell.size)
     found = borders.segment_borders(
-        of_cell, beside.discords, _PLANE_BORDER, beside.wraps, border, ends, nats
+        of_cell, beside.discords, charges.border, beside.wraps, border, ends, nats
     )
-    worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - price - border
+    worth = rows[:, FREE] - charges.misfit(rows) - charges.plane - border
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
-    worth[~accepted] += price
+    worth[~accepted] += charges.plane
     return worth, accepted
 
 
