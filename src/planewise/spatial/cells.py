@@ -15,6 +15,7 @@ from planewise.kernels import frame_error
 from planewise.kernels.cells import SIDE
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
+    SATURATION,
     FrameError,
     drift_factor,
     lateral_variance,
@@ -34,7 +35,6 @@ _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
 _FEWER = 3  # times as many cells as units, as a rule
 _LEAST_DRIFT = 0.1  # of the white variance
-_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 
 
 @dataclass(frozen=True)
@@ -77,11 +77,6 @@ class Cells:
     def bends_more_than_told(self) -> bool:
         """Whether planes are allowed to bend more than the readings tell."""
         return bool((self.told_drift < self.drift).any())
-
-    @property
-    def drifting(self) -> float:
-        """How much the error drifts between segments, against its description; at most 1."""
-        return min(1.0, self.error.drift / (_SATURATION * min(self.error.white, 1.0)))
 
 
 def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
@@ -230,7 +225,7 @@ def _without_shared_error(
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, _SATURATION, out=told)
+        np.multiply(drift, SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
@@ -238,12 +233,12 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= _SATURATION
+    drift *= SATURATION
     error = FrameError(
         white=white,
         lateral=lateral,
-        drift=quiet * _SATURATION * factor,
-        local=quiet * _SATURATION * max(local, factor),
+        drift=quiet * SATURATION * factor,
+        local=quiet * SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
     )

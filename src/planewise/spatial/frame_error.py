@@ -7,6 +7,7 @@ they should: quantiles, for edges and clutter only make them lie farther.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from planewise.kernels import frame_error as kernels
 from planewise.kernels import medians
 from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.sectors import Sectors
 from planewise.spatial.frame import ErrorTable
 from planewise.workspace import Workspace
 
@@ -24,6 +26,8 @@ Image = NDArray[np.float32]
 
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
+SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
+_DISTORTED = 0.22  # steradians of a plane in a frame that drifts as described (`distorted`)
 _FEWEST = 100  # cells, pairs or triples that can tell
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
 _AS_MUCH = 1.3  # times what cells show of an error, blocks of four may show of it if it is white
@@ -69,6 +73,21 @@ class FrameError:
     local: float = 1.0
     near: float = 1.0
     bent: float = 1.0
+
+    @property
+    def drifting(self) -> float:
+        """How much the error drifts between segments, against its description; at most 1."""
+        return min(1.0, self.drift / (SATURATION * min(self.white, 1.0)))
+
+    def distorted(self, sectors: Sectors) -> float:
+        """Readings of a plane that may be twice as far from it as neighbours drift apart.
+
+        A camera whose error drifts is distorted on the scale of the image, too. That of a range
+        image is not.
+        """
+        if sectors.count > 1 or not self.drifting:
+            return math.inf
+        return _DISTORTED * sectors.focal[0] * sectors.focal[1] / self.drifting
 
 
 def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:

@@ -110,6 +110,8 @@ class Groups:
         Factors of the variances of a group's offset and tilt (`kernels.group_data`).
     prior : tuple of float
         Of groups on none.
+    distorted : float
+        Readings of a plane whose drift is twice as large (`FrameError.distorted`).
     nats : ndarray, shape (3, groups)
         Room for the nats of every group on none and as labelled, and for the precision of its
         readings, times the frame's.
@@ -123,13 +125,15 @@ class Groups:
     table: tuple[Array, Array, Array, float]
     sizes: tuple[float, ...]
     prior: tuple[float, ...]
+    distorted: float
     nats: Array
 
     def planes(self, affine: Array) -> Array:
         """Planes by label as `kernels.group_data` takes them, shape (4, N K + 1)."""
         by_label = np.zeros((4, len(affine) + 1))
         count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
-        by_label[:3, 1:], by_label[3, 1:] = affine.T, np.sqrt(count) / kernels.UNIT
+        by_label[:3, 1:] = affine.T
+        by_label[3, 1:] = np.sqrt(count) / kernels.UNIT * (1.0 + count / self.distorted)
         return by_label
 
     def data(self, affine: Array) -> GroupData:
@@ -331,6 +335,7 @@ def groups_of(
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
+        distorted=error.distorted(frame.sectors),
         nats=workspace.empty((3, moments.shape[1])),
     )
 

@@ -8,7 +8,6 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -40,12 +39,12 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
+Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it
 
 # Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
-_MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
-_PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for where error is white ...
-_DRIFT_BORDER = (0.25, 1.25, 30.0)  # ... and where it drifts as described (`Cells.drifting`)
-_DISTORTED = 0.22  # steradians under which a plane of a frame that drifts may bend by twice as much
+# Where error is white, and where it drifts as described (`FrameError.drifting`).
+_MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
+_PLANE_BORDER = (0.01, 1.25, 20.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
 _PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
@@ -65,26 +64,21 @@ class Charges:
     ----------
     plane : float
         Nats for its parameters.
-    border : (float, float, float)
-        For its border, as `kernels.borders.border_price` takes it.
+    border : Border
+        For its border.
     distorted : float
-        Pixels of a plane of whose misfit half is distortion.
+        Readings of a plane of whose misfit half is distortion (`FrameError.distorted`).
     """
 
     plane: float
-    border: tuple[float, float, float]
+    border: Border
     distorted: float
 
     @classmethod
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
-        drifting = cells.drifting
-        white, drift = np.array(_PLANE_BORDER), np.array(_DRIFT_BORDER)
-        low, high, knee = (white + drifting * (drift - white)).tolist()
-        distorted = math.inf
-        if sectors.count == 1 and drifting:
-            distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
-        return cls(sectors.price(_PLANE_COST, cost), (low, high, knee), distorted)
+        border = _between(_PLANE_BORDER, cells.error.drifting)
+        return cls(sectors.price(_PLANE_COST, cost), border, cells.error.distorted(sectors))
 
     def misfit(self, rows: Array) -> Array:
         """Half the misfit of segments, but for what distortion makes of it."""
@@ -270,7 +264,7 @@ def _agglomerate(
         merging.agglomerate(
             segments.of_cell(beside.grid, workspace),
             beside.discords,
-            _MERGE_BORDER,
+            _between(_MERGE_BORDER, cells.error.drifting),
             segments.rows,
             segments.forms,
             segments.drift,
@@ -331,6 +325,12 @@ def _joined_squares(
         home=home,
         of_unit=root,
     )
+
+
+def _between(prices: tuple[Border, Border], drifting: float) -> Border:
+    """Price of borders in a frame whose error drifts, 0 ... 1."""
+    low, high, knee = (a + drifting * (b - a) for a, b in zip(*prices, strict=True))
+    return low, high, knee
 
 
 def _nothing_else() -> None:
