@@ -29,7 +29,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
-_HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
+_HOPELESS = 40.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
