@@ -48,9 +48,10 @@ FACTORS = {"2.5 times too small": 0.4, "right": 1.0, "2 times too large": 2.0}
 @contextmanager
 def free_borders() -> Iterator[None]:
     """A border costs nothing, neither in merges nor for planes."""
+    free = ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
     with (
-        patch.object(spatial, "_MERGE_BORDER", (0.0, 0.0, spatial._MERGE_BORDER[2])),
-        patch.object(spatial, "_PLANE_BORDER", (0.0, 0.0, spatial._PLANE_BORDER[2])),
+        patch.object(spatial, "_MERGE_BORDER", free),
+        patch.object(spatial, "_PLANE_BORDER", free),
     ):
         yield
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -59,6 +59,18 @@ class LabelledFrame:
     planes: NDArray[np.float64] | None = None
     chosen_on: bool
     per_surface: bool = False
+
+    def cropped(self, top: int, left: int) -> LabelledFrame:
+        """The same without its first rows and columns."""
+        frame, truth = self.frame, self.truth[top:, left:]
+        assert isinstance(frame.camera, pw.PinholeCamera)
+        cropped = replace(
+            frame,
+            name=f"{frame.name}+{top}+{left}",
+            depth=frame.depth[top:, left:],
+            camera=frame.camera.cropped(top, left, truth.shape),
+        )
+        return replace(self, frame=cropped, truth=truth)
 
 
 class AbsentError(Exception):

@@ -28,7 +28,7 @@ from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
 from planewise import prices
 from planewise.metrics import evaluate
-from planewise.spatial import cells
+from planewise.spatial import cells, frame_error
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial import search as spatial
 
@@ -44,7 +44,8 @@ _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (prices, "LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_HOPELESS", 0.5),
-    (cells, "_SATURATION", 0.7),
+    (cells, "SATURATION", 0.7),
+    (frame_error, "_DISTORTED", 0.7),
     (spatial_labels, "_DIFFERING", 0.5),
     (spatial_labels, "_PIXEL_DRIFT", 0.5),
 )
@@ -100,8 +101,9 @@ def restart(judge: Judge, rng: np.random.Generator) -> Solution:
             value = getattr(module, name) * np.exp(spread * rng.standard_normal())
             stack.enter_context(patch.object(module, name, float(value)))
         for module, name, spreads in _PRICES:
-            price = getattr(module, name) * np.exp(spreads * rng.standard_normal(3))
-            stack.enter_context(patch.object(module, name, tuple(price.tolist())))
+            both = getattr(module, name) * np.exp(spreads * rng.standard_normal(3))
+            drawn = tuple(tuple(price) for price in both.tolist())  # white, and drifting
+            stack.enter_context(patch.object(module, name, drawn))
         for module, name, values in _PICKED:
             stack.enter_context(patch.object(module, name, values[rng.integers(len(values))]))
         least = _SIGNIFICANCE[rng.integers(len(_SIGNIFICANCE))]

@@ -1,5 +1,7 @@
 """What a frame tells of its own error, and the numbers that a random walk gives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.simulated import random_walk
@@ -8,8 +10,17 @@ from numpy.testing import assert_allclose
 import planewise as pw
 from planewise import scenes
 from planewise.kernels import frame_error as kernels
-from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, PLANE_RESIDUAL, SIDE, UNIT
-from planewise.spatial import cells, frame_error
+from planewise.kernels.cells import (
+    COUNT,
+    MISFIT,
+    PLANE_BEND,
+    PLANE_OFFSET,
+    PLANE_RESIDUAL,
+    SEGMENT,
+    SIDE,
+    UNIT,
+)
+from planewise.spatial import cells, frame_error, search
 from planewise.spatial.frame import frame_of
 
 POINTS = 12  # to a side of a square
@@ -100,7 +111,7 @@ def told(z, sensor):
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
     drift = image.table.at(image.w[image.p > 0])[2]
-    return found.error, float(np.median(drift)) / cells._SATURATION
+    return found.error, float(np.median(drift)) / frame_error.SATURATION
 
 
 SIGMA = 0.0015  # of inverse depth
@@ -136,7 +147,7 @@ def test_a_synthetic_room_has_hardly_any_drift(seed):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
     found = cells.cells_of(frame_of(seen), seen.pixel_size)
     assert found is not None
-    assert found.error.drift < 0.05 * cells._SATURATION  # of a real Kinect's
+    assert found.error.drift < 0.05 * frame_error.SATURATION  # of a real Kinect's
     assert found.error.near < 0.1
     assert found.error.bent < 0.2
 
@@ -164,3 +175,42 @@ def test_weighted_means_are_too_small_by_what_the_table_says(power):
     )
     mean = np.average(image.w, weights=image.p)
     assert_allclose(1 - 2 * mean, image.table.noise_bias(np.array([mean]))[0], rtol=0.1, atol=2e-5)
+
+
+def test_distortion_is_that_of_cameras_whose_error_drifts():
+    """Half as much drift, twice the readings; as many steradians for any focal length."""
+    w = np.full(9, 0.5)
+    drift = np.square(0.01 * w)
+    camera = pw.PinholeCamera(fx=500, fy=400, cx=20, cy=15)
+
+    def readings(error, variance, scale=1.0):
+        sensor = pw.Sensor(max_depth=10, resolution=0.001, noise=0.01)
+        image = frame_of(pw.observe(np.ones((30, 40)), camera.scaled(scale), sensor))
+        return frame_error.distorted_readings(error, variance, w, image.sectors)
+
+    full = frame_error.FrameError(drift=frame_error.SATURATION)
+    half = frame_error.FrameError(drift=0.5 * frame_error.SATURATION)
+    assert (full.drifting, half.drifting) == (1.0, 0.5)
+    assert readings(half, drift) == pytest.approx(2 * readings(full, drift))
+    assert readings(full, drift, 2.0) == pytest.approx(4 * readings(full, drift))
+    none = frame_error.FrameError(drift=0.0)
+    assert readings(none, drift) == np.inf
+    assert readings(full, 100 * drift) == np.inf  # a tenth of the depth: leaves
+    sweep = pw.SphericalCamera.spinning(elevation=np.linspace(15, -15, 16), columns=360)
+    seen = pw.observe(np.full((16, 360), 5.0), sweep, pw.Sensor(max_depth=50, noise=0.01))
+    assert frame_error.distorted_readings(full, drift, w, frame_of(seen).sectors) == np.inf
+
+
+def test_borders_cost_more_the_more_error_drifts():
+    white, drifting = (1.0, 2.0, 3.0), (3.0, 2.0, 5.0)
+    assert search._between((white, drifting), 0.0) == white
+    assert search._between((white, drifting), 1.0) == drifting
+    assert search._between((white, drifting), 0.25) == (1.5, 2.0, 3.5)
+
+
+def test_distortion_forgives_misfit_of_wide_planes():
+    rows = np.zeros((2, SEGMENT))
+    rows[:, COUNT], rows[:, MISFIT] = [1000, 3000], 80.0
+    charges = search.Charges(plane=0.0, border=(0.0, 0.0, 1.0), distorted=1000.0)
+    assert_allclose(charges.misfit(rows), [20, 10])
+    assert_allclose(replace(charges, distorted=np.inf).misfit(rows), 40)

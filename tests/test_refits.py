@@ -67,7 +67,8 @@ def oracle(frame, error, affine, labels, pixel_size):
                 _, shared, drift, step = frame.table.at(mean)
                 drift = error.drift * drift
                 steep = 1 + error.lateral * np.mean(p / error.white) * (t[1:] @ t[1:]) / 100**2
-                extent = math.sqrt(np.sum((labels == label) & (frame.p > 0))) / 100
+                count = np.sum((labels == label) & (frame.p > 0))
+                extent = math.sqrt(count) / 100 * (1 + count / error.distorted)
                 offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                 tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
                 slopes = J @ np.diag([0, 1, 1]) @ J.T * (slope * mean) ** 2
@@ -103,7 +104,7 @@ def scene(roof, camera):
     affine = theta @ np.linalg.inv(turn_to_theta(seen.pixel_size)).T + 0.002
     frame = frame_of(seen)
     cells = cells_of(frame, seen.pixel_size)
-    error = replace(cells.error, near=0.5, bent=0.7, lateral=0.4, drift=0.6)
+    error = replace(cells.error, near=0.5, bent=0.7, lateral=0.4, drift=0.6, distorted=3e3)
     cells = replace(cells, error=error)
     groups = groups_of(frame, cells, labels, 2, RANGE, RESOLUTION, seen.pixel_size)
     return frame, cells, affine, labels, groups, seen.pixel_size

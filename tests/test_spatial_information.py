@@ -79,7 +79,8 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                     q = np.mean(1 / v) * (t[1] ** 2 + t[2] ** 2) / 100**2
                     steep = 1 + error.lateral * q
                     whole = plane == (label + sectors.count - 1) // sectors.count
-                    extent = math.sqrt(np.sum(whole & (frame.p > 0))) / 100
+                    count = np.sum(whole & (frame.p > 0))
+                    extent = math.sqrt(count) / 100 * (1 + count / error.distorted)
                     offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                     tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
                     C = own + J @ np.diag([offset, tilt, tilt]) @ J.T
@@ -121,7 +122,7 @@ def test_the_ledger_is_exact(scene, shape):
     whole = cells_of(frame_of(observation), size).error
     frame, labels = cropped(frame_of(observation), labels, shape)
     cells = cells_of(frame, size)
-    error = replace(whole, near=0.5, bent=0.7, lateral=0.4, drift=0.6)
+    error = replace(whole, near=0.5, bent=0.7, lateral=0.4, drift=0.6, distorted=3e3)
     book = ledger(frame, replace(cells, error=error), affine, labels, 8, 0.001, size)
     place = np.zeros(4, np.int32)
     place[book.order + 1] = [1, 2, 3]
@@ -216,7 +217,7 @@ def test_the_ledger_is_exact_in_sectors():
     sectors = frame.sectors
     assert sectors.count == 6
     assert sectors.wraps
-    error = replace(FrameError(), near=0.5, bent=0.7, lateral=0.4, drift=0.6)
+    error = replace(FrameError(), near=0.5, bent=0.7, lateral=0.4, drift=0.6, distorted=3e3)
     cells = replace(cells_of(frame, size), error=error)
     affine = sectors.affine(-faces[:, :3] / faces[:, 3:])
     inside = sectors.column >= 0

@@ -17,6 +17,7 @@ from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     SATURATION,
     FrameError,
+    distorted_readings,
     drift_factor,
     lateral_variance,
     shared_factors,
@@ -29,7 +30,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
-_HOPELESS = 40.0  # chi^2 per degree of freedom above which a cell has no plane
+_HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
@@ -242,7 +243,8 @@ def _without_shared_error(
         near=quiet * near,
         bent=quiet * bent,
     )
-    return drift, told, squares, error
+    distorted = distorted_readings(error, drift, planes[2], frame.sectors)
+    return drift, told, squares, replace(error, distorted=distorted)
 
 
 def _squares(

@@ -27,7 +27,8 @@ Image = NDArray[np.float32]
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
-_DISTORTED = 0.22  # steradians of a plane in a frame that drifts as described (`distorted`)
+_DISTORTED = 0.22  # steradians, in a frame that drifts as described (`distorted_readings`)
+_FARTHEST = 0.03  # of its depth: over 100 pixels, no camera's error drifts by more
 _FEWEST = 100  # cells, pairs or triples that can tell
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
 _AS_MUCH = 1.3  # times what cells show of an error, blocks of four may show of it if it is white
@@ -64,6 +65,8 @@ class FrameError:
         Of the drift as the shortest distance shows it: of readings about their plane.
     near, bent : float
         Of the shared part: as offsets and as slopes of cells.
+    distorted : float
+        Readings of a plane of whose misfit half is distortion; infinite where there is none.
     """
 
     white: float = 1.0
@@ -73,21 +76,26 @@ class FrameError:
     local: float = 1.0
     near: float = 1.0
     bent: float = 1.0
+    distorted: float = math.inf
 
     @property
     def drifting(self) -> float:
         """How much the error drifts between segments, against its description; at most 1."""
         return min(1.0, self.drift / (SATURATION * min(self.white, 1.0)))
 
-    def distorted(self, sectors: Sectors) -> float:
-        """Readings of a plane that may be twice as far from it as neighbours drift apart.
 
-        A camera whose error drifts is distorted on the scale of the image, too. That of a range
-        image is not.
-        """
-        if sectors.count > 1 or not self.drifting:
-            return math.inf
-        return _DISTORTED * sectors.focal[0] * sectors.focal[1] / self.drifting
+def distorted_readings(error: FrameError, drift: Array, w: Array, sectors: Sectors) -> float:
+    """Readings of a plane that may be twice as far from it as neighbours drift apart.
+
+    A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
+    nor are readings that stray farther than those of cameras do, as of leaves. drift, w (units,):
+    variance of inverse depth over 100 pixels, and inverse depth.
+    """
+    if sectors.count > 1 or not error.drifting:
+        return math.inf
+    if np.median(drift / np.square(w)) > _FARTHEST**2:
+        return math.inf
+    return _DISTORTED * sectors.focal[0] * sectors.focal[1] / error.drifting
 
 
 def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:

@@ -111,7 +111,7 @@ class Groups:
     prior : tuple of float
         Of groups on none.
     distorted : float
-        Readings of a plane whose drift is twice as large (`FrameError.distorted`).
+        Readings of a plane whose drift is twice as large, as in `FrameError`.
     nats : ndarray, shape (3, groups)
         Room for the nats of every group on none and as labelled, and for the precision of its
         readings, times the frame's.
@@ -335,7 +335,7 @@ def groups_of(
         table=(table.shared, table.step, table.drift, table.per_metre),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
-        distorted=error.distorted(frame.sectors),
+        distorted=error.distorted,
         nats=workspace.empty((3, moments.shape[1])),
     )
 

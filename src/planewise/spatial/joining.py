@@ -102,7 +102,7 @@ def _costs(
 def _parts(more: Array) -> NDArray[np.intp]:
     """Plane that each becomes part of, itself unless `more` nats are fewer than none."""
     part = np.arange(len(more))
-    while more.min() < 0.0:
+    while more.size and more.min() < 0.0:
         small, large = np.unravel_index(more.argmin(), more.shape)
         part[part == small] = large
         more[small] = more[:, small] = np.inf

@@ -67,7 +67,7 @@ class Charges:
     border : Border
         For its border.
     distorted : float
-        Readings of a plane of whose misfit half is distortion (`FrameError.distorted`).
+        As in `FrameError`.
     """
 
     plane: float
@@ -78,7 +78,7 @@ class Charges:
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
         border = _between(_PLANE_BORDER, cells.error.drifting)
-        return cls(sectors.price(_PLANE_COST, cost), border, cells.error.distorted(sectors))
+        return cls(sectors.price(_PLANE_COST, cost), border, cells.error.distorted)
 
     def misfit(self, rows: Array) -> Array:
         """Half the misfit of segments, but for what distortion makes of it."""
