@@ -33,7 +33,7 @@ PER_SURFACE = {"abw_segcomp", "mosd_boxes", "mosd_curved"}
 """Sets whose labels tell surfaces apart that share a plane."""
 
 REAL = tuple(CHOOSE)
-SYNTHETIC = ("rooms", "staircase", "corner")
+SYNTHETIC = ("rooms", "room_faces", "staircase", "corner")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +88,8 @@ def frames_of(name: str, folder: Path, *, quick: bool = False) -> Iterator[Label
     seeds = 5 if quick else 50
     if name == "rooms":
         return _synthetic(name, scenes.room, 5 if quick else 20)
+    if name == "room_faces":
+        return _synthetic(name, partial(scenes.room, every_face=True), 5 if quick else 20)
     if name == "staircase":
         return _synthetic(name, partial(_seeded, scenes.staircase), seeds)
     if name == "corner":

@@ -39,7 +39,6 @@ _OTHERS = 8  # restarts whose planes are tried
 
 # What restarts draw. Factors are log-normal with this deviation; the rest is picked.
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
-    (spatial, "_PLANE_COST", 0.7),
     (spatial, "_SAME", 0.5),
     (prices, "LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
@@ -49,7 +48,8 @@ _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial_labels, "_DIFFERING", 0.5),
     (spatial_labels, "_PIXEL_DRIFT", 0.5),
 )
-_PRICES = (
+_PRICES: tuple[tuple[ModuleType, str, float | tuple[float, ...]], ...] = (
+    (spatial, "_PLANE_COST", 0.7),
     (spatial, "_MERGE_BORDER", (0.5, 0.5, 0.3)),
     (spatial, "_PLANE_BORDER", (0.5, 0.5, 0.3)),
 )
@@ -101,9 +101,9 @@ def restart(judge: Judge, rng: np.random.Generator) -> Solution:
             value = getattr(module, name) * np.exp(spread * rng.standard_normal())
             stack.enter_context(patch.object(module, name, float(value)))
         for module, name, spreads in _PRICES:
-            both = getattr(module, name) * np.exp(spreads * rng.standard_normal(3))
-            drawn = tuple(tuple(price) for price in both.tolist())  # white, and drifting
-            stack.enter_context(patch.object(module, name, drawn))
+            drawn = np.exp(spreads * rng.standard_normal(np.shape(spreads)))
+            both = tuple((price * drawn).tolist() for price in np.array(getattr(module, name)))
+            stack.enter_context(patch.object(module, name, both))  # white, and drifting
         for module, name, values in _PICKED:
             stack.enter_context(patch.object(module, name, values[rng.integers(len(values))]))
         least = _SIGNIFICANCE[rng.integers(len(_SIGNIFICANCE))]

@@ -120,6 +120,21 @@ def test_rooms_are_varied_and_their_labels_true(seed):
         assert np.median(off) < 1.2
 
 
+def test_every_face_of_a_room_can_be_labelled():
+    """The same image; what is clutter otherwise has a plane, but for what is curved."""
+    room, faces = scenes.room(1, size=SIZE), scenes.room(1, size=SIZE, every_face=True)
+    assert np.array_equal(room.depth, faces.depth)
+    assert len(faces.planes) > len(room.planes)
+    assert (faces.labels[room.labels > 0] > 0).all()
+    more = (faces.labels > 0) & (room.labels == 0)
+    assert more.any()
+    assert ((faces.labels == 0) & (faces.depth > 0)).any()
+    sigma = faces.sensor.sigma(faces.depth / 1000)
+    for label in np.unique(faces.labels[more]):
+        off = np.abs(residuals(faces, label)) / sigma[faces.labels == label]
+        assert np.median(off) < 2 or off.size < 20
+
+
 def test_room_is_seeded_and_its_noise_can_be_set():
     assert np.array_equal(scenes.room(5, size=SIZE).depth, scenes.room(5, size=SIZE).depth)
     assert not np.array_equal(scenes.room(5, size=SIZE).depth, scenes.room(6, size=SIZE).depth)

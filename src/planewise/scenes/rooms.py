@@ -42,6 +42,7 @@ def room(
     sigma: float | None = None,
     size: tuple[int, int] = (480, 640),
     holes: bool = True,
+    every_face: bool = False,
 ) -> Scene:
     """Furnished room with walls, boxes, a table and clutter, seen by a Kinect.
 
@@ -58,12 +59,14 @@ def room(
     holes : bool
         Leave out the readings that a Kinect loses: in the shadow of its projector, at grazing
         incidence, on a few dark blotches.
+    every_face : bool
+        Label every flat face in view, however small, those of table legs, too.
 
     Returns
     -------
     Scene
         Faces that cover less than 0.25 % of the image, table legs, spheres and cylinders are
-        clutter: label 0.
+        clutter: label 0. Of `every_face`, only spheres and cylinders.
     """
     if sigma is not None and not (math.isfinite(sigma) and sigma > 0):
         raise ValueError(f"sigma must be a positive number of metres, got {sigma}")
@@ -76,7 +79,7 @@ def room(
     lost = np.zeros(size, bool)
     if holes:
         lost = _shadowed(hit.depth, camera) | (hit.cosine < _GRAZING) | _blotches(size, rng)
-    labels, planes = truth(solids, view, hit, ~lost)
+    labels, planes = truth(solids, view, hit, ~lost, every_face)
 
     noise_model = noise.KINECT if sigma is None else noise.constant(sigma)
     z = hit.depth + noise_model(hit.depth) * rng.standard_normal(size)
@@ -188,9 +191,13 @@ def _in_view(thing: Solid, view: View, camera: Camera, size: tuple[int, int]) ->
 
 
 def truth(
-    solids: list[Solid], view: View, hit: Hits, seen: NDArray[np.bool_]
+    solids: list[Solid],
+    view: View,
+    hit: Hits,
+    seen: NDArray[np.bool_],
+    every_face: bool = False,
 ) -> tuple[NDArray[np.uint16], Array]:
-    """Label the flat faces that are large enough, largest first; planes in the camera frame."""
+    """Label the flat faces, or those that count, largest first; planes in the camera frame."""
     faces = np.where(seen, hit.solid * 6 + hit.face, -1)
     numbers, counts = np.unique(faces[seen], return_counts=True)
     order = np.argsort(-counts, kind="stable")
@@ -198,7 +205,8 @@ def truth(
     planes: list[Array] = []
     for number, count in zip(numbers[order], counts[order], strict=True):
         thing = solids[number // 6]
-        if not isinstance(thing, Block) or thing.clutter or count < _SMALLEST * faces.size:
+        counts_as_plane = not thing.clutter and count >= _SMALLEST * faces.size
+        if not (isinstance(thing, Block) and (every_face or counts_as_plane)):
             continue
         at = faces == number
         normal = hit.normal[at][0]

@@ -21,24 +21,22 @@ def join_through_gaps(
     accepted: NDArray[np.bool_],
     sectors: Sectors,
     instances: bool,
-) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, NDArray[np.int64]]:
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
     """Join segments of one plane that do not touch, unless they are `instances`.
 
     First accepted ones, then what is left over and saves anything as part of one of those planes.
-    Returns the segments of all planes, the plane of each, the rows of the planes, (K, N, 13), and
-    the segments left over that save anything, but lie on no plane.
+    Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
     """
     order = np.argsort(-worth, kind="stable")
     chosen = order[accepted[order]]
     home = segments.home[chosen]
     planes, owner = sectors.everywhere(segments.rows[chosen], home), np.arange(len(chosen))
-    if not len(chosen):
-        return chosen, owner, planes, chosen
+    if instances or not len(chosen):
+        return chosen, owner, planes
     drift = segments.drift[chosen]
     forms = _forms(planes, drift)
     slope_prior = segments.slope_prior[chosen]
-    if not instances:
-        gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
+    gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
     there = np.bincount(owner, minlength=len(chosen)) > 0
     alive, owner = np.flatnonzero(there), (np.cumsum(there) - 1)[owner]
     planes = planes[:, alive]
@@ -54,11 +52,8 @@ def join_through_gaps(
         planes.shape[1],
         plane,
     )
-    left = rest[plane < 0]
-    if instances:
-        return chosen, owner, planes, left
     part = plane >= 0
-    return np.append(chosen, rest[part]), np.append(owner, plane[part]), planes, left
+    return np.append(chosen, rest[part]), np.append(owner, plane[part]), planes
 
 
 def _forms(rows: Array, drift: Array) -> Array:

@@ -31,7 +31,6 @@ from planewise.spatial.labels import (
     label_planes,
     sector_of_units,
 )
-from planewise.spatial.leftovers import flat_leftovers
 from planewise.spatial.seams import Neighbours, neighbours
 from planewise.spatial.segments import Segments
 from planewise.stages import stage
@@ -41,11 +40,11 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it
 
-# Nats per pixel of border where the surface breaks and where it goes on, and the discord half-way.
-# Where error is white, and where it drifts as described (`FrameError.drifting`).
+# Prices where error is white, and where it drifts as described (`FrameError.drifting`). Of borders:
+# nats per pixel where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
-_PLANE_COST = 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
+_PLANE_COST = 1.5, 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
@@ -77,8 +76,11 @@ class Charges:
     @classmethod
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
-        border = _between(_PLANE_BORDER, cells.error.drifting)
-        return cls(sectors.price(_PLANE_COST, cost), border, cells.error.distorted)
+        drifting = cells.error.drifting
+        low, high = _PLANE_COST
+        factor = low + drifting * (high - low) if sectors.count == 1 else high
+        border = _between(_PLANE_BORDER, drifting)
+        return cls(sectors.price(factor, cost), border, cells.error.distorted)
 
     def misfit(self, rows: Array) -> Array:
         """Half the misfit of segments, but for what distortion makes of it."""
@@ -96,8 +98,7 @@ class Segmentation:
     labels : ndarray of uint16, shape (H, W')
         In sectors: 0 for none, n K + k + 1 for plane n in sector k of K.
     significance : ndarray, shape (N,)
-        Nats that each plane saves against a smooth surface, all its costs paid; its border alone,
-        if it was left over (`spatial.leftovers`).
+        Nats that each plane saves against a smooth surface, all its costs paid.
     affine : ndarray, shape (N K, 3)
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
@@ -122,7 +123,6 @@ def segment(
     instances: bool = False,
     max_planes: int | None = None,
     significance: float = 0.0,
-    white: bool = False,
     workspace: Workspace | None = None,
     meanwhile: Callable[[], None] | None = None,
 ) -> Segmentation:
@@ -140,9 +140,6 @@ def segment(
         Keep the most significant ones only.
     significance : float
         Nats that a segment has to save beyond its costs.
-    white : bool
-        Whether readings have little but white noise: then smaller planes are found
-        (`spatial.leftovers`), unless more significance is asked for.
     workspace : Workspace, optional
         Memory to work in.
     meanwhile : callable, optional
@@ -160,13 +157,9 @@ def segment(
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         charges = Charges.of(cells, frame.sectors, cost)
         worth, accepted = _accept(beside, segments, charges, significance, workspace)
-        chosen, owner, planes, left = join_through_gaps(
+        chosen, owner, planes = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
-        if white and not significance:
-            flat, small = flat_leftovers(segments, left, cells, frame.sectors)
-            owner = np.append(owner, planes.shape[1] + np.arange(len(flat)))
-            chosen, planes = np.append(chosen, flat), np.concatenate((planes, small), axis=1)
         worth = worth[chosen]
     count = planes.shape[1]
     left_out = 0 if max_planes is None else max(0, count - max_planes)

@@ -24,7 +24,6 @@ from planewise.spatial.information import (
 )
 from planewise.spatial.joining import joined
 from planewise.spatial.labels import residual_correlation, units_inside
-from planewise.spatial.leftovers import ENOUGH, WHITE
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, segment
@@ -36,6 +35,8 @@ Array = NDArray[np.float64]
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 _DEAR = 2.0  # times `prices.LEAST`: of a plane whose residuals are not white, while the noise is
+_WHITE = 0.2  # correlation of residuals of cells side by side up to which they are white
+_ENOUGH = 700  # readings of a plane: fewer hardly tell how white they are
 
 
 @dataclass(frozen=True)
@@ -118,7 +119,6 @@ def solve(
             instances=instances,
             max_planes=max_planes,
             significance=significance,
-            white=white,
             workspace=workspace,
             meanwhile=meanwhile,
         )
@@ -193,9 +193,9 @@ def judged(
     if cells is not None:
         correlation = residual_correlation(cells, inside[-1], affine, frame.sectors)
         found = replace(found, residual_correlation=correlation)
-        enough = frame.sectors.summed(groups.readings[1:]) >= ENOUGH
+        enough = frame.sectors.summed(groups.readings[1:]) >= _ENOUGH
         # Not where it is NaN, nor in range images, where cells far off are wide.
-        dear = white & enough & (correlation > WHITE) & (frame.sectors.count == 1)
+        dear = white & enough & (correlation > _WHITE) & (frame.sectors.count == 1)
     pays = _paying(groups, data, masks[-1], *limits, dear)
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[-1], *limits, order)
