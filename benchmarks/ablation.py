@@ -37,6 +37,7 @@ SHOWN = {
     "mosd_boxes": ("VOI", "F1@.5", "F1@.8"),
     "mosd_curved": ("planes",),
     "rooms": ("VOI", "SC", "P@.5", "R@.5"),
+    "room_faces": ("P@.5", "R@.5"),
     "staircase": ("exact",),
     "corner": ("exact",),
 }

@@ -26,9 +26,8 @@ import numpy as np
 from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
-from planewise import prices
 from planewise.metrics import evaluate
-from planewise.spatial import cells, frame_error
+from planewise.spatial import cells, frame_error, solution
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial import search as spatial
 
@@ -40,7 +39,6 @@ _OTHERS = 8  # restarts whose planes are tried
 # What restarts draw. Factors are log-normal with this deviation; the rest is picked.
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial, "_SAME", 0.5),
-    (prices, "LEAST", 1.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_HOPELESS", 0.5),
     (cells, "SATURATION", 0.7),
@@ -50,6 +48,7 @@ _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
 )
 _PRICES: tuple[tuple[ModuleType, str, float | tuple[float, ...]], ...] = (
     (spatial, "_PLANE_COST", 0.7),
+    (spatial_solution, "_LEAST", 1.5),
     (spatial, "_MERGE_BORDER", (0.5, 0.5, 0.3)),
     (spatial, "_PLANE_BORDER", (0.5, 0.5, 0.3)),
 )

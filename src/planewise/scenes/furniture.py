@@ -10,6 +10,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from itertools import product
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +149,9 @@ class Ball(Solid):
 
 @dataclass(frozen=True, kw_only=True)
 class Can(Solid):
-    """Upright cylinder of radius ``half[0]``; face 0 is its side, 1 its top."""
+    """Upright cylinder of radius ``half[0]``; face 0 is its side, `TOP` its top."""
+
+    TOP: ClassVar[int] = 1
 
     def hit(self, origin: Array, ray: Array) -> tuple[Array, Faces]:
         """Meet the side between its ends, or the top within its rim."""
@@ -167,8 +170,13 @@ class Can(Solid):
         """Away from the axis, or up."""
         out = (points - self.centre) / self.half[0]
         out[:, 2] = 0
-        out[face == 1] = (0, 0, 1)
+        out[face == self.TOP] = (0, 0, 1)
         return np.asarray(out)
+
+    def face_point(self, face: int) -> Array:
+        """Return the middle of its top."""
+        assert face == self.TOP
+        return np.asarray(self.centre + np.array((0, 0, self.half[2])))
 
 
 def _which(rows: Array, row: Array) -> Faces:

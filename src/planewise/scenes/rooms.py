@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planewise import noise, sensors
 from planewise.camera import Camera, PinholeCamera
-from planewise.scenes.furniture import Block, Room, Solid, furnish, turned
+from planewise.scenes.furniture import Block, Can, Room, Solid, furnish, turned
 from planewise.scenes.scene import Scene, Seed
 
 Array = NDArray[np.float64]
@@ -60,13 +60,13 @@ def room(
         Leave out the readings that a Kinect loses: in the shadow of its projector, at grazing
         incidence, on a few dark blotches.
     every_face : bool
-        Label every flat face in view, however small, those of table legs, too.
+        Label every flat face in view, however small; table legs and tops of cylinders, too.
 
     Returns
     -------
     Scene
         Faces that cover less than 0.25 % of the image, table legs, spheres and cylinders are
-        clutter: label 0. Of `every_face`, only spheres and cylinders.
+        clutter: label 0. With `every_face` only what is curved is.
     """
     if sigma is not None and not (math.isfinite(sigma) and sigma > 0):
         raise ValueError(f"sigma must be a positive number of metres, got {sigma}")
@@ -204,13 +204,14 @@ def truth(
     labels = np.zeros(faces.shape, np.uint16)
     planes: list[Array] = []
     for number, count in zip(numbers[order], counts[order], strict=True):
-        thing = solids[number // 6]
+        thing, face = solids[number // 6], int(number % 6)
+        flat = isinstance(thing, Block) or (isinstance(thing, Can) and face == Can.TOP)
         counts_as_plane = not thing.clutter and count >= _SMALLEST * faces.size
-        if not (isinstance(thing, Block) and (every_face or counts_as_plane)):
+        if not flat or not (every_face or counts_as_plane):
             continue
         at = faces == number
         normal = hit.normal[at][0]
-        distance = normal @ (view.position - thing.face_point(int(number % 6)))
+        distance = normal @ (view.position - thing.face_point(face))
         planes.append(np.append(normal @ view.rotation, distance))
         labels[at] = len(planes)
     return labels, np.array(planes).reshape(-1, 4)

@@ -24,6 +24,7 @@ from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
+from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.labels import (
     affine_planes,
@@ -44,7 +45,7 @@ Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes i
 # nats per pixel where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
-_PLANE_COST = 1.5, 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
+_PLANE_COST = 1.0, 3.0  # times 3 ln(R / eps): what a plane has to save (`Sectors.price`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
@@ -76,11 +77,9 @@ class Charges:
     @classmethod
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
-        drifting = cells.error.drifting
-        low, high = _PLANE_COST
-        factor = low + drifting * (high - low) if sectors.count == 1 else high
-        border = _between(_PLANE_BORDER, drifting)
-        return cls(sectors.price(factor, cost), border, cells.error.distorted)
+        plane = price_of_planes(_PLANE_COST, cells.error, sectors, cost)
+        border = _between(_PLANE_BORDER, cells.error.drifting)
+        return cls(plane, border, cells.error.distorted)
 
     def misfit(self, rows: Array) -> Array:
         """Half the misfit of segments, but for what distortion makes of it."""
@@ -318,6 +317,18 @@ def _joined_squares(
         home=home,
         of_unit=root,
     )
+
+
+def price_of_planes(
+    factors: tuple[float, float], error: FrameError, sectors: Sectors, cost: float
+) -> float:
+    """Nats for factors of 3 ln(R / eps) where error is white and where it drifts, `cost` one.
+
+    In range images, whose cells are wide far off, planes cost as much as where it drifts.
+    """
+    white, drifting = factors
+    share = error.drifting if sectors.count == 1 else 1.0
+    return sectors.price(white + share * (drifting - white), cost)
 
 
 def _between(prices: tuple[Border, Border], drifting: float) -> Border:

@@ -13,6 +13,7 @@ from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
+from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import (
     Blocks,
     GroupData,
@@ -26,13 +27,14 @@ from planewise.spatial.joining import joined
 from planewise.spatial.labels import residual_correlation, units_inside
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
-from planewise.spatial.search import Segmentation, segment
+from planewise.spatial.search import Segmentation, price_of_planes, segment
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
 _BENDS = 0.5  # correlation of residuals of cells side by side
+_LEAST = 4.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 _DEAR = 2.0  # times `prices.LEAST`: of a plane whose residuals are not white, while the noise is
 _WHITE = 0.2  # correlation of residuals of cells side by side up to which they are white
@@ -196,7 +198,9 @@ def judged(
         enough = frame.sectors.summed(groups.readings[1:]) >= _ENOUGH
         # Not where it is NaN, nor in range images, where cells far off are wide.
         dear = white & enough & (correlation > _WHITE) & (frame.sectors.count == 1)
-    pays = _paying(groups, data, masks[-1], *limits, dear)
+    error = FrameError() if cells is None else cells.error
+    least = price_of_planes(_LEAST, error, frame.sectors, plane_information(3, *limits))
+    pays = _paying(groups, data, masks[-1], *limits, least * np.where(dear, _DEAR, 1.0))
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[-1], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
@@ -213,12 +217,14 @@ def _paying(
     mask: MaskCounts,
     range: float,
     resolution: float,
-    dear: NDArray[np.bool_],
+    least: Array,
 ) -> NDArray[np.bool_]:
-    """Which planes have readings that are clearly shorter on them, and a lower Phi with them."""
-    least = groups.sectors.price(prices.LEAST, plane_information(3, range, resolution))
-    pays = np.asarray(data.worth < -least * np.where(dear, _DEAR, 1.0))
-    if (data.worth[pays] > -_SURE * least).any():
+    """Which planes have readings that are clearly shorter on them, and a lower Phi with them.
+
+    least (N,): nats that the readings of each have to be shorter by.
+    """
+    pays = np.asarray(data.worth < -least)
+    if (data.worth[pays] > -_SURE * least[pays]).any():
         # Phi is lower without some of these, maybe: the last of them by worth.
         order = np.lexsort((data.worth, ~pays))
         book = book_of(groups, data.copy(), mask, range, resolution, order)
