@@ -27,9 +27,10 @@ from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
 from planewise.metrics import evaluate
-from planewise.spatial import cells, frame_error, solution
+from planewise.spatial import cells, frame_error
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial import search as spatial
+from planewise.spatial import solution as spatial_solution
 
 Gains = dict[str, float]
 
