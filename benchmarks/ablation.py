@@ -26,6 +26,7 @@ from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise
 from planewise.information import mask_information
 from planewise.kernels.cells import FREE, SIDE
+from planewise.spatial import frame_error
 from planewise.spatial import information as spatial_information
 from planewise.spatial import search as spatial
 from planewise.spatial import solution as spatial_solution
@@ -53,6 +54,25 @@ def free_borders() -> Iterator[None]:
     with (
         patch.object(spatial, "_MERGE_BORDER", free),
         patch.object(spatial, "_PLANE_BORDER", free),
+    ):
+        yield
+
+
+@contextmanager
+def no_distortion() -> Iterator[None]:
+    """Wide planes are no farther from their readings than neighbours drift apart."""
+    with patch.object(frame_error, "_DISTORTED", np.inf):
+        yield
+
+
+@contextmanager
+def no_extra_prices() -> Iterator[None]:
+    """Borders and planes cost as much where error drifts as where it is white."""
+    with (
+        patch.object(spatial, "_MERGE_BORDER", 2 * spatial._MERGE_BORDER[:1]),
+        patch.object(spatial, "_PLANE_BORDER", 2 * spatial._PLANE_BORDER[:1]),
+        patch.object(spatial, "_PLANE_COST", 2 * spatial._PLANE_COST[:1]),
+        patch.object(spatial_solution, "_LEAST", 2 * spatial_solution._LEAST[:1]),
     ):
         yield
 
@@ -128,6 +148,8 @@ VARIANTS = (
     Variant("paper, joint", Configuration(PAPER)),
     Variant("paper, joint, noise auto", Configuration(PAPER, "auto")),
     Variant("spatial, independent error", Independent({})),
+    Variant("spatial, no distortion", Configuration({}), no_distortion),
+    Variant("spatial, prices of white error", Configuration({}), no_extra_prices),
     Variant("spatial, borders free", Configuration({}), free_borders),
     Variant("spatial, uniform mask", Configuration({}), uniform_mask),
     Variant("spatial, uniform null", Configuration({}), uniform_null),

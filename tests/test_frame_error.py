@@ -179,26 +179,28 @@ def test_weighted_means_are_too_small_by_what_the_table_says(power):
 
 def test_distortion_is_that_of_cameras_whose_error_drifts():
     """Half as much drift, twice the readings; as many steradians for any focal length."""
-    w = np.full(9, 0.5)
-    drift = np.square(0.01 * w)
     camera = pw.PinholeCamera(fx=500, fy=400, cx=20, cy=15)
-
-    def readings(error, variance, scale=1.0):
-        sensor = pw.Sensor(max_depth=10, resolution=0.001, noise=0.01)
-        image = frame_of(pw.observe(np.ones((30, 40)), camera.scaled(scale), sensor))
-        return frame_error.distorted_readings(error, variance, w, image.sectors)
-
-    full = frame_error.FrameError(drift=frame_error.SATURATION)
-    half = frame_error.FrameError(drift=0.5 * frame_error.SATURATION)
-    assert (full.drifting, half.drifting) == (1.0, 0.5)
-    assert readings(half, drift) == pytest.approx(2 * readings(full, drift))
-    assert readings(full, drift, 2.0) == pytest.approx(4 * readings(full, drift))
-    none = frame_error.FrameError(drift=0.0)
-    assert readings(none, drift) == np.inf
-    assert readings(full, 100 * drift) == np.inf  # a tenth of the depth: leaves
     sweep = pw.SphericalCamera.spinning(elevation=np.linspace(15, -15, 16), columns=360)
-    seen = pw.observe(np.full((16, 360), 5.0), sweep, pw.Sensor(max_depth=50, noise=0.01))
-    assert frame_error.distorted_readings(full, drift, w, frame_of(seen).sectors) == np.inf
+
+    def told(drift, sigma=0.01, camera=camera, shape=(30, 40)):
+        """Of a drift of so many times the white part."""
+        seen = pw.observe(np.full(shape, 2.0), camera, pw.Sensor(max_depth=10, noise=sigma))
+        table, sectors = frame_of(seen).table, frame_of(seen).sectors
+        white, _, described, _ = (float(part) for part in table.at(np.array(0.5)))
+        error = frame_error.FrameError(drift=drift * white / described)
+        found = frame_error.with_drift(error, 0.5, table, sectors)
+        assert replace(found, drifting=1.0, distorted=np.inf) == error
+        return found
+
+    assert told(0.5).drifting == pytest.approx(0.5)
+    assert told(1.0).drifting == told(7.0).drifting == 1.0
+    readings = told(2.0).distorted
+    assert told(0.5).distorted == pytest.approx(2 * readings)
+    assert told(2.0, camera=camera.scaled(2)).distorted == pytest.approx(4 * readings)
+    assert told(0.0).drifting == 0
+    assert told(0.0).distorted == np.inf
+    assert told(2.0, sigma=0.2).distorted == np.inf  # a seventh of the depth: leaves
+    assert told(2.0, camera=sweep, shape=(16, 360)).distorted == np.inf
 
 
 def test_borders_cost_more_the_more_error_drifts():

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.kernels import cells as kernels
-from planewise.kernels import frame_error
+from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import SIDE
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     SATURATION,
     FrameError,
-    distorted_readings,
     drift_factor,
     lateral_variance,
     shared_factors,
     walk_and_shared,
     white_of_quiet,
     white_seen,
+    with_drift,
 )
 from planewise.workspace import Workspace
 
@@ -243,8 +243,8 @@ def _without_shared_error(
         near=quiet * near,
         bent=quiet * bent,
     )
-    distorted = distorted_readings(error, drift, planes[2], frame.sectors)
-    return drift, told, squares, replace(error, distorted=distorted)
+    w = float(medians.middle(planes[2], workspace.empty(len(units))))
+    return drift, told, squares, with_drift(error, w, table, frame.sectors)
 
 
 def _squares(

@@ -8,7 +8,7 @@ they should: quantiles, for edges and clutter only make them lie farther.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,8 +27,8 @@ Image = NDArray[np.float32]
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
-_DISTORTED = 0.22  # steradians, in a frame that drifts as described (`distorted_readings`)
-_FARTHEST = 0.03  # of its depth: over 100 pixels, no camera's error drifts by more
+_DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
+_FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
 _FEWEST = 100  # cells, pairs or triples that can tell
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
 _AS_MUCH = 1.3  # times what cells show of an error, blocks of four may show of it if it is white
@@ -65,6 +65,8 @@ class FrameError:
         Of the drift as the shortest distance shows it: of readings about their plane.
     near, bent : float
         Of the shared part: as offsets and as slopes of cells.
+    drifting : float
+        Drift between segments over 100 pixels against the white part, at most 1.
     distorted : float
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
     """
@@ -76,26 +78,22 @@ class FrameError:
     local: float = 1.0
     near: float = 1.0
     bent: float = 1.0
+    drifting: float = 1.0
     distorted: float = math.inf
 
-    @property
-    def drifting(self) -> float:
-        """How much the error drifts between segments, against its description; at most 1."""
-        return min(1.0, self.drift / (SATURATION * min(self.white, 1.0)))
 
-
-def distorted_readings(error: FrameError, drift: Array, w: Array, sectors: Sectors) -> float:
-    """Readings of a plane that may be twice as far from it as neighbours drift apart.
+def with_drift(error: FrameError, w: float, table: ErrorTable, sectors: Sectors) -> FrameError:
+    """The same, with how much it drifts and how wide planes are distorted, at a usual 1 / z.
 
     A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
-    nor are readings that stray farther than those of cameras do, as of leaves. drift, w (units,):
-    variance of inverse depth over 100 pixels, and inverse depth.
+    nor are readings that stray farther than those of cameras do, as of leaves.
     """
-    if sectors.count > 1 or not error.drifting:
-        return math.inf
-    if np.median(drift / np.square(w)) > _FARTHEST**2:
-        return math.inf
-    return _DISTORTED * sectors.focal[0] * sectors.focal[1] / error.drifting
+    white, _, drift, _ = (float(part) for part in table.at(np.array(w)))
+    drifting = min(1.0, error.drift * drift / (error.white * white)) if white else 1.0
+    distorted = math.inf
+    if sectors.count == 1 and drifting and error.drift * drift <= (_FARTHEST * w) ** 2:
+        distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
+    return replace(error, drifting=drifting, distorted=distorted)
 
 
 def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:

@@ -41,7 +41,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it
 
-# Prices where error is white, and where it drifts as described (`FrameError.drifting`). Of borders:
+# Prices where error is white, and where it drifts (`FrameError.drifting`). Of borders:
 # nats per pixel where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
