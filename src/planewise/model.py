@@ -38,8 +38,7 @@ class Plane:
         determine it.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
-        border (spatial objective; NaN under the paper's); of some small planes under white noise
-        after paying for the border alone.
+        border (spatial objective; NaN under the paper's).
     residual_correlation : float
         Correlation of the residuals of neighbouring cells: 0 where they are white, towards 1 where
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
