@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _LEAST = 4.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
-_DEAR = 2.0  # times `prices.LEAST`: of a plane whose residuals are not white, while the noise is
+_DEAR = 2.0  # times `_LEAST`: of a plane whose residuals are not white, while the noise is
 _WHITE = 0.2  # correlation of residuals of cells side by side up to which they are white
 _ENOUGH = 700  # readings of a plane: fewer hardly tell how white they are
 
