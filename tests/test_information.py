@@ -170,6 +170,6 @@ def test_too_few_readings_for_a_plane_are_outliers_for_judge_and_search(readings
     model = pw.detect_planes(depth, camera, sensor)
     seen = pw.observe(depth, camera, sensor)
     phi = pw.information(seen, [], model.labels, objective="spatial")
-    assert phi == model.information == readings * np.log(seen.range / seen.resolution)
+    assert phi == model.information == readings * math.log(seen.range / seen.resolution)
     more = pw.information(seen, [[0, 0, -1.0, 2.0]], model.labels, objective="spatial")
     assert more - phi == pytest.approx(3 * np.log(seen.range / seen.resolution))
