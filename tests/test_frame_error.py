@@ -111,7 +111,7 @@ def told(z, sensor):
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
     drift = image.table.at(image.w[image.p > 0])[2]
-    return found.error, float(np.median(drift)) / frame_error.SATURATION
+    return found.error, float(np.median(drift)) / cells._SATURATION
 
 
 SIGMA = 0.0015  # of inverse depth
@@ -147,7 +147,7 @@ def test_a_synthetic_room_has_hardly_any_drift(seed):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
     found = cells.cells_of(frame_of(seen), seen.pixel_size)
     assert found is not None
-    assert found.error.drift < 0.05 * frame_error.SATURATION  # of a real Kinect's
+    assert found.error.drift < 0.05 * cells._SATURATION  # of a real Kinect's
     assert found.error.near < 0.1
     assert found.error.bent < 0.2
 

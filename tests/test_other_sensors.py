@@ -120,10 +120,10 @@ def test_an_error_of_cells_is_no_walk():
     error = cells.cells_of(frame, seen.pixel_size).error
     _, shared, drift, _ = (float(part) for part in frame.table.at(0.5))
     assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
-    walk = error.drift / frame_error.SATURATION * drift
+    walk = error.drift / cells._SATURATION * drift
     assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
     # Readings are still as far from their planes as neighbouring cells show.
-    near = error.local / frame_error.SATURATION * drift
+    near = error.local / cells._SATURATION * drift
     assert_allclose(near * frame_error._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
 
 

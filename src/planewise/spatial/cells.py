@@ -15,7 +15,6 @@ from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import SIDE
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
-    SATURATION,
     FrameError,
     drift_factor,
     lateral_variance,
@@ -29,6 +28,7 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
+_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least share of a cell's pixels that are readings
@@ -226,7 +226,7 @@ def _without_shared_error(
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, SATURATION, out=told)
+        np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
@@ -234,12 +234,12 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= SATURATION
+    drift *= _SATURATION
     error = FrameError(
         white=white,
         lateral=lateral,
-        drift=quiet * SATURATION * factor,
-        local=quiet * SATURATION * max(local, factor),
+        drift=quiet * _SATURATION * factor,
+        local=quiet * _SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
     )

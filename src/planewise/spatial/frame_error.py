@@ -26,7 +26,6 @@ Image = NDArray[np.float32]
 
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
-SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
 _FEWEST = 100  # cells, pairs or triples that can tell
