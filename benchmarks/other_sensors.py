@@ -24,7 +24,6 @@ import planewise as pw
 from benchmarks.simulated import DRIFT, STEP, WHITE, random_walk
 from planewise import noise
 from planewise.metrics import evaluate
-from planewise.scenes.furniture import Block, Room
 from planewise.scenes.rooms import _arrange, cast, truth
 
 Array = NDArray[np.float64]
@@ -77,9 +76,10 @@ def exact(seed: int, size: tuple[int, int], distortion: float = 0.0) -> tuple[Ar
     camera = replace(camera_of(size), distortion=(distortion, 0.0, 0.0, 0.0))
     solids, view = _arrange(np.random.default_rng(seed))
     hit = cast(solids, view, camera, size)
-    labels, _ = truth(solids, view, hit, np.ones(size, bool))
-    flat = np.array([isinstance(each, Block | Room) for each in solids])
-    return hit.depth, labels, np.where(flat[hit.solid], 6 * hit.solid + hit.face + 1, 0)
+    everywhere = np.ones(size, bool)
+    labels, _ = truth(solids, view, hit, everywhere)
+    faces, _ = truth(solids, view, hit, everywhere, every_face=True)
+    return hit.depth, labels, faces
 
 
 def flying(z: Array, rng: np.random.Generator) -> Array:

@@ -168,8 +168,10 @@ def test_a_real_segmentation_keeps_its_areas():
         assert as_shapely(surface).is_valid
         for rings in surface.rings:
             assert_allclose(np.vstack(rings) @ plane.normal + plane.distance, 0, atol=1e-9)
-    for rough, fine in zip(outline_image(model, scene.camera), surfaces, strict=True):
-        assert rough.area == pytest.approx(fine.area, rel=0.05)
+    simplified = outline_image(model, scene.camera)
+    for rough, fine, plane in zip(simplified, surfaces, model.planes, strict=True):
+        # Borders move by a pixel, which is more of a small plane.
+        assert rough.area == pytest.approx(fine.area, rel=0.05 if plane.count > 1000 else 0.1)
 
 
 @pytest.mark.parametrize("instances", [False, True])

@@ -107,10 +107,7 @@ class _Mover:
     def judged(self, found: Segmentation) -> SpatialSolution:
         """Planes refitted, with exact Phi."""
         with self.workspace.stage():
-            return judged(
-                self.observation, self.frame, self.cells, found, self.workspace,
-                white=self.cells.bends_more_than_told,
-            )  # fmt: skip
+            return judged(self.observation, self.frame, self.cells, found, self.workspace)
 
     def planes_in(
         self, units: NDArray[np.bool_], settled: NDArray[np.bool_], significance: float

@@ -44,7 +44,7 @@ Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes i
 # Prices where error is white, and where it drifts (`FrameError.drifting`). Of borders: nats per
 # pixel where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
-_PLANE_BORDER = (0.01, 1.25, 20.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
+_PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
 _PLANE_COST = 1.0, 3.0  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one

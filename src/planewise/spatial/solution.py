@@ -36,9 +36,6 @@ Array = NDArray[np.float64]
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _LEAST = 4.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
-_DEAR = 2.0  # times `_LEAST`: of a plane whose residuals are not white, while the noise is
-_WHITE = 0.2  # correlation of residuals of cells side by side up to which they are white
-_ENOUGH = 700  # readings of a plane: fewer hardly tell how white they are
 
 
 @dataclass(frozen=True)
@@ -126,10 +123,7 @@ def solve(
         )
         with stage("ledger"), workspace.stage():
             meanwhile()  # where there was nothing to segment
-            return judged(
-                observation, frame, cells, found, workspace, blocks,
-                join=not instances, white=white,
-            )  # fmt: skip
+            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
 
     first = look(cells)
     if cells is None or not white:
@@ -154,7 +148,6 @@ def judged(
     blocks: Blocks | None = None,
     *,
     join: bool = False,
-    white: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -170,8 +163,6 @@ def judged(
         Of the frame, if they were added up before.
     join : bool
         Make those planes one that turn out to be (`spatial.joining`).
-    white : bool
-        Whether readings have little but white noise.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes, labels = len(found.affine), found.labels
@@ -191,16 +182,12 @@ def judged(
     if found.labels is not labels:
         labels = found.labels
         aside()  # once more, for these
-    dear = np.zeros(len(data.worth), np.bool_)
     if cells is not None:
         correlation = residual_correlation(cells, inside[-1], affine, frame.sectors)
         found = replace(found, residual_correlation=correlation)
-        enough = frame.sectors.summed(groups.readings[1:]) >= _ENOUGH
-        # Not where it is NaN, nor in range images, where cells far off are wide.
-        dear = white & enough & (correlation > _WHITE) & (frame.sectors.count == 1)
     error = FrameError() if cells is None else cells.error
     least = price_of_planes(_LEAST, error, frame.sectors, plane_information(3, *limits))
-    pays = _paying(groups, data, masks[-1], *limits, least * np.where(dear, _DEAR, 1.0))
+    pays = _paying(groups, data, masks[-1], *limits, least)
     order = np.lexsort((data.saved, ~pays))
     book = book_of(groups, data, masks[-1], *limits, order)
     curve = book.curve[: np.count_nonzero(pays) + 1]
@@ -217,14 +204,14 @@ def _paying(
     mask: MaskCounts,
     range: float,
     resolution: float,
-    least: Array,
+    least: float,
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them.
 
-    least (N,): nats that the readings of each have to be shorter by.
+    least: nats that the readings of each have to be shorter by.
     """
     pays = np.asarray(data.worth < -least)
-    if (data.worth[pays] > -_SURE * least[pays]).any():
+    if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of them by worth.
         order = np.lexsort((data.worth, ~pays))
         book = book_of(groups, data.copy(), mask, range, resolution, order)
