@@ -1,5 +1,6 @@
 """What a frame tells of its own error, and the numbers that a random walk gives."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -189,7 +190,7 @@ def test_distortion_is_that_of_cameras_whose_error_drifts():
         white, _, described, _ = (float(part) for part in table.at(np.array(0.5)))
         error = frame_error.FrameError(drift=drift * white / described)
         found = frame_error.with_drift(error, 0.5, table, sectors)
-        assert replace(found, drifting=1.0, distorted=np.inf) == error
+        assert replace(found, drifting=1.0, distorted=np.inf, turning=0.0) == error
         return found
 
     assert told(0.5).drifting == pytest.approx(0.5)
@@ -201,6 +202,26 @@ def test_distortion_is_that_of_cameras_whose_error_drifts():
     assert told(0.0).distorted == np.inf
     assert told(2.0, sigma=0.2).distorted == np.inf  # a seventh of the depth: leaves
     assert told(2.0, camera=sweep, shape=(16, 360)).distorted == np.inf
+
+
+@pytest.mark.parametrize("z", [0.7, 3.0])
+def test_turning_is_the_discord_of_cells_on_a_surface_that_turns(z):
+    """Of planes of two cells' readings, one upright, one turned; its error white."""
+    camera = pw.PinholeCamera(fx=500, fy=400, cx=20, cy=15)
+    sensor = pw.Sensor(max_depth=10, resolution=1e-5, noise=0.004)
+    seen = pw.observe(np.full((30, 40), z), camera, sensor)
+    table, sectors = frame_of(seen).table, frame_of(seen).sectors
+    found = frame_error.with_drift(frame_error.FrameError(white=1.5), 1 / z, table, sectors)
+    n = 2 * SIDE
+    y, x = np.mgrid[:n, :n].reshape(2, -1)
+    design = np.stack((np.ones(n * n), x, y), axis=1)
+    slope = np.linalg.inv(design.T @ design)[1, 1] * 1.5 * (0.004 / z**2) ** 2
+    turned = frame_error._TURN / z / math.sqrt(500 * 400)  # dw / dx in pixels
+    assert found.turning == pytest.approx(turned**2 / (2 * slope), rel=1e-3)
+    sweep = pw.SphericalCamera.spinning(elevation=np.linspace(15, -15, 16), columns=360)
+    ranges = frame_of(pw.observe(np.full((16, 360), z), sweep, sensor))
+    alike = frame_error.with_drift(frame_error.FrameError(), 1 / z, ranges.table, ranges.sectors)
+    assert alike.turning == 0.0
 
 
 def test_borders_cost_more_the_more_error_drifts():

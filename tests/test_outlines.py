@@ -170,8 +170,8 @@ def test_a_real_segmentation_keeps_its_areas():
             assert_allclose(np.vstack(rings) @ plane.normal + plane.distance, 0, atol=1e-9)
     simplified = outline_image(model, scene.camera)
     for rough, fine, plane in zip(simplified, surfaces, model.planes, strict=True):
-        # Borders move by a pixel, which is more of a small plane.
-        assert rough.area == pytest.approx(fine.area, rel=0.05 if plane.count > 1000 else 0.1)
+        # Borders move by up to a pixel, which is more of a small plane.
+        assert rough.area == pytest.approx(fine.area, rel=0.05 if plane.count > 2000 else 0.1)
 
 
 @pytest.mark.parametrize("instances", [False, True])

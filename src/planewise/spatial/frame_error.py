@@ -27,6 +27,7 @@ Image = NDArray[np.float32]
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
+_TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
 _FEWEST = 100  # cells, pairs or triples that can tell
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
@@ -68,6 +69,8 @@ class FrameError:
         Drift between segments over 100 pixels against the white part, at most 1.
     distorted : float
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
+    turning : float
+        Discord against white error of cells side by side on a smooth surface that turns by `_TURN`.
     """
 
     white: float = 1.0
@@ -79,20 +82,25 @@ class FrameError:
     bent: float = 1.0
     drifting: float = 1.0
     distorted: float = math.inf
+    turning: float = 0.0
 
 
 def with_drift(error: FrameError, w: float, table: ErrorTable, sectors: Sectors) -> FrameError:
-    """The same, with how much it drifts and how wide planes are distorted, at a usual 1 / z.
+    """The same, with what depends on a usual 1 / z: how much it drifts, distortion and turning.
 
     A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
     nor are readings that stray farther than those of cameras do, as of leaves.
     """
     white, _, drift, _ = (float(part) for part in table.at(np.array(w)))
     drifting = min(1.0, error.drift * drift / (error.white * white)) if white else 1.0
-    distorted = math.inf
+    distorted, turning = math.inf, 0.0
+    if sectors.count == 1 and white:
+        # The slope dw/dx of n x n pixels has 12 / (n^2 (n^2 - 1)) of the variance of a reading.
+        n, slope = 2 * SIDE, w * _TURN / math.sqrt(sectors.focal[0] * sectors.focal[1])
+        turning = slope**2 * n**2 * (n**2 - 1) / (2 * 12 * error.white * white)
     if sectors.count == 1 and drifting and error.drift * drift <= (_FARTHEST * w) ** 2:
         distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
-    return replace(error, drifting=drifting, distorted=distorted)
+    return replace(error, drifting=drifting, distorted=distorted, turning=turning)
 
 
 def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:

@@ -58,7 +58,8 @@ class Charges:
     """What a segment has to save to be a plane.
 
     Where the error drifts, as that of a depth camera does, clutter looks like small planes, which
-    have much border for what they save, and distortion bends the wide ones.
+    have much border for what they save, and distortion bends the wide ones. Where it is white, a
+    facet of a smooth surface is as flat as a plane, but the surface goes on at its border.
 
     Attributes
     ----------
@@ -78,7 +79,9 @@ class Charges:
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
         plane = price_of_planes(_PLANE_COST, cells.error, sectors, cost)
-        border = _between(_PLANE_BORDER, cells.error.drifting)
+        (low, high, knee), drifting = _PLANE_BORDER
+        white = low, high, knee + cells.error.turning
+        border = _between((white, drifting), cells.error.drifting)
         return cls(plane, border, cells.error.distorted)
 
     def misfit(self, rows: Array) -> Array:
