@@ -170,8 +170,11 @@ def test_a_real_segmentation_keeps_its_areas():
             assert_allclose(np.vstack(rings) @ plane.normal + plane.distance, 0, atol=1e-9)
     simplified = outline_image(model, scene.camera)
     for rough, fine, plane in zip(simplified, surfaces, model.planes, strict=True):
-        # Borders move by up to a pixel, which is more of a small plane.
-        assert rough.area == pytest.approx(fine.area, rel=0.05 if plane.count > 2000 else 0.1)
+        pixel, border = np.sqrt(fine.area / plane.count), as_shapely(rough).length
+        # Borders move by a third of the tolerance on average: little, but of the legs of the table.
+        assert abs(rough.area - fine.area) < 0.5 * pixel * border
+        if 2 * rough.area / border > 9 * pixel:
+            assert rough.area == pytest.approx(fine.area, rel=0.05)
 
 
 @pytest.mark.parametrize("instances", [False, True])
