@@ -17,7 +17,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planewise.batch import Store
-from planewise.commands.app import app
+from planewise.commands.app import command_line
 from planewise.errors import MissingExtraError
 from tests.command import run
 
@@ -169,7 +169,9 @@ def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):
     for word in (*words, "of labels"):
         assert word in text
     assert not store.parent.exists()
-    result = CliRunner().invoke(app, ["batch", str(frames), "-o", str(store), *CAMERA, "--dry-run"])
+    result = CliRunner().invoke(
+        command_line(), ["batch", str(frames), "-o", str(store), *CAMERA, "--dry-run"]
+    )
     assert max(map(len, result.stdout.splitlines())) <= 80
 
 

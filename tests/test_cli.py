@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
-from planewise.commands.app import app
+from planewise.commands.app import command_line
 from planewise.results.image import FILES
 from tests.command import run
 
@@ -304,7 +304,7 @@ def test_readings_out_of_range_are_said(depth, out, scene):
 
 
 def test_lines_of_results_are_80_columns(out):
-    result = CliRunner().invoke(app, ["demo", "-o", str(out)])
+    result = CliRunner().invoke(command_line(), ["demo", "-o", str(out)])
     lines = [line for line in result.stdout.splitlines() if str(out) not in line]
     assert "302,507 readings" in result.stdout
     assert max(map(len, lines)) <= 80

@@ -418,10 +418,10 @@ def test_sixteen_bit_colour_is_refused_as_depth_and_read_as_picture(tmp_path):
 def run(capfd):
     from typer.testing import CliRunner
 
-    from planewise.commands.app import app
+    from planewise.commands.app import command_line
 
     def call(*arguments):
-        result = CliRunner().invoke(app, ["frames", *map(str, arguments)])
+        result = CliRunner().invoke(command_line(), ["frames", *map(str, arguments)])
         out, err = capfd.readouterr()
         return result.exit_code, result.stdout + out, result.stderr + err
 

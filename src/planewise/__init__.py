@@ -17,7 +17,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from planewise import cameras, noise, scenes, sensors
+from planewise import cameras, noise, sensors
 from planewise._version import __version__
 from planewise.camera import Camera, PinholeCamera
 from planewise.information import information
@@ -29,7 +29,7 @@ from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
 
 if TYPE_CHECKING:
-    from planewise import batch, datasets, errors, metrics, partition
+    from planewise import batch, datasets, errors, metrics, partition, scenes
     from planewise.calibration.calibrate import calibrate
     from planewise.calibration.estimate import NoiseEstimate, estimate_noise
     from planewise.clouds.noise import CloudNoise, estimate_cloud_noise
@@ -103,7 +103,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    if name in ("batch", "datasets", "errors", "metrics", "partition"):
+    if name in ("batch", "datasets", "errors", "metrics", "partition", "scenes"):
         return import_module(f"planewise.{name}")
     if name in _LAZY:
         return getattr(import_module(f"planewise.{_LAZY[name]}"), name)

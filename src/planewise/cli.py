@@ -15,7 +15,9 @@ def main() -> None:
     gc.set_threshold(_COLLECT_AFTER)
     try:
         try:
-            from planewise.commands.app import app
+            from planewise.commands.app import command_line
+
+            app = command_line(sys.argv[1:])
         except ModuleNotFoundError as error:
             if error.name is None or error.name.split(".")[0] not in ("typer", "rich"):
                 raise

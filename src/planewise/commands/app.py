@@ -2,34 +2,57 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from importlib import import_module
 from typing import Annotated
 
 import typer
 
 from planewise._version import __version__
 from planewise.commands import terminal
-from planewise.commands.batch import batch
-from planewise.commands.bench import bench
-from planewise.commands.calibrate import calibrate
-from planewise.commands.demo import demo
-from planewise.commands.detect import detect
-from planewise.commands.eval import evaluate
-from planewise.commands.export import export
-from planewise.commands.frames import frames
-from planewise.commands.info import info
-from planewise.commands.nyu import nyu
-from planewise.commands.points import points
-from planewise.commands.reproduce import reproduce
-from planewise.commands.view import view
 
-app = typer.Typer(
-    name="planewise",
-    help="Find every plane a depth image or point cloud can justify, how many, and rank them.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
+# Function of every command, in the module of its name.
+_FUNCTIONS = {
+    "detect": "detect",
+    "points": "points",
+    "batch": "batch",
+    "view": "view",
+    "export": "export",
+    "calibrate": "calibrate",
+    "frames": "frames",
+    "demo": "demo",
+    "eval": "evaluate",
+    "bench": "bench",
+    "nyu": "nyu",
+    "reproduce": "reproduce",
+    "info": "info",
+}
+
+
+def command_line(arguments: Sequence[str] = ()) -> typer.Typer:
+    """Build the command line; of all commands, which help lists, or of the one that is asked for.
+
+    Loading the others would take as long as finding planes.
+
+    Parameters
+    ----------
+    arguments : sequence of str
+        What follows the program's name. Options before the command take no values.
+    """
+    app = typer.Typer(
+        name="planewise",
+        help="Find every plane a depth image or point cloud can justify, how many, and rank them.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_planewise)
+    asked = next((each for each in arguments if not each.startswith("-")), "")
+    for name in [asked] if asked in _FUNCTIONS else _FUNCTIONS:
+        module = import_module(f"planewise.commands.{name}")
+        app.command(name)(getattr(module, _FUNCTIONS[name]))
+    return app
 
 
 def _print_version(wanted: bool) -> None:
@@ -38,7 +61,6 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _planewise(
     version: Annotated[
         bool,
@@ -48,18 +70,3 @@ def _planewise(
     ] = False,
 ) -> None:
     pass
-
-
-app.command()(detect)
-app.command()(points)
-app.command()(batch)
-app.command()(view)
-app.command()(export)
-app.command()(calibrate)
-app.command()(frames)
-app.command()(demo)
-app.command("eval")(evaluate)
-app.command()(bench)
-app.command()(nyu)
-app.command()(reproduce)
-app.command()(info)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Picture = NDArray[np.uint8]
+Light = NDArray[np.float32]  # of a picture, in 0 ... 1
 
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
 _TINT = 0.6
@@ -57,7 +58,7 @@ def draw_overlay(
         If `rgb` is no colour picture, or its proportions are not those of the depth image.
     """
     shape = (depth.shape[0], depth.shape[1])
-    base = _shade(depth, camera) if rgb is None else match_picture(rgb, shape) / 255
+    base = _shade(depth, camera) if rgb is None else _light(match_picture(rgb, shape))
     picture = _tint(base, model.labels, np.isfinite(depth), shaded=rgb is None)
     # The few rows of a LiDAR are farther apart than its columns, and magnified alone.
     down = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
@@ -108,9 +109,9 @@ def draw_small(
     valid = np.ones(labels.shape, bool) if depth is None else np.isfinite(depth[every])
     if rgb is not None:
         picture = match_picture(rgb, shape)
-        base = (picture[every] if across != step else match_picture(picture, labels.shape)) / 255
+        base = _light(picture[every] if across != step else match_picture(picture, labels.shape))
     elif depth is None or camera is None:
-        base = np.full((*labels.shape, 3), 0.6)
+        base = np.full((*labels.shape, 3), 0.6, np.float32)
     elif isinstance(camera, PinholeCamera):
         base = _shade(depth[every], camera.scaled(1 / step))
     else:
@@ -193,33 +194,33 @@ def draw_labels(labels: NDArray[np.uint16], rgb: Picture) -> Picture:
     rgb : ndarray of uint8, shape (H, W, 3)
         What to draw over.
     """
-    picture = _tint(rgb / 255, labels, np.ones(labels.shape, bool), shaded=False)
+    picture = _tint(_light(rgb), labels, np.ones(labels.shape, bool), shaded=False)
     _outline(picture, labels)
     return picture
 
 
-def _shade(depth: Array, camera: Camera) -> Array:
+def _shade(depth: Array, camera: Camera) -> Light:
     """Grey relief of the depth, lit from the upper left: shape (H, W, 3) in 0 ... 1."""
     shape = (depth.shape[0], depth.shape[1])
-    z = _smooth(depth)
-    points = camera.rays(shape) * z[..., None]
+    z = _smooth(depth.astype(np.float32))
+    points = camera.rays(shape).astype(np.float32) * z[..., None]
     right = _moved(points, 2, 1) - _moved(points, -2, 1)
     down = _moved(points, 2, 0) - _moved(points, -2, 0)
     normal = np.cross(down, right)  # faces the camera
     upright = isinstance(camera, SphericalCamera)  # z is up, and the lamp a sun
     length = np.linalg.norm(normal, axis=-1)
     normal /= np.maximum(length, 1e-12)[..., None]
-    lamp = np.array((0.45, 0.60, 0.66) if upright else (-0.45, -0.60, -0.66))
+    lamp = np.array((0.45, 0.60, 0.66) if upright else (-0.45, -0.60, -0.66), np.float32)
     light = 0.55 + 0.45 * np.clip(normal @ lamp, 0, 1)
     valid = np.isfinite(z)
-    near, far = np.percentile(z[valid], (1, 99)) if valid.any() else (0.0, 1.0)
+    near, far = np.percentile(z[valid], (1, 99)).tolist() if valid.any() else (0.0, 1.0)
     with np.errstate(invalid="ignore"):
         fading = 1.0 - 0.2 * np.clip((z - near) / max(far - near, 1e-6), 0, 1)
     grey = np.where(np.isfinite(depth), np.nan_to_num(light * fading, nan=0.5), 0.0)
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def _smooth(depth: Array, passes: int = 2, radius: int = 3) -> Array:
+def _smooth(depth: Light, passes: int = 2, radius: int = 3) -> Light:
     """Mean of the readings near each pixel that lie within 3 % of it: noise goes, edges stay."""
     z = depth
     for _ in range(passes):
@@ -231,31 +232,34 @@ def _smooth(depth: Array, passes: int = 2, radius: int = 3) -> Array:
                     near = np.abs(other - z) < 0.03 * z
                 total += np.where(near, other, 0)
                 weight += near
-        with np.errstate(invalid="ignore", divide="ignore"):
-            z = np.where(weight > 0, total / weight, np.nan)
+        z = np.divide(total, weight, np.full_like(z, np.nan), where=weight > 0)
     return z
 
 
-def _moved(image: Array, step: int, axis: int) -> Array:
+def _moved(image: Light, step: int, axis: int) -> Light:
     """Shift along an axis; the border is repeated."""
     at = np.clip(np.arange(image.shape[axis]) + step, 0, image.shape[axis] - 1)
     return np.asarray(np.take(image, at, axis=axis))
 
 
+def _light(picture: Picture) -> Light:
+    return np.asarray(picture / np.float32(255), np.float32)
+
+
 def _tint(
-    base: Array, labels: NDArray[np.uint16], valid: NDArray[np.bool_], *, shaded: bool
+    base: Light, labels: NDArray[np.uint16], valid: NDArray[np.bool_], *, shaded: bool
 ) -> Picture:
     """Colour the planes; what belongs to none stays grey, what was not measured goes dark."""
     count = int(labels.max(initial=0))
-    colours = np.vstack((np.zeros((1, 3)), distinct_colours(count).astype(np.float64))) / 255
-    grey = base @ np.array((0.299, 0.587, 0.114))
+    colours = _light(np.vstack((np.zeros((1, 3), np.uint8), distinct_colours(count))))
+    grey = base @ np.array((0.299, 0.587, 0.114), np.float32)
     on_plane = labels > 0
     light = grey if shaded else 0.25 + 0.75 * grey
     plain = 0.7 * grey[..., None] + 0.3 * base  # so that only planes have strong colours
     tinted = colours[labels] * (1.25 * light)[..., None]
     mixed = tinted if shaded else _TINT * tinted + (1 - _TINT) * base
     out = np.where(on_plane[..., None], mixed, 0.75 * plain)
-    out = np.where((valid | ~on_plane)[..., None] & valid[..., None], out, 0.30 * plain + 0.02)
+    out = np.where(valid[..., None], out, 0.30 * plain + 0.02)
     return np.asarray(np.round(255 * np.clip(out, 0, 1)), dtype=np.uint8)
 
 
