@@ -401,6 +401,22 @@ def test_interrupt_leaves_nothing(depth, out):
     assert not out.parent.exists()
 
 
+def test_only_the_command_that_is_asked_for_is_loaded():
+    loaded = (
+        "import sys; from planewise.commands.app import command_line; command_line(sys.argv[1:]);"
+        "print(*sorted(m for m in sys.modules if m.startswith('planewise.commands.')))"
+    )
+
+    def modules(*arguments):
+        command = [sys.executable, "-c", loaded, *arguments]
+        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+
+    everything = {f"planewise.commands.{name}" for name in ("detect", "batch", "eval", "info")}
+    assert everything <= set(modules("--help"))
+    assert everything <= set(modules("detcet"))
+    assert everything & set(modules("eval", "--iou", "0.5")) == {"planewise.commands.eval"}
+
+
 def test_without_the_extra_one_line_says_so(tmp_path):
     (tmp_path / "typer.py").write_text("raise ModuleNotFoundError('no typer', name='typer')")
     job = process("info", env={**os.environ, "PYTHONPATH": str(tmp_path)})
