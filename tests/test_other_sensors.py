@@ -127,11 +127,35 @@ def test_an_error_of_cells_is_no_walk():
     assert_allclose(near * frame_error._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
 
 
-def test_what_no_factor_explains_stays_as_described():
+def boards(size, seed=1):
+    """Tilted boards of so many pixels to a side, 2 to 5 m away: z, and which."""
+    rng = np.random.default_rng(seed)
+    v, u = np.indices((480, 640))
+    row, column = v // size, u // size
+    shape = row.max() + 1, column.max() + 1
+    near, (a, b) = rng.uniform(2, 5, shape), rng.uniform(-0.4, 0.4, (2, *shape))
+    at = row, column
+    x, y = (u - size * column - size / 2) / 525, (v - size * row - size / 2) / 525
+    return near[at] / (1 + a[at] * x + b[at] * y), row * shape[1] + column
+
+
+@pytest.mark.parametrize("size", [60, 100])
+def test_clutter_is_not_taken_for_drift(size):
+    """No three cells in a row that are far apart lie on one board."""
+    z, board = boards(size)
+    depth = z + np.random.default_rng(0).normal(0, 0.02, z.shape)
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.02))
+    assert len(model.planes) == board.max() + 1
+    for mine in range(board.max() + 1):
+        assert np.bincount(model.labels[board == mine]).max() > 0.95 * (board == mine).sum()
+
+
+def test_what_no_factor_explains_is_told():
     square, own = np.full(1000, 4.0), np.ones(1000)
     nothing = np.full(1000, 1e-9)
     args = (0.5, frame_error._MEDIAN_CHI2_1)
-    assert frame_error._bisect(square, own, nothing, *args) == 1.0
+    assert frame_error._bisect(square, own, nothing, *args) == np.inf
     factor = frame_error._bisect(square, own, own, *args)
     assert_allclose(factor, 4.0 / frame_error._MEDIAN_CHI2_1 - 1, rtol=0.01)
     limits = (np.inf, *frame_error._BISECTED, frame_error._BISECTIONS)

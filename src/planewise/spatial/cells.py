@@ -217,7 +217,7 @@ def _without_shared_error(
         offset, tilt, described, _, inflation = errors
         # Cells of 2 x 2 stand for the frame.
         factor = drift_factor(squares, planes, inflation, described, workspace)
-        factor, own = 1.0 if factor is None else factor, 0.0
+        factor, own = factor if factor is not None and np.isfinite(factor) else 1.0, 0.0
         if frame.known:
             factor = min(factor, 1.0)
         local = factor

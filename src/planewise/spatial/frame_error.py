@@ -197,7 +197,9 @@ def drift_factor(
     workspace: Workspace,
     lag: int | None = None,
 ) -> float | None:
-    """Drift against its description, as a variance: from three cells in a row; None if it is open.
+    """Drift against its description, as a variance: from three cells in a row.
+
+    None if it is open, infinite if none explains them.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
     drift adds. Its median among those within three standard deviations is that of chi^2: what lies
@@ -232,21 +234,29 @@ def walk_and_shared(
     `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
     certain. Both against the described variance of the drift.
     """
-    told, of_three = [], []
+    told, of_three, cluttered = [], [], False
+    # In units of what is described, the most that a camera's error drifts by.
+    most_of_all = (_FARTHEST * planes[2].mean()) ** 2 / drift.mean()
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     some = np.ascontiguousarray(grid[::every, ::every])
     for lag in _LAGS:
         factor = drift_factor(some, planes, inflation, drift, workspace, lag // every)
-        if factor is None:
+        cluttered = factor is not None and factor > max(most_of_all, nearest)
+        if factor is None or cluttered:
             break
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
-    if len(told) < 2:
-        return nearest, 0.0
-    most = np.divide(told, of_three)[1:]
-    least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
-    walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
-    if abs(walk - nearest) < _ABOUT * nearest:
+    if len(told) > 1:
+        most = np.divide(told, of_three)[1:]
+        least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
+        walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
+        if abs(walk - nearest) < _ABOUT * nearest:
+            return nearest, 0.0
+    elif cluttered:
+        # What is farther apart lies on different surfaces: between all a walk, and none.
+        of_three = [_of_three(_LAG * _CELL)]
+        told, walk = [nearest * of_three[0]], 0.5 * nearest
+    else:
         return nearest, 0.0
     return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5
 
@@ -275,10 +285,12 @@ def shared_factors(
     square, own, tilted = slopes[:, : 2 * n]
     if 2 * n < _FEWEST or not tilted.any():
         return 1.0, 1.0
+    # Where what is described is next to nothing, the description stands.
     bent = _bisect(square, own, tilted, 0.5, _MEDIAN_CHI2_1)
+    bent = bent if bent < math.inf else 1.0
     square, own, common, turned = offsets[:, :n]
     near = _bisect(square, own + bent * turned, common, 0.5, _MEDIAN_CHI2_1)
-    return near, bent
+    return near if near < math.inf else 1.0, bent
 
 
 def _bisect(
@@ -286,9 +298,8 @@ def _bisect(
 ) -> float:
     """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0.
 
-    Of those up to `widest`. Where what is described is next to nothing, no factor explains the
-    rest: then the description stands.
+    Of those up to `widest`; infinite where none explains the rest.
     """
     limits = (*_BISECTED, _BISECTIONS)
     factor = float(kernels.bisect(square, own, added, share, reference, widest, *limits))
-    return factor if factor < _BEYOND * _BISECTED[1] else 1.0
+    return factor if factor < _BEYOND * _BISECTED[1] else math.inf
