@@ -428,8 +428,13 @@ def test_borders_of_segments_are_paid_for_once():
     of_cell = quilt(rng, (20, 30), 6, pieces=9).astype(np.int32) - 1
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
     border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
+    unit, units = np.arange(600).reshape(20, 30), np.empty((1200, 2), int)
     low, high, knee = bounds = 0.01, 1.5, 20.0
-    found = borders.segment_borders(of_cell, discords, bounds, False, border, ends, price)
+    found = borders.segment_borders(
+        unit, of_cell, discords, bounds, False, border, ends, units, price
+    )
+    assert_array_equal(of_cell.reshape(-1)[units[:found]], ends[:found])
+    assert_array_equal(np.unique(np.ptp(units[:found], axis=1)), [1, 30])
     exact, pairs = np.zeros(5), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
@@ -580,10 +585,11 @@ def test_the_last_column_may_be_beside_the_first():
     around, _ = agglomerated(rolled, np.roll(discords, 3, axis=2), PRICE, 25.0, home, turns, True)
     assert_array_equal(around, plain)
     of_cell, border = np.append(plain, -1)[grid].astype(np.int32), np.empty((2, len(plain)))
-    room = np.empty((2 * grid.size, 2), np.int32), np.empty(2 * grid.size)
+    ends = np.empty((2, 2 * grid.size, 2), np.int32)
+    room = *ends, np.empty(2 * grid.size)
     for out, shift in zip(border, (0, 3), strict=True):
         cells, sides = np.roll(of_cell, shift, axis=1), np.roll(discords, shift, axis=2)
-        borders.segment_borders(cells, sides, PRICE, True, out, *room)
+        borders.segment_borders(cells, cells, sides, PRICE, True, out, *room)
     assert_allclose(border[0], border[1], rtol=1e-12)
 
 

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from planewise.camera import PinholeCamera
 from planewise.compilation import confirm
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
+from planewise.kernels.curvature import QUADRIC, surface_borders
 from planewise.kernels.forms import FORM
 from planewise.kernels.planes import in_space
+from planewise.kernels.quadrics import spread
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
@@ -85,6 +87,16 @@ def later_stages() -> None:
         of_unit=of_unit,
     )
     join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors, False)
+    _surfaces(rows)
+
+
+def _surfaces(rows: NDArray[np.float64]) -> None:
+    """Two segments side by side, as if one of them were bent."""
+    ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
+    pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
+    quadrics = np.zeros((2, QUADRIC))
+    surface_borders(ends, ends, rows, quadrics, 1.0, border, pairs, points, states)
+    spread(border, pairs, points, states, curved)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
 from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, WEIGHT, XX, ZZ
+from planewise.kernels.quadrics import HEIGHTS, spread
 
 Array = NDArray[np.float64]
 
@@ -47,7 +48,7 @@ def curved_segments(
     -------
     ndarray of bool, shape (N,)
     """
-    sums = np.zeros((len(rows), kernels.HEIGHTS))
+    sums = np.zeros((len(rows), HEIGHTS))
     for first in range(0, len(of_cell), at_once):
         part = slice(first, first + at_once)
         kernels.add_heights(cells.rows[part], of_cell[part], rows, sums)
@@ -70,7 +71,7 @@ def curved_segments(
         states.append(how[:found].copy())
         memory.release()
     all_pairs, curved = np.concatenate(pairs), np.empty(len(rows), np.bool_)
-    kernels.spread(border, all_pairs, np.concatenate(points), np.concatenate(states), curved)
+    spread(border, all_pairs, np.concatenate(points), np.concatenate(states), curved)
     pieces, place = np.flatnonzero(curved), np.cumsum(curved) - 1
     joined = place[all_pairs[curved[all_pairs].all(axis=1)]]
     curved[pieces] = ~_flat_together(rows[pieces], joined)

@@ -59,12 +59,12 @@ def segments_of_cells(unit, segment, out):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def segment_borders(of_cell, discords, price, wraps, border, ends, nats):  # type: ignore[no-untyped-def]
+def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
-    of_cell (rows, columns): segment of every cell, or -1; price as `border_price` takes it; wraps:
-    whether the last column is beside the first. Writes
-    border (n,): all sides of each; and for each side between two segments ends (., 2) and nats (.);
+    unit, of_cell (rows, columns): of every cell, and its segment, or -1; price as `border_price`
+    takes it; wraps: whether the last column is beside the first. Writes border (n,): all sides of
+    each; and for each side between two segments these, ends (., 2), units (., 2) and nats (.);
     returns how many of these there are.
     """
     rows, columns = of_cell.shape
@@ -86,6 +86,7 @@ def segment_borders(of_cell, discords, price, wraps, border, ends, nats):  # typ
                     border[v] += cost
                 if u >= 0 and v >= 0:
                     ends[found, 0], ends[found, 1], nats[found] = u, v, cost
+                    units[found, 0], units[found, 1] = unit[i, j], unit[row, column]
                     found += 1
     return found
 

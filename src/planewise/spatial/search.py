@@ -23,6 +23,7 @@ from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
+from planewise.spatial.curvature import curved_segments
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
@@ -158,7 +159,9 @@ def segment(
     with stage("segments"), workspace.stage():
         segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         charges = Charges.of(cells, frame.sectors, cost)
-        worth, accepted = _accept(beside, segments, charges, significance, workspace)
+        worth, accepted = _accept(
+            cells, frame.sectors, beside, segments, charges, significance, workspace
+        )
         chosen, owner, planes = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
@@ -215,7 +218,9 @@ def planes_within(
     grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
     segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
     charges, beside = Charges.of(cells, sectors, cost), replace(beside, grid=cells.grid)
-    worth, accepted = _accept(beside, segments, charges, significance, workspace, settled & ~inside)
+    worth, accepted = _accept(
+        cells, sectors, beside, segments, charges, significance, workspace, settled & ~inside
+    )
     mine = np.zeros(len(worth), np.bool_)
     mine[segments.of_unit[inside]] = True
     chosen = np.flatnonzero(mine & accepted)
@@ -345,6 +350,8 @@ def _nothing_else() -> None:
 
 
 def _accept(
+    cells: Cells,
+    sectors: Sectors,
     beside: Neighbours,
     segments: Segments,
     charges: Charges,
@@ -352,7 +359,7 @@ def _accept(
     workspace: Workspace,
     settled: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What each segment saves in nats, and which pay for being a plane.
+    """What each segment saves in nats, and which are planes: those that pay and are not curved.
 
     A plane has to save its parameters besides its border, but what does not is worth what it saves
     as part of a plane that is paid for. Segments of `settled` units are planes, whatever they save.
@@ -360,16 +367,24 @@ def _accept(
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
     ends = workspace.empty((2 * of_cell.size, 2), np.int32)
-    nats = workspace.empty(2 * of_cell.size)
+    units, nats = workspace.empty(ends.shape, np.int32), workspace.empty(len(ends))
     found = borders.segment_borders(
-        of_cell, beside.discords, charges.border, beside.wraps, border, ends, nats
-    )
+        beside.grid, of_cell, beside.discords, charges.border, beside.wraps, border, ends, units,
+        nats,
+    )  # fmt: skip
     worth = rows[:, FREE] - charges.misfit(rows) - charges.plane - border
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
+    if sectors.count == 1:
+        focal = float(np.sqrt(sectors.focal[0] * sectors.focal[1]))
+        curved = curved_segments(
+            cells, segments, accepted, ends[:found], units[:found], focal, workspace
+        )
+        accepted &= ~curved
+        worth[curved] = 0.0
     return worth, accepted
 
 

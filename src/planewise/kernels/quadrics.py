@@ -1,0 +1,127 @@
+"""Loops that tell how segments bend, of clouds and of images alike.
+
+The quadric of a segment is a height over its plane, z = t . (1, x, y, x^2, x y, y^2), x and y in
+roots of its area about its centroid, fitted to its cells.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planewise.kernels.jit import in_order, inlined, internal
+
+HEIGHTS = 22  # sums over the cells of a segment: of x^i y^j to the fourth order; of z; of z^2
+OF_Z, OF_ZZ = 15, 21  # where those of z x^i y^j, to the second order, and of z^2 begin
+FEWEST = 7  # cells that tell a quadric, which has six parameters
+GOES_ON, TOLD_U, TOLD_V = 1, 2, 4  # of a pair of segments
+LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
+OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
+
+_POWERS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
+_SINGULAR = 1e-9  # of a diagonal element: a smaller pivot is zero
+_MODE = 1.0 / 80.0  # D L: what a random walk on a square of side L has in each mode of K
+_REST = 6.0  # times as much that it has about the quadric
+
+
+@inlined
+def add_height(out, w, x, y, z):  # type: ignore[no-untyped-def]
+    """Add a cell of weight w to the sums (HEIGHTS,) of its segment."""
+    xx, xy, yy, wz = x * x, x * y, y * y, w * z
+    out[0] += w
+    out[1] += w * x
+    out[2] += w * y
+    out[3] += w * xx
+    out[4] += w * xy
+    out[5] += w * yy
+    out[6] += w * xx * x
+    out[7] += w * xx * y
+    out[8] += w * yy * x
+    out[9] += w * yy * y
+    out[10] += w * xx * xx
+    out[11] += w * xx * xy
+    out[12] += w * xx * yy
+    out[13] += w * xy * yy
+    out[14] += w * yy * yy
+    out[15] += wz
+    out[16] += wz * x
+    out[17] += wz * y
+    out[18] += wz * xx
+    out[19] += wz * xy
+    out[20] += wz * yy
+    out[21] += wz * z
+
+
+@internal
+def fit_quadric(sums, cells, readings, drift, extent, factor, t):  # type: ignore[no-untyped-def]
+    """Fit a quadric to a segment of so many cells and readings: writes t; factor is work space.
+
+    Returns 1 if it bends, else 0: the three parameters K of second order save more than their
+    3/2 ln n nats; a random walk makes K as large as `drift` says, or what is left about the
+    quadric, whichever is less. -1 where its cells do not tell.
+    """
+    if cells < FEWEST or not _solve(sums, factor, t):
+        return -1.0
+    told, rest = 0.0, sums[OF_ZZ]
+    for e in range(6):
+        told += t[e] * t[e] if e > 2 else 0.0
+        rest -= t[e] * t[e]
+    walk = _MODE * drift * extent * sums[0]
+    walk = min(walk, max(rest - (cells - 6.0), 0.0) / _REST)
+    for e in range(5, -1, -1):
+        for g in range(e + 1, 6):
+            t[e] -= factor[g, e] * t[g]
+        t[e] /= factor[e, e]
+    return 1.0 if 0.5 * told / (1.0 + walk) > 1.5 * math.log(readings) else 0.0
+
+
+@internal
+def _solve(sums, factor, t):  # type: ignore[no-untyped-def]
+    """Cholesky factor L of the normal matrix of 1, x, y, x^2, x y, y^2, and L^-1 of its right side.
+
+    t^2 is what each of the six saves after those before. Returns whether all are told.
+    """
+    for i in range(6):
+        for j in range(i + 1):
+            p, q = _POWERS[i, 0] + _POWERS[j, 0], _POWERS[i, 1] + _POWERS[j, 1]
+            total = sums[(p + q) * (p + q + 1) // 2 + q]
+            least = _SINGULAR * total
+            for k in range(j):
+                total -= factor[i, k] * factor[j, k]
+            if i > j:
+                factor[i, j] = total / factor[j, j]
+            elif not total > least:
+                return False
+            else:
+                factor[i, i] = math.sqrt(total)
+        total = sums[OF_Z + i]
+        for k in range(i):
+            total -= factor[i, k] * t[k]
+        t[i] = total / factor[i, i]
+    return True
+
+
+@in_order
+def spread(border, pairs, points, states, curved):  # type: ignore[no-untyped-def]
+    """Find the segments whose surface goes on across most of their border.
+
+    border (N,); pairs (m, 2), points (m,), states (m,): of `borders_of`. Besides where it goes on a
+    border counts where the neighbour is curved: so what lies among pieces of a curved surface is
+    one of them. Writes curved (N,).
+    """
+    across = np.zeros(border.size)
+    curved[:] = False
+    more = True
+    while more:
+        across[:] = 0.0
+        for e in range(points.size):
+            u, v, on = pairs[e, 0], pairs[e, 1], states[e] & GOES_ON != 0
+            if states[e] & TOLD_U != 0 and (on or curved[v]):
+                across[u] += points[e]
+            if states[e] & TOLD_V != 0 and (on or curved[u]):
+                across[v] += points[e]
+        more = False
+        for s in range(border.size):
+            if not curved[s] and 2.0 * across[s] > border[s]:
+                curved[s] = more = True
