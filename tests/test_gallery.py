@@ -119,6 +119,12 @@ def test_pages_ask_for_nothing_else(page):
     assert not re.search(r"<(link|iframe|object|embed)\b|@import|url\(", text)
 
 
+def test_every_brace_of_the_style_has_its_other(page):
+    (style,) = re.findall("<style>(.*?)</style>", page.read_text(encoding="utf-8"), re.DOTALL)
+    depth = np.cumsum([{"{": 1, "}": -1}.get(each, 0) for each in style])
+    assert depth.min() == depth[-1] == 0
+
+
 def test_planes_are_drawn_alone_where_the_source_is_gone(made, tmp_path):
     shutil.copytree(made / "frames", tmp_path / "frames")
     make_folder_store(tmp_path / "frames", tmp_path / "store")
