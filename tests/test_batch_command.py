@@ -351,6 +351,24 @@ def test_a_full_disk_is_said_and_leaves_a_store(originals, store, monkeypatch):
     assert not list(store.glob(".unfinished*"))
 
 
+def test_ctrl_c_while_workers_load_is_one_line(originals, store):
+    job = process(
+        originals, "-o", store, *CAMERA, "--workers", 2,
+        start_new_session=True, preexec_fn=as_in_a_terminal,
+    )  # fmt: skip
+    until = time.monotonic() + 60
+    while time.monotonic() < until and not any(
+        b"forkserver" in Path(f"/proc/{each}/cmdline").read_bytes() for each in children(job.pid)
+    ):
+        time.sleep(0.01)
+    time.sleep(0.3)  # it loads what workers need
+    os.killpg(job.pid, signal.SIGINT)
+    _, errors = job.communicate(timeout=60)
+    assert job.returncode == 130
+    assert errors.startswith("error: interrupted; ")
+    assert errors.count("\n") == 1
+
+
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_and_a_scheduler_end_it_cleanly(originals, tmp_path, store, how):
     many = tmp_path / "many"

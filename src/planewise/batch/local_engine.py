@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any
@@ -103,6 +104,7 @@ class _Pool:
     def start(self) -> None:
         """Start a worker."""
         context = _context()
+        resource_tracker.ensure_running()  # which ends by letting Ctrl-C through
         ours, theirs = context.Pipe()
         with _one_thread(), _no_interrupts():
             process = context.Process(target=_serve, args=(theirs,), daemon=True)
