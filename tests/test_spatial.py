@@ -152,10 +152,11 @@ def test_what_it_cannot_do_is_said(camera):
     depth = np.full((48, 64), 2.0)
     with pytest.raises(ValueError, match="needs search='joint'"):
         detect(depth, camera, search="sequential")
-    with pytest.raises(ValueError, match="instances needs objective='spatial'"):
-        pw.detect_planes(depth, camera, SENSOR, objective="paper", instances=True)
-    with pytest.raises(ValueError, match="instances needs search='joint'"):
-        pw.detect_planes(depth, camera, SENSOR, search="sequential", instances=True)
+    for name, value in (("instances", True), ("significance", 3.0)):
+        with pytest.raises(ValueError, match=f"{name} needs objective='spatial'"):
+            pw.detect_planes(depth, camera, SENSOR, objective="paper", **{name: value})
+        with pytest.raises(ValueError, match=f"{name} needs search='joint'"):
+            pw.detect_planes(depth, camera, SENSOR, search="sequential", **{name: value})
     with pytest.raises(ValueError, match="needs a depth image, or points"):
         pw.find(pw.observe_points(np.ones((9, 3)), SENSOR), pw.Options(objective="spatial"))
 

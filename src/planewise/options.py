@@ -85,18 +85,19 @@ class Options:
             object.__setattr__(self, "partition", as_partitioner(self.partition))
         if self.search not in _MAX_PLANES:
             raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
-        if self.objective not in (None, SPATIAL):
-            as_objective(self.objective)
-            if self.instances:
-                raise ValueError("instances needs objective='spatial', got another objective")
-        elif self.search != "joint" and self.objective == SPATIAL:
-            raise ValueError("objective='spatial' needs search='joint', got another search")
-        elif self.search != "joint" and self.instances:
-            raise ValueError("instances needs search='joint', got another search")
         if not (is_finite(self.significance) and self.significance >= 0):
             raise ValueError(
                 f"significance must be a number of nats, not negative, got {self.significance!r}"
             )
+        given = next((name for name in ("instances", "significance") if getattr(self, name)), None)
+        if self.objective not in (None, SPATIAL):
+            as_objective(self.objective)
+            if given:
+                raise ValueError(f"{given} needs objective='spatial', got another objective")
+        elif self.search != "joint" and self.objective == SPATIAL:
+            raise ValueError("objective='spatial' needs search='joint', got another search")
+        elif self.search != "joint" and given:
+            raise ValueError(f"{given} needs search='joint', got another search")
         trial_count(self.confidence, self.inlier_ratio)
         as_reassignment(self.reassign)
         spatial = self.objective == SPATIAL or (self.objective is None and self.search == "joint")
