@@ -196,6 +196,21 @@ def test_a_file_goes_to_a_folder_that_can_be_written_to(tmp_path, monkeypatch):
         pytest.fail("work was started")
 
 
+def test_pipes_and_links_stay_what_they_are(tmp_path):
+    from planewise.whole_files import written_whole
+
+    pipe, file, link = (tmp_path / name for name in ("pipe.csv", "file.csv", "link.csv"))
+    os.mkfifo(pipe)
+    with pytest.raises(PlanewiseError, match="is not a regular file"), written_whole(pipe):
+        pytest.fail("work was started")
+    assert pipe.is_fifo()
+    link.symlink_to(file)
+    with written_whole(link) as partial:
+        partial.write_text("new")
+    assert link.readlink() == file
+    assert file.read_text() == "new"
+
+
 def test_an_empty_parent_goes_again(tmp_path):
     with parent_folder(tmp_path / "a" / "b"):
         pass

@@ -18,7 +18,7 @@ def written_whole(path: Path) -> Iterator[Path]:
     Parameters
     ----------
     path : Path
-        Replaced if it exists; its folder has to be there.
+        Replaced if it exists, or what it links to; its folder has to be there.
 
     Yields
     ------
@@ -28,8 +28,11 @@ def written_whole(path: Path) -> Iterator[Path]:
     Raises
     ------
     PlanewiseError
-        On entry, if its folder is none or cannot be written to.
+        On entry, if it is no regular file, or its folder is none or cannot be written to.
     """
+    path = path.resolve()
+    if path.exists() and not path.is_file():
+        raise PlanewiseError(f"output: {path} is not a regular file; give the name of another")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise PlanewiseError(f"output: {path.parent} is not a folder that can be written to")
     partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
