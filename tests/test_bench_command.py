@@ -103,6 +103,20 @@ def test_what_cannot_be_used_is_said(name, tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize("over", ["depth.png", "camera.json"])
+def test_inputs_are_not_written_over(over, tmp_path):
+    scene = scenes.corner(size=(120, 160))
+    Image.fromarray(scene.depth).save(tmp_path / "depth.png")
+    camera = tmp_path / "camera.json"
+    camera.write_text('{"fx": 125, "fy": 125, "cx": 80, "cy": 60}')
+    before = (tmp_path / over).read_bytes()
+    given = ("--camera", camera, "--noise", "5mm", "--runs", 1, "--json", tmp_path / over)
+    code, text, errors = run("bench", tmp_path / "depth.png", *given)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: json: ")
+    assert (tmp_path / over).read_bytes() == before
+
+
 def test_a_file_without_camera_is_refused(tmp_path):
     Image.fromarray(scenes.corner(size=(120, 160)).depth).save(tmp_path / "depth.png")
     code, _, errors = run("bench", tmp_path / "depth.png", "--noise", "5mm")

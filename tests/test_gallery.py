@@ -224,6 +224,16 @@ def test_the_page_is_there_whole_or_not_at_all(made, tmp_path):
         write_gallery(Store(made / "store"), tmp_path / "none" / "g.html")
 
 
+@pytest.mark.parametrize("name", ["store.json", "labels/room 0.png", "labels/page.html"])
+def test_the_page_is_no_file_of_the_store(made, name):
+    store = Store(made / "store")
+    files = {path: path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
+    code, text, errors = run("view", store.path, "-o", store.path / name)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: output: ")
+    assert files == {path: path.read_bytes() for path in store.path.rglob("*") if path.is_file()}
+
+
 def test_some_of_the_frames(made, tmp_path):
     shown = write_gallery(
         Store(made / "store"), tmp_path / "g.html", selection=Selection(every=3, limit=2)

@@ -73,10 +73,8 @@ def bench(
         check_numbers(depth_scale, 0)
         if runs < 1:
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
-        if output is not None and not os.access(output.absolute().parent, os.W_OK | os.X_OK):
-            raise PlanewiseError(f"json: {output.parent} is not a folder that can be written to")
-        if output is not None and output.is_dir():
-            raise PlanewiseError(f"json: {output} is a folder; give a file such as times.json")
+        if output is not None:
+            _check_output(output, depth, camera, sensor)
         if depth is None:
             given = (camera, sensor, noise, max_depth, resolution, depth_scale)
             if any(each is not None for each in given):
@@ -192,6 +190,18 @@ class _Frame:
     camera: Camera
     sensor: Sensor
     depth_scale: float | None = None
+
+
+def _check_output(path: Path, *inputs: Path | str | None) -> None:
+    """Refuse a file that cannot be written, or that is one of the inputs."""
+    if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
+        raise PlanewiseError(f"json: {path.parent} is not a folder that can be written to")
+    if path.is_dir():
+        raise PlanewiseError(f"json: {path} is a folder; give a file such as times.json")
+    if path.suffix.lower() != ".json":
+        raise PlanewiseError(f"json: expected a .json file, got {path.name}")
+    if path.resolve() in {Path(each).resolve() for each in inputs if each is not None}:
+        raise PlanewiseError(f"json: {path} would be written over; choose another file")
 
 
 def _room(size: str) -> _Frame:

@@ -119,7 +119,7 @@ def write_gallery(
     store : Store
         Results of ``planewise batch``.
     output : Path
-        HTML file; replaced if it exists.
+        HTML file outside of the store; replaced if it exists.
     selection : Selection, optional
         Which of the frames that are done or failed; ``None`` means all.
     source : StoredSource, optional
@@ -143,6 +143,10 @@ def write_gallery(
         raise PlanewiseError(f"store: {store.path} holds no frames yet")
     if output.is_dir():
         raise PlanewiseError(f"output: {output} is a folder; give the name of an HTML file")
+    if output.suffix.lower() not in (".html", ".htm"):
+        raise PlanewiseError(f"output: expected a .html file, got {output.name}")
+    if output.resolve().is_relative_to(store.path.resolve()):
+        raise PlanewiseError(f"output: {output} is in the store; choose another folder")
     if not output.parent.is_dir():
         raise PlanewiseError(f"output: there is no folder {output.parent}")
     filling = _Filling(store, ids, source or StoredSource(store), report or (lambda _: None))
