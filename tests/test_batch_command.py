@@ -123,6 +123,16 @@ def test_other_frames_are_refused(frames, store, tmp_path):
 
 
 @pytest.mark.usefixtures("here")
+def test_frames_out_of_range_are_counted(frames, store):
+    Image.fromarray(np.zeros((60, 80), np.uint16)).save(frames / "00001.png")  # holds no reading
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA, "--depth-scale", 1)
+    assert code == 0
+    assert f"{COUNT} of {COUNT} frames done, 0 planes" in text
+    assert f"warning: most readings of {COUNT - 1} frames lie outside the sensor's range" in errors
+    assert "--depth-scale" in errors
+
+
+@pytest.mark.usefixtures("here")
 def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     good = (frames / "00003.png").read_bytes()
     damage(frames / "00003.png")

@@ -303,6 +303,19 @@ def test_readings_out_of_range_are_said(depth, out, scene):
     assert "warning: depth.png: " in errors
 
 
+@pytest.mark.parametrize("kept", [0, 300])
+def test_readings_out_of_range_are_said_once_without_planes(depth, out, kept):
+    far = np.random.default_rng(0).integers(20_000, 60_000, (120, 160))
+    far.flat[:kept] = np.random.default_rng(1).integers(500, 3000, kept)  # no plane either
+    Image.fromarray(far.astype(np.uint16)).save(depth)
+    for given in (depth, depth.parent):
+        code, text, errors = run("detect", given, *ARGUMENTS, "-o", out)
+        assert code == 0
+        assert "0 planes" in text
+        assert errors.count("no plane was found") == 1
+        assert errors.count("lie outside the sensor's range") == 1
+
+
 def test_lines_of_results_are_80_columns(out):
     result = CliRunner().invoke(command_line(), ["demo", "-o", str(out)])
     lines = [line for line in result.stdout.splitlines() if str(out) not in line]

@@ -82,6 +82,8 @@ class Outcome:
         Path in the store and content.
     planes : int
         How many were found.
+    out_of_range : bool
+        Whether more than half of what the frame holds is outside the sensor's range.
     reason : str
         Why it failed; empty if it did not.
     fatal : str
@@ -95,6 +97,7 @@ class Outcome:
     record: bytes = b""
     label_file: tuple[str, bytes] | None = None
     planes: int = 0
+    out_of_range: bool = False
     reason: str = ""
     fatal: str = ""
     milliseconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -136,6 +139,7 @@ class FrameWork:
         regions = self.recipe.options.partition is not None
         model = detector(seen.depth, rgb=seen.rgb if regions else None)
         detected = time.perf_counter()
+        present = np.count_nonzero((seen.depth > 0) & (seen.depth < np.inf))
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
             name = f"labels/{safe_name(frame, '.png')}"
@@ -156,6 +160,7 @@ class FrameWork:
             record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
+            out_of_range=bool(2 * model.readings < present),
             milliseconds=times,
         )
 

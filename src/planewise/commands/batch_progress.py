@@ -35,13 +35,15 @@ class Progress:
     ----------
     done, failed, planes : int
         Frames of this run, and planes found in them.
+    out_of_range : int
+        Frames most of whose readings are outside the sensor's range.
     milliseconds : ndarray, shape (3,)
         To read, detect and encode, summed over frames that were done.
     """
 
     def __init__(self, plan: Plan) -> None:
         self.plan, self.total = plan, len(plan.to_do)
-        self.done = self.failed = self.planes = 0
+        self.done = self.failed = self.planes = self.out_of_range = 0
         self.milliseconds = np.zeros(3)
         self._start = self._last_line = time.monotonic()
         self._bar: bars.Progress | None = None
@@ -74,6 +76,7 @@ class Progress:
         else:
             self.done += 1
             self.planes += outcome.planes
+            self.out_of_range += outcome.out_of_range
             self.milliseconds += outcome.milliseconds
         self._show()
 
@@ -141,6 +144,11 @@ def show_result(progress: Progress, store: Path) -> None:
                 f"{encode:.1f} to encode"
             )
         terminal.say(f"{store} holds {plan.done + progress.done:,} of the {selected}")
+    if progress.out_of_range:
+        terminal.warning(
+            f"most readings of {counted(progress.out_of_range, 'frame')} lie outside the sensor's "
+            "range; are --depth-scale, --max-depth and --sensor those of this camera?"
+        )
     failed = plan.failed + progress.failed
     if failed:
         terminal.warning(f"{counted(failed, 'frame')} failed; --retry-failed tries again")

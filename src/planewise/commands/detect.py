@@ -159,7 +159,7 @@ def detect(
         done = job.run(depth, output)
         terminal.show_planes(done.model)
         terminal.show_summary(done.model, done.seconds, done.folder)
-        if len(done.model) and done.out_of_range:
+        if done.out_of_range:
             terminal.warning(done.out_of_range)
 
 
@@ -177,7 +177,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
-            elif result.out_of_range:
+            if result.out_of_range:
                 terminal.warning(f"{path.name}: {result.out_of_range}")
     terminal.say(f"{len(paths) - failed} of {counted(len(paths), 'frame')} done, files in {output}")
     if failed:

@@ -39,7 +39,8 @@ class Done:
     folder : Path
         Where the files are.
     out_of_range : str
-        What is to be said where most readings are outside the sensor's range, else empty.
+        What is to be said where most readings are outside the sensor's range; empty where they are
+        not, or the model's note says it.
     """
 
     model: PlaneModel
@@ -196,7 +197,8 @@ def find_planes(
     seen = observe(depth, camera, sensor, depth_scale=depth_scale)
     model = find(seen, options, rgb=rgb)
     seconds = time.perf_counter() - started
-    return model, seconds, seen.out_of_range if 2 * seen.count < seen.image.present else ""
+    beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
+    return model, seconds, "" if beyond in model.note else beyond
 
 
 def _keep_inputs(target: Path, *inputs: Path | None) -> None:
