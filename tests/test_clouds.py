@@ -336,6 +336,8 @@ def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
         ({"sigma": 1.0, "objective": "paper"}, "sigma needs objective='spatial'"),
         ({"origin": np.zeros(2)}, r"origin must be one place or one a point"),
         ({"origin": np.full(3, np.nan)}, "origin must be finite"),
+        ({"origin": "file"}, "origin must be numbers .*, got 'file'"),
+        ({"sigma": ["a"]}, "sigma must be numbers"),
         ({"origin": np.zeros(3), "objective": "paper"}, "origin needs objective='spatial'"),
         ({"instances": True, "objective": "paper"}, "instances needs objective='spatial'"),
     ],

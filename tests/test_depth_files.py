@@ -105,6 +105,12 @@ def refused(path, match):
     assert "\n" not in str(error.value)
 
 
+@pytest.mark.parametrize("scale", [0, np.inf, [0.001, 0.001]])
+def test_a_scale_that_is_none_is_refused(tmp_path, scale):
+    np.savez(tmp_path / "d.npz", depth=DEPTH, depth_scale=scale)
+    refused(tmp_path / "d.npz", "has depth_scale .*; expected one positive number of metres")
+
+
 def test_8_bit_is_refused_everywhere(tmp_path):
     small = (DEPTH // 40).astype(np.uint8)
     for name in ("d.png", "d.tiff", "d.pgm"):

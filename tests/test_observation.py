@@ -40,8 +40,9 @@ def test_depth_scale_overrides_the_resolution(camera):
     assert_allclose(observation.depth, 2.0)
     with pytest.raises(ValueError, match="depth_scale is for integer depth"):
         pw.observe(raw * 1.0, camera, SENSOR, depth_scale=0.0002)
-    with pytest.raises(ValueError, match="depth_scale must be a positive"):
-        pw.observe(raw, camera, SENSOR, depth_scale=-1)
+    for scale in (-1, "x"):
+        with pytest.raises(ValueError, match=f"depth_scale must be a positive .*{scale}"):
+            pw.observe(raw, camera, SENSOR, depth_scale=scale)
 
 
 @pytest.mark.parametrize("largest", [3000, 300_000])

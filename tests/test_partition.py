@@ -81,6 +81,7 @@ def test_masks_against_the_rule_pixel_by_pixel(masks):
         (3, "got int"),
         ("sam", "partition 'sam' needs rgb"),
         (lambda view: np.zeros((2, 2), int), r"label image of shape \(2, 2\)"),
+        (lambda view: None, r"partition must return a label image .*, got NoneType"),
     ],
 )
 def test_what_is_no_partition_is_refused(partition, message, camera):

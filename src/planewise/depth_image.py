@@ -76,10 +76,13 @@ class DepthImage:
         """
         image = _checked(depth)
         if image.dtype.kind != "f":
-            scale = sensor.resolution if depth_scale is None else float(depth_scale)
-            if not (np.isfinite(scale) and scale > 0):
+            try:
+                scale = sensor.resolution if depth_scale is None else float(depth_scale)
+            except (TypeError, ValueError):
+                scale = math.nan
+            if not 0 < scale < math.inf:
                 raise ValueError(
-                    f"depth_scale must be a positive number of metres, got {depth_scale}"
+                    f"depth_scale must be a positive number of metres, got {depth_scale!r}"
                 )
             if image.dtype.kind == "i" and (image < 0).any():
                 raise _negative(image)

@@ -151,7 +151,7 @@ def checked_sigma(sigma: ArrayLike | None, count: int) -> Array | None:
     """Standard deviations of so many points as an array."""
     if sigma is None:
         return None
-    errors = np.asarray(sigma, np.float64)
+    errors = _numbers("sigma", sigma)
     if errors.shape != (count,):
         raise ValueError(
             f"sigma must hold one number a point: expected shape {(count,)}, got {errors.shape}"
@@ -165,7 +165,7 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     """Where the scanner stood as an array, for points of a shape."""
     if origin is None:
         return None
-    place = np.asarray(origin, np.float64)
+    place = _numbers("origin", origin)
     if place.shape not in ((3,), shape):
         raise ValueError(
             f"origin must be one place or one a point: expected shape (3,) or {shape}, "
@@ -174,3 +174,10 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     if place.size and not (-np.inf < place.min() and place.max() < np.inf):  # NaN is neither
         raise ValueError("origin must be finite (metres)")
     return place
+
+
+def _numbers(name: str, given: ArrayLike) -> Array:
+    try:
+        return np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be numbers (metres), got {given!r:.60}") from None

@@ -205,14 +205,23 @@ def _read_npz(path: Path) -> DepthFile:
             names = ", ".join(sorted(members)) or "none"
             raise PlanewiseError(f"must hold an array named 'depth', or one only; it holds {names}")
         depth = _check_array(array("depth" if "depth" in members else next(iter(members))))
-        scale = float(array("depth_scale")) if "depth_scale" in members else None
+        scale = None  # metres have no unit to be told
+        if "depth_scale" in members and depth.dtype.kind != "f":
+            scale = _scale_of(array("depth_scale"))
         camera = _camera_of(array("K")) if "K" in members else None
         rgb = array("rgb") if "rgb" in members else None
     if rgb is not None and (rgb.dtype != np.uint8 or rgb.shape != (*depth.shape, 3)):
         rgb = None  # only a decoration: not worth refusing the readings for
-    if depth.dtype.kind == "f":
-        scale = None
     return DepthFile(depth=depth, depth_scale=scale, camera=camera, rgb=rgb)
+
+
+def _scale_of(stated: NDArray[Any]) -> float:
+    scale = float(stated.item()) if stated.size == 1 and stated.dtype.kind in "fiu" else math.nan
+    if not 0 < scale < math.inf:
+        raise PlanewiseError(
+            f"has depth_scale {stated.tolist()}; expected one positive number of metres"
+        )
+    return scale
 
 
 def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
@@ -190,4 +190,9 @@ def regions_of(partitioner: Partitioner, view: View) -> Regions:
     made = partitioner(view)
     if isinstance(made, np.ndarray) and made.ndim == 2:
         return regions_of_labels(made, (height, width))
+    if not isinstance(made, Iterable):
+        raise ValueError(
+            "partition must return a label image (H, W) or masks (N, H, W), "
+            f"got {type(made).__name__}"
+        )
     return regions_of_masks(made, (height, width))
