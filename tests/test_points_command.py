@@ -199,6 +199,8 @@ BAD = {
     "origin of a file without": (("--sigma", 0.01, "--origin", "file"), "origin"),
     "origin of words": (("--sigma", 0.01, "--origin", "a,b,c"), "origin"),
     "resolution": (("--sigma", 0.01, "--resolution", "-1"), "resolution"),
+    "resolution of the whole": (("--sigma", 0.01, "--resolution", 100), "smaller than the range"),
+    "instances of nothing": (("--sigma", 0.01, "--instances"), "give --outlines"),
     "planes": (("--sigma", 0.01, "--max-planes", 0), "max_planes"),
     "seed": (("--sigma", 0.01, "--seed", -1), "seed"),
     "threads": (("--sigma", 0.01, "--threads", 0), "threads"),

@@ -94,6 +94,8 @@ def points(
     """
     with reported():
         check_numbers(None, seed)
+        if instances and not outlines:
+            raise PlanewiseError("instances: outlines are what it tells apart; give --outlines, too")
         noise = _noise(sigma)
         place = None if origin is None else _check_origin(origin)
 
@@ -202,14 +204,17 @@ def _origin(
 
 
 def _extent(cloud: PointCloud, resolution: float) -> float:
-    """R of the paper: the diagonal of the box around the points, which no coordinate exceeds."""
+    """R of the paper: the diagonal of the box around the points, which no coordinate exceeds.
+
+    Points in one place have none; they are not refused for it.
+    """
     sides = np.ptp(extent(cloud.points), axis=0).astype(np.float64)
     if not sides.max() <= _LARGEST:
         raise PlanewiseError(
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "
             "expected metres"
         )
-    return max(float(np.linalg.norm(sides)), 10 * resolution)
+    return float(np.linalg.norm(sides)) or 10 * resolution
 
 
 def _find(
