@@ -1,6 +1,7 @@
 """planewise calibrate, and what detect makes of its file."""
 
 import json
+import os
 
 import numpy as np
 import pytest
@@ -135,6 +136,22 @@ def test_output_is_checked_first(frames, tmp_path, monkeypatch):
     )
     assert code == 2
     assert "no.json" in errors
+
+
+def test_sensor_and_picture_are_written_both_or_neither(frames, tmp_path):
+    out, picture = tmp_path / "s.json", tmp_path / "p.png"
+    os.mkfifo(picture)
+    given = (*CAMERA, "-o", out, "--picture", picture)
+    code, text, errors = run("calibrate", frames / "corner0.png", *given)
+    assert (code, text) == (2, "")
+    assert "p.png is not a regular file" in errors
+    assert list(tmp_path.iterdir()) == [picture]
+    picture.unlink()
+    out.mkdir()  # by another program, after it was looked at
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("planewise.commands.calibrate._check_output", lambda *_: None)
+        assert run("calibrate", frames / "corner0.png", *given)[0] == 2
+    assert list(tmp_path.iterdir()) == [out]
 
 
 def test_the_picture_stands_without_a_band_and_with_one_depth(camera):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -93,16 +94,16 @@ def calibrate(
             raise typer.Exit(FAILED)
         found = pooled(cells, base, seed)
         output.parent.mkdir(parents=True, exist_ok=True)
-        save(found.sensor(base), output, calibration=describe_calibration(found))
-        if picture is not None:
-            from planewise.drawing.noise import draw_noise
-            from planewise.results.image import write_image
+        with ExitStack() as files:  # both or neither
+            if picture is not None:
+                from planewise.drawing.noise import draw_noise
+                from planewise.results.image import write_image
 
-            known_noise = base.noise if name is not None and callable(base.noise) else None
-            drawn = draw_noise(found, known_noise, name or "")
-            picture.parent.mkdir(parents=True, exist_ok=True)
-            with written_whole(picture) as partial:
-                write_image(partial, drawn)
+                known_noise = base.noise if name is not None and callable(base.noise) else None
+                drawn = draw_noise(found, known_noise, name or "")
+                picture.parent.mkdir(parents=True, exist_ok=True)
+                write_image(files.enter_context(written_whole(picture)), drawn)
+            save(found.sensor(base), output, calibration=describe_calibration(found))
         terminal.show_noise(found, base if name is not None else None)
         terminal.say(f"{len(cells)} of {counted(len(paths), 'frame')} used, sensor in {output}")
         if failed:
