@@ -95,7 +95,9 @@ def points(
     with reported():
         check_numbers(None, seed)
         if instances and not outlines:
-            raise PlanewiseError("instances: outlines are what it tells apart; give --outlines, too")
+            raise PlanewiseError(
+                "instances: outlines are what it tells apart; give --outlines, too"
+            )
         noise = _noise(sigma)
         place = None if origin is None else _check_origin(origin)
 
