@@ -12,7 +12,6 @@ from planewise.information import (
     gain,
     inlier_information,
     mask_information,
-    one_plane_model,
     outlier_information,
     outlier_model,
     plane_information,
@@ -29,11 +28,11 @@ def test_outlier_model_is_equation_1():
     assert outlier_model(7, 3, 10.0, 0.01) == pytest.approx(7 * 3 * math.log(1000), rel=1e-12)
 
 
-def test_one_plane_model_is_equation_5_term_by_term():
+def test_a_model_of_one_plane_is_equation_5_term_by_term():
     residual, sigma = np.array([0.01, -0.02]), np.array([0.01, 0.02])
     n, R, eps = 3, 5.0, 0.001
-    phi = one_plane_model(
-        residual, sigma, outliers=4, dimension=n, freedom=n, range=R, resolution=eps
+    phi = planes_model(
+        [(residual, sigma)], outliers=4, dimension=n, freedom=n, range=R, resolution=eps
     )
     by_hand = 6 * math.log(2) + 4 * n * math.log(R / eps) + n * math.log(R / eps)
     by_hand += 2 * (n - 1) * math.log(R / eps)

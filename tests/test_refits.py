@@ -10,11 +10,12 @@ from numpy.testing import assert_allclose
 import planewise as pw
 from planewise import scenes
 from planewise.kernels.frame_error import TILT
+from planewise.kernels.groups import BLOCK
 from planewise.kernels.refits import refit_sums
 from planewise.sectors import turn_to_theta
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of
-from planewise.spatial.information import GROUP_SIDE, book_of, groups_of, ledger, mask_of
+from planewise.spatial.information import book_of, groups_of, ledger, mask_of
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import segment
 
@@ -45,9 +46,9 @@ def oracle(frame, error, affine, labels, pixel_size):
     L = math.log(RANGE / RESOLUTION)
     slope = 100 * math.sqrt(pixel_size[0] * pixel_size[1])
     out = np.zeros((len(affine) + 1, 9))
-    for top in range(0, labels.shape[0], GROUP_SIDE):
-        for left in range(0, labels.shape[1], GROUP_SIDE):
-            window = np.s_[top : top + GROUP_SIDE, left : left + GROUP_SIDE]
+    for top in range(0, labels.shape[0], BLOCK):
+        for left in range(0, labels.shape[1], BLOCK):
+            window = np.s_[top : top + BLOCK, left : left + BLOCK]
             if not frame.p[window].any():
                 continue
             of_block = np.average(frame.w[window].astype(float), weights=frame.p[window])

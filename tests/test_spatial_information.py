@@ -8,10 +8,11 @@ import pytest
 
 import planewise as pw
 from planewise.kernels.frame_error import TILT
+from planewise.kernels.groups import BLOCK
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.information import GROUP_SIDE, ledger
+from planewise.spatial.information import ledger
 from planewise.spatial.mask_code import spatial_mask_information
 from planewise.workspace import Workspace
 
@@ -42,9 +43,9 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
     total += spatial_mask_information(mask, there, len(affine) // sectors.count)
     height, width = labels.shape
     slope = 100 * math.sqrt(pixel_size[0] * pixel_size[1])
-    for top in range(0, height, GROUP_SIDE):
-        for left in range(0, width, GROUP_SIDE):
-            window = np.s_[top : top + GROUP_SIDE, left : left + GROUP_SIDE]
+    for top in range(0, height, BLOCK):
+        for left in range(0, width, BLOCK):
+            window = np.s_[top : top + BLOCK, left : left + BLOCK]
             if not p[window].any():
                 continue
             of_block, *middle = (np.average(image[window], weights=p[window]) for image in images)

@@ -78,39 +78,6 @@ def outlier_model(readings: int, freedom: int, range: float, resolution: float) 
     return readings * outlier_information(freedom, range, resolution)
 
 
-def one_plane_model(
-    residual: ArrayLike,
-    sigma: ArrayLike,
-    outliers: int,
-    *,
-    dimension: int,
-    freedom: int,
-    range: float,
-    resolution: float,
-) -> float:
-    """Phi_1, model 1P+O (paper, eq. 5).
-
-    Parameters
-    ----------
-    residual, sigma : array_like, shape (k_1,)
-        Of the inliers, in metres.
-    outliers : int
-        k_0.
-    dimension, freedom : int
-        n and f.
-    range, resolution : float
-        R and eps in metres.
-    """
-    return planes_model(
-        [(residual, sigma)],
-        outliers,
-        dimension=dimension,
-        freedom=freedom,
-        range=range,
-        resolution=resolution,
-    )
-
-
 def planes_model(
     inliers: Sequence[tuple[ArrayLike, ArrayLike]],
     outliers: int,

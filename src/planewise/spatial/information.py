@@ -40,7 +40,6 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-GROUP_SIDE = tiles.BLOCK  # pixels of a block whose readings share an offset and a tilt
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 _MOST_LABELS = np.iinfo(np.uint16).max
