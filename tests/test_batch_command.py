@@ -92,7 +92,7 @@ def test_shards_together_are_the_whole(frames, store, tmp_path):
 def test_other_options_are_refused_and_named(frames, store):
     assert run("batch", frames, "-o", store, *CAMERA, "--every", 5)[0] == 0
     for other, word in (
-        (("--max-planes", 7), "options.max_planes is 64 there, 7 here"),
+        (("--max-planes", 7), "options.max_planes is not given there, 7 here"),
         (("--noise", "1%"), 'sensor.noise is "0.0012 + 0.0019 (z - 0.4)^2 m" there, "0.01 z m"'),
         (("--labels", "rle"), 'labels is "png" there, "rle" here'),
         (("--depth-scale", 0.002), "depth_scale is not given there, 0.002 here"),

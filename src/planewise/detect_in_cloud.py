@@ -16,7 +16,6 @@ from planewise.files.cloud import open_cloud
 from planewise.model import PlaneModel
 from planewise.noise import AUTO
 from planewise.options import Options, Seed
-from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
 from planewise.point_observation import checked_origin, checked_points, checked_sigma
 from planewise.sensor import Sensor, checked_sensor
@@ -142,7 +141,7 @@ def _find_in_tiles(
 
     points = checked_points(points)
     workers, settings = options.threads or threads.available(), options.describe()
-    most = options.max_planes or MAX_PLANES
+    most = options.most_planes
     if sensor.noise == AUTO and sigma is None:
         with stage("noise"):
             estimate = cloud_noise(points, sensor, origin, workers, disk)

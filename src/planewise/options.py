@@ -49,8 +49,8 @@ class Options:
         r of the paper: share of the readings on the smallest plane sought (sequential).
     max_planes : int, optional
         Largest number of planes; ``None`` means 8 for the sequential search, as in the paper, and
-        64 for the joint one, which stops by itself; there is no limit for the sequential search
-        with a partition.
+        64 for the joint one under the paper's objective. There is no limit under the spatial
+        objective, nor for the sequential search with a partition.
     reassign : {"normals"} or NormalReassignment, optional
         The paper's step after the search: readings that fit several planes go to the one whose
         normal and distance are most like those of the surface around them. For depth images under
@@ -100,8 +100,7 @@ class Options:
             raise ValueError(f"{given} needs search='joint', got another search")
         trial_count(self.confidence, self.inlier_ratio)
         as_reassignment(self.reassign)
-        spatial = self.objective == SPATIAL or (self.objective is None and self.search == "joint")
-        if self.reassign is not None and spatial:
+        if self.reassign is not None and self._spatial:
             raise ValueError(
                 "reassign needs objective='paper' or search='sequential', got objective='spatial', "
                 "whose mask code sees to neighbours itself"
@@ -132,7 +131,7 @@ class Options:
         out: dict[str, object] = {
             "search": self.search,
             "objective": "custom" if isinstance(self.objective, Objective) else self.objective,
-            "max_planes": self.most_planes,
+            "max_planes": self.most_planes if self.most_planes < MAX_PLANES else None,
             "instances": self.instances,
             "significance": self.significance,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
@@ -155,6 +154,11 @@ class Options:
 
     @property
     def most_planes(self) -> int:
-        """Largest number of planes."""
+        """Largest number of planes; where there is no limit, as many as labels tell apart."""
         regions = self.search == "sequential" and self.partition is not None
-        return self.max_planes or (MAX_PLANES if regions else _MAX_PLANES[self.search])
+        unlimited = self._spatial or regions
+        return self.max_planes or (MAX_PLANES if unlimited else _MAX_PLANES[self.search])
+
+    @property
+    def _spatial(self) -> bool:
+        return self.objective == SPATIAL or (self.objective is None and self.search == "joint")

@@ -13,7 +13,7 @@ from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
 from planewise.observation import Observation, RayObservation
 from planewise.options import Options
-from planewise.paper.evaluate import MAX_PLANES, evaluator
+from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
 from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
@@ -78,7 +78,7 @@ def find(
                 observation,
                 instances=options.instances,
                 significance=options.significance,
-                max_planes=options.max_planes or MAX_PLANES,
+                max_planes=options.most_planes,
                 settings=_settings(observation, options),
                 workspace=workspace,
                 regions=regions,
@@ -177,7 +177,7 @@ def find_in_cloud(
         errors,
         seen_from,
         instances=options.instances,
-        max_planes=options.max_planes or MAX_PLANES,
+        max_planes=options.most_planes,
         significance=options.significance,
         settings=settings,
         workers=workers,

@@ -66,7 +66,7 @@ def points(
     resolution: Annotated[float, typer.Option(help="Step between two readings in metres.")] = (
         _RESOLUTION
     ),
-    max_planes: Annotated[int | None, optional("Largest number of planes. Default: 64.")] = None,
+    max_planes: Annotated[int | None, optional("Largest number of planes. Default: none.")] = None,
     seed: Seed = 0,
     threads: Threads = None,
     outlines: Outlines = False,

@@ -57,7 +57,10 @@ DepthScale = Annotated[
 Kind = Annotated[
     str | None, optional("Kind of dataset. Default: whichever the contents look like.")
 ]
-MaxPlanes = Annotated[int | None, optional("Largest number of planes. Default: 64, sequential 8.")]
+MaxPlanes = Annotated[
+    int | None,
+    optional("Largest number of planes. Default: none; paper's objective 64, sequential 8."),
+]
 Outlines = Annotated[
     bool,
     typer.Option(
