@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Noise = Callable[[Array], Array]
@@ -50,7 +50,7 @@ class Polynomial:
                 f"{self.constant} + {self.linear} z + {self.quadratic} (z - {self.offset})^2"
             )
 
-    def __call__(self, z: Array) -> Array:
+    def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
         z = np.asarray(z, dtype=np.float64)
         return self.constant + self.linear * z + self.quadratic * (z - self.offset) ** 2
@@ -91,7 +91,7 @@ class RootSum:
         if not self.parts:
             raise ValueError("noise: a sum needs at least one part")
 
-    def __call__(self, z: Array) -> Array:
+    def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
         z = np.asarray(z, dtype=np.float64)
         return np.asarray(np.sqrt(np.sum([np.square(part(z)) for part in self.parts], axis=0)))
@@ -106,7 +106,7 @@ class RootSum:
 class Nothing:
     """An error that is not there: sigma(z) = 0."""
 
-    def __call__(self, z: Array) -> Array:
+    def __call__(self, z: ArrayLike) -> Array:
         """Return zeros of the shape of `z`."""
         return np.zeros(np.shape(z))
 

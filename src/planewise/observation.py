@@ -102,7 +102,7 @@ class Observation(ABC):
         return out
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class RayObservation(Observation):
     """Readings along known rays from one centre; arrays by reading are made when asked for.
 

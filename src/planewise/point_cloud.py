@@ -27,7 +27,7 @@ _FAR = 10_000.0  # metres from which a coordinate gets an offset
 _STEP = 100.0  # offsets are multiples of it
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class PointCloud:
     """Points with what a file knows of them; row i of every array is one point.
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from planewise.clouds.noise import CloudNoise
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class PointObservation(Observation):
     """Free points in n dimensions.
 

@@ -7,6 +7,7 @@ from numbers import Real
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from planewise.arguments import is_finite
 from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, constant, proportional
@@ -85,7 +86,7 @@ class Sensor:
         """R of the paper in metres."""
         return self.max_depth if self.depth_range is None else self.depth_range
 
-    def sigma(self, z: Array) -> Array:
+    def sigma(self, z: ArrayLike) -> Array:
         """Standard deviation of readings at depths `z`, checked.
 
         Parameters

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _PARAMETERS = ("normal_x", "normal_y", "normal_z", "distance")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class StoredFrame:
     """A frame of a store.
 

@@ -64,7 +64,7 @@ class NoiseBins:
     cells: NDArray[np.int64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class NoiseEstimate:
     """Noise of a sensor as frames show it.
 

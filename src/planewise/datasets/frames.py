@@ -41,7 +41,7 @@ from planewise.wording import counted
 _FORBIDDEN = frozenset("/\\\0\n\r")  # in ids, which become names of files
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class DatasetFrame:
     """One depth image of a dataset, and what is known about it.
 

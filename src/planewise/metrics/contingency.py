@@ -13,7 +13,7 @@ Counts = NDArray[np.int64]
 _MOST_CELLS = 50_000_000  # a depth image taken for labels would ask for more
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class ContingencyTable:
     """Pixels that two label images have in common, label by label.
 

@@ -99,7 +99,7 @@ class Extent:
     angle: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class Surface:
     """The bounded part of a plane, or one connected piece of it.
 

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 Seed = int | np.random.Generator
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class Scene:
     """A depth image whose planes are known.
 
