@@ -5,6 +5,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise.observation import RayObservation
+from planewise.outlines.outlines import Surface
+from planewise.point_observation import PointObservation
 
 from . import oracles
 from .conftest import render
@@ -345,3 +348,33 @@ def test_the_objective_follows_from_what_there_is(roof, camera):
     assert [m.objective for m in (image, points)] == ["spatial", "spatial"]
     assert [m.objective for m in (sequential, hyper)] == ["paper", "paper"]
     assert image.settings["objective"] == "spatial"
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        pw.scenes.scene.Scene, pw.PointCloud, pw.NoiseEstimate, pw.metrics.ContingencyTable,
+        pw.datasets.DatasetFrame, pw.batch.StoredFrame, RayObservation, PointObservation, Surface,
+    ],
+)  # fmt: skip
+def test_what_holds_arrays_is_the_same_only_as_itself(kind):
+    assert kind.__eq__ is object.__eq__
+    assert kind.__hash__ is object.__hash__
+
+
+@pytest.mark.parametrize(
+    ("options", "most"),
+    [({}, None), ({"objective": "spatial", "max_planes": 5}, 5), ({"objective": "paper"}, 64),
+     ({"search": "sequential"}, 8), ({"search": "sequential", "partition": "blocks"}, None)],
+)  # fmt: skip
+def test_the_largest_number_of_planes_is_recorded_as_it_is(options, most):
+    assert pw.Options(**options).describe()["max_planes"] == most
+
+
+def test_more_than_64_planes_are_found():
+    rng = np.random.default_rng(0)
+    z = rng.uniform(1, 4, (9, 12)).repeat(40, axis=0).repeat(40, axis=1)
+    depth = z + rng.normal(0, 0.002, z.shape)
+    camera = pw.PinholeCamera(fx=400, fy=400, cx=240, cy=180)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.002))
+    assert len(model.planes) > 64

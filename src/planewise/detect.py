@@ -128,8 +128,8 @@ def detect_planes_in_points(
     sensor : Sensor
         `max_depth` is R, the extent a coordinate may take; noise is normal to the plane, evaluated
         at the distance from the origin of the coordinates, or "auto": estimated from the points, in
-        space (`planewise.estimate_cloud_noise`). `min_depth` does not apply; in space points farther
-        from the median than R and two million sigma are on no plane.
+        space (`planewise.estimate_cloud_noise`). `min_depth` does not apply; in space points that
+        are farther from the median than R and two million sigma are on no plane.
     sigma : array_like, shape (k,), optional
         Standard deviation of every point in metres, in place of the sensor's noise (spatial
         objective).
