@@ -61,7 +61,8 @@ def detect_planes_in_cloud(
         Where the scanner stood, for all points or each, relative to the cloud's offset: noise is
         then along the rays from there. "file": what the file says, of every scan.
     tile_points : int
-        Points of a tile. A cloud of no more is searched in memory.
+        Points of a tile; of fewer than some thousands results depend on it. A cloud of no more is
+        searched in memory.
     folder : path, optional
         Where temporary files without a name are put, some 70 to 250 bytes a point; by default
         beside the cloud's file, else the system's folder for them.
