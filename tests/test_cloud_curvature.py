@@ -13,6 +13,7 @@ from planewise.clouds.cloud import cloud_of
 from planewise.clouds.segments import merged_cells
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels import cloud_rows as of
+from planewise.kernels.quadrics import GOES_ON, HEIGHTS, TOLD_U, TOLD_V, spread
 
 SIGMA = 0.005
 
@@ -120,7 +121,7 @@ def segments():
     cloud = cloud_of(points, pw.Sensor(max_depth=10.0, noise=SIGMA), None, 1)
     cells = cells_of(cloud)
     rows, of_cell, _ = merged_cells(cells, 27.6, 1, cloud.memory)
-    sums = np.zeros((len(rows), kernels.HEIGHTS))
+    sums = np.zeros((len(rows), HEIGHTS))
     kernels.add_heights(cells.rows, of_cell, rows, sums)
     quadrics = np.empty((len(rows), kernels.QUADRIC))
     kernels.quadrics_of(sums, rows, cells.error.drift, quadrics)
@@ -231,21 +232,21 @@ def test_borders_go_on_where_quadrics_meet(segments):
     u, v, sides, on, told_u, told_v = (np.array(column) for column in zip(*expected, strict=True))
     assert_array_equal(pairs[:found], np.column_stack((u, v)))
     assert_allclose(points[:found], sides)
-    assert_array_equal(states[:found] & kernels.GOES_ON > 0, on)
-    assert_array_equal(states[:found] & kernels.TOLD_U > 0, told_u)
-    assert_array_equal(states[:found] & kernels.TOLD_V > 0, told_v)
+    assert_array_equal(states[:found] & GOES_ON > 0, on)
+    assert_array_equal(states[:found] & TOLD_U > 0, told_u)
+    assert_array_equal(states[:found] & TOLD_V > 0, told_v)
     assert 0.2 < on.mean() < 1.0
 
 
 def test_what_lies_among_curved_pieces_is_one_of_them():
     """In a row of four: the first two go on; the third is told by them, the last is a plane."""
-    both = kernels.TOLD_U | kernels.TOLD_V
+    both = TOLD_U | TOLD_V
     pairs = np.array([[0, 1], [1, 2], [2, 3]], np.int32)
     points = np.array([5.0, 4.0, 3.0], np.float32)
-    states = np.array([both | kernels.GOES_ON, both, kernels.TOLD_U], np.int8)
+    states = np.array([both | GOES_ON, both, TOLD_U], np.int8)
     border, curved = np.array([6.0, 9.0, 7.0, 4.0]), np.empty(4, np.bool_)
-    kernels.spread(border, pairs, points, states, curved)
+    spread(border, pairs, points, states, curved)
     assert curved.tolist() == [True, True, True, False]
     border[2] = 9.0  # less than half of it is beside what is curved
-    kernels.spread(border, pairs, points, states, curved)
+    spread(border, pairs, points, states, curved)
     assert curved.tolist() == [True, True, False, False]

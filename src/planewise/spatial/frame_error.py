@@ -41,6 +41,7 @@ _MANY = 2000  # cells of which some can stand for all
 _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
 _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
+_MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 _BEYOND = 0.99  # of the largest factor: none was found
@@ -241,7 +242,7 @@ def walk_and_shared(
     some = np.ascontiguousarray(grid[::every, ::every])
     for lag in _LAGS:
         factor = drift_factor(some, planes, inflation, drift, workspace, lag // every)
-        cluttered = factor is not None and factor > max(most_of_all, nearest)
+        cluttered = factor is not None and factor > max(most_of_all, _MORE * nearest)
         if factor is None or cluttered:
             break
         of_three.append(_of_three(lag * _CELL))
