@@ -66,6 +66,13 @@ def test_a_sigma_that_is_too_small_is_raised_in_tiles_as_in_one_piece(told, tmp_
     same(tiled, whole)
 
 
+def test_there_is_no_limit_to_planes_unless_it_is_asked_for(one_piece):
+    model = detect_planes_in_cloud(pw.PointCloud(points=POINTS), SENSOR, tile_points=100_000)
+    same(model, one_piece)
+    assert len(model) > 90
+    assert model.settings["max_planes"] is None
+
+
 def test_a_small_cloud_is_searched_in_memory(one_piece):
     cloud = pw.PointCloud(points=POINTS)
     same(detect_planes_in_cloud(cloud, SENSOR, tile_points=10**6, max_planes=200), one_piece)
