@@ -43,8 +43,8 @@ class Plane:
         Correlation of the residuals of neighbouring cells: 0 where they are white, towards 1 where
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
-        Area its readings cover, in square metres; of points in space that of its cells, up to a
-        quarter too large where noise is as thick as these. NaN in other dimensions and under the
+        Area its readings cover, in square metres; of points in space that of its cells, up to
+        two fifths too large where noise is as thick as these. NaN in other dimensions and under the
         paper's objective.
     bounding_box : tuple of int
         (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an
