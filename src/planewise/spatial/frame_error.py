@@ -236,13 +236,12 @@ def walk_and_shared(
     certain. Both against the described variance of the drift.
     """
     told, of_three, cluttered = [], [], False
-    # In units of what is described, the most that a camera's error drifts by.
-    most_of_all = (_FARTHEST * planes[2].mean()) ** 2 / drift.mean()
+    usual, farthest = float(drift.mean()), float(_FARTHEST * planes[2].mean()) ** 2
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     some = np.ascontiguousarray(grid[::every, ::every])
     for lag in _LAGS:
         factor = drift_factor(some, planes, inflation, drift, workspace, lag // every)
-        cluttered = factor is not None and factor > max(most_of_all, _MORE * nearest)
+        cluttered = factor is not None and factor * usual > max(farthest, _MORE * nearest * usual)
         if factor is None or cluttered:
             break
         of_three.append(_of_three(lag * _CELL))
