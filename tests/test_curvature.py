@@ -111,7 +111,7 @@ def test_quadrics_are_those_of_least_squares():
     dx, dy = x - q[CENTRE], y - q[CENTRE + 1]
     terms = np.column_stack((np.ones(40), dx, dy, dx**2, dx * dy, dy**2)) * np.sqrt(weight)[:, None]
     height = w - q[0] - q[1] * x - q[2] * y
-    exact = np.linalg.lstsq(terms, height * np.sqrt(weight))[0]
+    exact = np.linalg.lstsq(terms, height * np.sqrt(weight), rcond=None)[0]
     assert_allclose(q[C : C + 6], exact, rtol=1e-6, atol=1e-9)
     assert_allclose(q[EXTENT], np.sqrt(40 * 36) / UNIT)
     second = np.array([[2 * exact[3], exact[4]], [exact[4], 2 * exact[5]]])
