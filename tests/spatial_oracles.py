@@ -244,7 +244,9 @@ def tempered(discord, count):
 
 
 def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy=False):
-    """Merge the pair of neighbours with the largest gain until none gains.
+    """Merge the pair of neighbours whose misfit takes the least share of what it saves.
+
+    Until none saves anything.
 
     lazy: only the pair about to be merged is valued again after its segments have changed, and a
     pair that gains nothing is forgotten until it gains a border. Returns the root of every unit and
@@ -264,7 +266,9 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
             rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
         )
         cost = tempered(discord, rows[small, 10])
-        return min(evidence, most) - 0.5 * cost + boundary[pair], cost
+        saved = min(evidence, most) + min(boundary[pair], 8 * most)
+        gain = saved - 0.5 * cost
+        return (gain / saved if gain > 0 else gain), cost
 
     for pair in boundary:
         gain[pair] = value(pair)[0]

@@ -22,6 +22,7 @@ from planewise.kernels.jit import compiled, inlined, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
+_LINE = 8.0  # times a plane's parameters: all that a merge saves of a border
 _BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
 
 
@@ -62,14 +63,23 @@ def _across(segments, forms, home, turns, drift, small, large, offset, slope):  
     return compare_forms(form, forms[small], offset, slope)
 
 
+@inlined
+def _share_left(evidence, boundary, misfit, most):  # type: ignore[no-untyped-def]
+    """Share of the nats saved by a merge that its misfit leaves; nats that lack where none is left.
+
+    Saved are evidence, at most a plane's parameters, and boundary: at most `_LINE` as much, for a
+    long one is where two planes meet, and a line.
+    """
+    saved = min(evidence, most) + min(boundary, _LINE * most)
+    gain = saved - 0.5 * misfit
+    return gain / saved if gain > 0.0 else gain
+
+
 @internal
-def _merge_gain(  # type: ignore[no-untyped-def]
+def _merge_value(  # type: ignore[no-untyped-def]
     segments, forms, home, turns, drift, u, v, boundary, offset_prior, slope_prior, most
 ):
-    """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
-
-    Returns the misfit of the join, too, of which half counts.
-    """
+    """`_share_left` by joining two segments, and the misfit of the join."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
     offset, slope = offset_prior[small], slope_prior[small]
     if home[u] == home[v]:
@@ -80,11 +90,11 @@ def _merge_gain(  # type: ignore[no-untyped-def]
             segments, forms, home, turns, drift, small, large, offset, slope
         )
     misfit = tempered(discord, segments[small, COUNT])
-    return min(evidence, most) - 0.5 * misfit + boundary, misfit
+    return _share_left(evidence, boundary, misfit, most), misfit
 
 
 @internal
-def _first_gains(  # type: ignore[no-untyped-def]
+def _first_values(  # type: ignore[no-untyped-def]
     segments,
     forms,
     home,
@@ -98,7 +108,7 @@ def _first_gains(  # type: ignore[no-untyped-def]
     current,
     misfit,
 ):
-    """`_merge_gain` of edges (n, 2), all at once: writes current and misfit (n,)."""
+    """`_merge_value` of edges (n, 2), all at once: writes current and misfit (n,)."""
     work = np.empty((4, misfit.size))
     offset, slope, discord, evidence = work[0], work[1], work[2], work[3]
     for edge in range(misfit.size):
@@ -110,9 +120,9 @@ def _first_gains(  # type: ignore[no-untyped-def]
         u, v = ends[edge, 0], ends[edge, 1]
         if home[u] == home[v]:
             misfit[edge] = tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
-            current[edge] = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
+            current[edge] = _share_left(evidence[edge], boundary[edge], misfit[edge], most)
         else:
-            current[edge], misfit[edge] = _merge_gain(
+            current[edge], misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
                 slope_prior, most,
             )  # fmt: skip
@@ -192,7 +202,10 @@ def agglomerate(  # type: ignore[no-untyped-def]
     ints,
     floats,
 ):
-    """Merge neighbouring segments, what saves most first, while a merge saves anything.
+    """Merge neighbouring segments, of what is saved what loses least first, while any is left.
+
+    So what is alike grows together before a long border joins what is not: as if the price of
+    borders and parameters rose slowly from nothing (Koepfler, Lopez and Morel, 1994).
 
     unit (rows, columns): segment of every cell, or -1; discords (2, rows, columns): across each
     side shared with the cell to the right and below, which `price` (`border_price`) turns into the
@@ -229,7 +242,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     size, gains = np.intp(0), np.empty(_BATCH)
     for start in range(0, edges, _BATCH):
         stop = min(start + _BATCH, int(edges))
-        _first_gains(
+        _first_values(
             segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
             offset_prior, slope_prior, most, gains, misfit[start:stop],
         )  # fmt: skip
@@ -244,7 +257,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         old = valued[edge] != version[u] + version[v]
         if old:
             valued[edge] = version[u] + version[v]
-            gain, misfit[edge] = _merge_gain(
+            gain, misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
                 slope_prior, most,
             )  # fmt: skip
@@ -278,7 +291,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     degree[other] -= 1
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
-                    gain, misfit[kept] = _merge_gain(
+                    gain, misfit[kept] = _merge_value(
                         segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
                         slope_prior, most,
                     )  # fmt: skip

@@ -51,6 +51,7 @@ _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
+_UNIT = 2 * SIDE  # pixels to a side of most units
 _LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
 
 
@@ -258,13 +259,14 @@ def _agglomerate(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
+    price = _merge_border(segments.rows, cells.error)
     ints, floats = merging.room(beside.sides, len(segments.rows))
     root = np.empty(len(segments.rows), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
         merging.agglomerate(
             segments.of_cell(beside.grid, workspace),
             beside.discords,
-            _between(_MERGE_BORDER, cells.error.drifting),
+            price,
             segments.rows,
             segments.forms,
             segments.drift,
@@ -343,6 +345,13 @@ def _between(prices: tuple[Border, Border], drifting: float) -> Border:
     """Price of borders in a frame whose error drifts, 0 ... 1."""
     low, high, knee = (a + drifting * (b - a) for a, b in zip(*prices, strict=True))
     return low, high, knee
+
+
+def _merge_border(segments: Array, error: FrameError) -> Border:
+    """What a merge saves of borders: at most what the units on both sides of them cost if free."""
+    low, high, knee = _between(_MERGE_BORDER, error.drifting)
+    free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
+    return low, max(low, min(high, 2 * _UNIT * free)), knee
 
 
 def _nothing_else() -> None:
