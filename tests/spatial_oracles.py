@@ -249,7 +249,7 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
     Until none saves anything.
 
     lazy: only the pair about to be merged is valued again after its segments have changed, and a
-    pair that gains nothing is forgotten until it gains a border. Returns the root of every unit and
+    pair that gains nothing is forgotten until it gains a border, or none gains anything. Returns the root of every unit and
     the rows of the segments.
     """
     rows, drift = rows.copy(), drift.copy()
@@ -266,7 +266,7 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
             rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
         )
         cost = tempered(discord, rows[small, 10])
-        saved = min(evidence, most) + min(boundary[pair], 8 * most)
+        saved = min(evidence, most) + min(boundary[pair], 6 * most)
         gain = saved - 0.5 * cost
         return (gain / saved if gain > 0 else gain), cost
 
@@ -275,7 +275,12 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
     while gain:
         best = max(gain, key=gain.get)
         if gain[best] <= 0:
-            break
+            for pair in stale & gain.keys():
+                gain[pair] = value(pair)[0]
+            stale.clear()
+            if max(gain.values()) <= 0:
+                break
+            continue
         if best in stale:
             stale.remove(best)
             gain[best] = value(best)[0]
