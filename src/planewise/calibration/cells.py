@@ -99,6 +99,7 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
     """
     from planewise.kernels import noise as kernels  # loads Numba
 
+    observation = observation.tame
     height, width = observation.shape
     large = (height // _SIDES[0]) * (width // _SIDES[0])
     side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
