@@ -112,10 +112,7 @@ def spatial_model(
             planes = describe_labels(observation, rows, covariances, labels, **told)
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
-        reason = (
-            "no cell of 3 x 3 pixels is filled with readings near a plane; "
-            "objective='paper' takes sparse depth"
-        )
+        reason = "in no cell of 6 x 6 pixels do readings lie near a plane"
     if found.left_out:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(

@@ -1,0 +1,88 @@
+"""Sparse frames: readings too far apart for cells of pixels, whose planes are those of points."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.density import usual_count
+from planewise.observation import RayObservation
+from planewise.spatial.frame import Frame
+from planewise.spatial.search import Segmentation
+
+Array = NDArray[np.float64]
+
+_CELL = 6  # pixels
+_MOST = 12  # readings of a cell, which four planes explain: it cannot tell one plane from several
+_NEAREST = 1e-6  # metres from the sensor: no ray meets a plane through it
+
+
+def is_sparse(frame: Frame) -> bool:
+    """Whether the median cell of 6 x 6 pixels that has readings has but a few."""
+    if frame.sectors.count > 1:
+        return False
+    there = frame.p > 0
+    if np.count_nonzero(there) > (_MOST / _CELL**2 + 1) / 2 * there.size:  # the others all full
+        return False
+    rows, columns = (n // _CELL for n in there.shape)
+    cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
+    return usual_count(cells.sum(axis=(1, 3))) <= _MOST
+
+
+def segment_points(
+    observation: RayObservation,
+    frame: Frame,
+    *,
+    instances: bool,
+    max_planes: int,
+    significance: float,
+) -> Segmentation:
+    """Planes and labels that the search in space finds, under the image's noise.
+
+    Parameters
+    ----------
+    observation, frame
+        The readings, in one sector.
+    instances, max_planes, significance
+        As `spatial.search.segment` takes them.
+    """
+    # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.model import cloud_model
+
+    readings = observation.tame
+    model = cloud_model(
+        readings.positions(),
+        readings.sensor,
+        None,
+        np.zeros(3),
+        instances=instances,
+        max_planes=max_planes,
+        significance=significance,
+        settings={},
+        workers=1,
+        rng=np.random.default_rng(0),
+    )
+    rows = np.array([plane.coefficients for plane in model.planes]).reshape(-1, 4)
+    seen = np.abs(rows[:, 3]) > _NEAREST
+    rows, place = rows[seen], np.zeros(len(seen) + 1, np.uint16)
+    place[1:][seen] = np.arange(1, len(rows) + 1)
+    labels = readings.unflatten(place[model.labels])
+    return Segmentation(
+        information=_information(frame, labels, len(rows)),
+        labels=labels,
+        significance=np.array([plane.significance for plane in model.planes])[seen],
+        affine=frame.sectors.affine(-rows[:, :3] / rows[:, 3:]),
+        left_out=0,
+    )
+
+
+def _information(frame: Frame, labels: NDArray[np.uint16], planes: int) -> Array:
+    """Information (N, 3, 3) of the readings of every label, as if they erred apart."""
+    there = labels > 0
+    which = labels[there] - 1
+    one, x, y = (image[there].astype(np.float64) for image in (np.ones_like(frame.p), frame.x, frame.y))
+    out = np.empty((planes, 3, 3))
+    for j, a in enumerate((one, x, y)):
+        for k, b in enumerate((one, x, y)):
+            out[:, j, k] = np.bincount(which, frame.p[there] * a * b, planes)
+    return out
