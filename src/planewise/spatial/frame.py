@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,8 +118,7 @@ class Frame:
 
 def frame_of(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
     """Images of the readings in inverse depth."""
-    workspace, wild = workspace or Workspace(), wild_information(observation)
-    observation = observation.tame
+    workspace = workspace or Workspace()
     image, parts = observation.image, observation.sensor.parts
     z = image.depth
     quarter = 1.0 / z**4
@@ -154,8 +153,12 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         estimated=estimated,
         resolution=observation.resolution,
         sectors=sectors,
-        wild=wild,
     )
+
+
+def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
+    """Images of the readings that are not wild, with what these cost."""
+    return replace(frame_of(observation.tame, workspace), wild=wild_information(observation))
 
 
 def wild_information(observation: RayObservation) -> float:

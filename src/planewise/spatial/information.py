@@ -35,7 +35,7 @@ from planewise.kernels.frame_error import TILT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells, cells_of, moments_of
-from planewise.spatial.frame import Frame, frame_of
+from planewise.spatial.frame import Frame, tame_frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.mask_code import MaskCounts
 from planewise.workspace import Workspace
@@ -203,7 +203,7 @@ def information_of_rows(
     """
     if not rows[:, 3].all():
         raise ValueError("planes: one passes through the sensor, which sees nothing of it")
-    frame = frame_of(observation)
+    frame = tame_frame(observation)
     sectors, size = frame.sectors, observation.pixel_size
     if len(rows) * sectors.count > _MOST_LABELS:
         raise ValueError(f"planes: at most {_MOST_LABELS // sectors.count} are told apart")

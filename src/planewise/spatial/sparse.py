@@ -14,15 +14,16 @@ Array = NDArray[np.float64]
 
 _CELL = 6  # pixels
 _MOST = 12  # readings of a cell, which four planes explain: it cannot tell one plane from several
+_FEWEST = 100  # readings that could show a plane
 _NEAREST = 1e-6  # metres from the sensor: no ray meets a plane through it
 
 
 def is_sparse(frame: Frame) -> bool:
     """Whether the median cell of 6 x 6 pixels that has readings has but a few."""
-    if frame.sectors.count > 1:
-        return False
     there = frame.p > 0
-    if np.count_nonzero(there) > (_MOST / _CELL**2 + 1) / 2 * there.size:  # the others all full
+    count = np.count_nonzero(there)
+    # With so many the median has more, even where all others are full.
+    if frame.sectors.count > 1 or not _FEWEST <= count < (_MOST / _CELL**2 + 1) / 2 * there.size:
         return False
     rows, columns = (n // _CELL for n in there.shape)
     cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
@@ -56,23 +57,25 @@ def segment_points(
         None,
         np.zeros(3),
         instances=instances,
-        max_planes=max_planes,
+        max_planes=readings.count,
         significance=significance,
         settings={},
         workers=1,
         rng=np.random.default_rng(0),
     )
     rows = np.array([plane.coefficients for plane in model.planes]).reshape(-1, 4)
-    seen = np.abs(rows[:, 3]) > _NEAREST
-    rows, place = rows[seen], np.zeros(len(seen) + 1, np.uint16)
-    place[1:][seen] = np.arange(1, len(rows) + 1)
-    labels = readings.unflatten(place[model.labels])
+    met = np.flatnonzero(rows[:, 3] > _NEAREST)
+    kept = met[:max_planes]
+    place = np.zeros(len(rows) + 1, np.uint16)
+    place[kept + 1] = np.arange(1, len(kept) + 1)
+    labels, rows = readings.unflatten(place[model.labels]), rows[kept]
     return Segmentation(
         information=_information(frame, labels, len(rows)),
         labels=labels,
-        significance=np.array([plane.significance for plane in model.planes])[seen],
+        significance=np.array([each.significance for each in model.planes])[kept],
         affine=frame.sectors.affine(-rows[:, :3] / rows[:, 3:]),
-        left_out=0,
+        residual_correlation=np.array([each.residual_correlation for each in model.planes])[kept],
+        left_out=len(met) - len(kept),
     )
 
 
@@ -80,9 +83,7 @@ def _information(frame: Frame, labels: NDArray[np.uint16], planes: int) -> Array
     """Information (N, 3, 3) of the readings of every label, as if they erred apart."""
     there = labels > 0
     which = labels[there] - 1
-    one, x, y = (image[there].astype(np.float64) for image in (np.ones_like(frame.p), frame.x, frame.y))
-    out = np.empty((planes, 3, 3))
-    for j, a in enumerate((one, x, y)):
-        for k, b in enumerate((one, x, y)):
-            out[:, j, k] = np.bincount(which, frame.p[there] * a * b, planes)
-    return out
+    p, x, y = (image[there].astype(np.float64) for image in (frame.p, frame.x, frame.y))
+    coordinates = np.ones_like(x), x, y
+    sums = [[np.bincount(which, p * a * b, planes) for b in coordinates] for a in coordinates]
+    return np.array(sums).transpose(2, 0, 1)
