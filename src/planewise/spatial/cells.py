@@ -64,6 +64,8 @@ class Cells:
         Variances of a local plane about which nothing is known.
     error : FrameError
         Size of the frame's error against the sensor's description.
+    thinned : bool
+        Whether readings are missing all over.
     """
 
     grid: NDArray[np.int32]
@@ -76,6 +78,7 @@ class Cells:
     offset_prior: Array
     slope_prior: Array
     error: FrameError
+    thinned: bool = False
 
     @property
     def bends_more_than_told(self) -> bool:
@@ -182,6 +185,7 @@ def cells_of(
         offset_prior=priors[0],
         slope_prior=priors[1],
         error=error,
+        thinned=usual < 4 * SIDE * SIDE,
     )
 
 

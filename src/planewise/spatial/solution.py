@@ -185,7 +185,7 @@ def judged(
     def aside() -> None:
         masks.append(mask_of(frame, labels))
         if cells is not None:
-            inside.append(units_inside(cells, labels))
+            inside.append(units_inside(frame, cells, labels))
 
     with threads.beside(aside):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
