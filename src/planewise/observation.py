@@ -129,7 +129,7 @@ class RayObservation(Observation):
 
     @cached_property
     def tame(self) -> RayObservation:
-        """The same without wild readings (`planewise.wild`); itself where there are next to none."""
+        """The same without wild readings (`planewise.wild`), itself where these are few."""
         image = self.image.tame
         return self if image is self.image else replace(self, image=image)
 

@@ -129,7 +129,9 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
         along = 1.0 / inverse
         depth = longer * along
         variance = squares / (count - 3.0) * along**4 * longer**2
-        usable = (count >= max(_FILLED * usual_count(count), _LEAST)) & (np.sqrt(variance) < _NO_PLANE * depth)
+        usable = (count >= max(_FILLED * usual_count(count), _LEAST)) & (
+            np.sqrt(variance) < _NO_PLANE * depth
+        )
         step = _steps_at(np.where(usable, depth, 0.0), observation.depth)
         crossed = np.abs((slope_x, slope_y)) * side * along**2 * longer / step
     quantised = usable & (step > 0)

@@ -128,12 +128,12 @@ def cells_of(
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
     full, usual = kernels.whole_misfits(moments, misfits, sample), usual_count(blocks[:, COUNT])
-    told: tuple[Array, Array | int] = sample[:full], SIDE * SIDE - 3
+    lone, freedom = sample[:full], np.full(full, SIDE * SIDE - 3.0)
     if full < _FEWEST:  # as where readings are missing here and there: then blocks do
         some = blocks[:, COUNT] >= max(usual, _LEAST)
         if np.count_nonzero(some) > full:
-            told = together[some], blocks[:, COUNT][some] - 3
-    seen = white_seen(*told, frame.w, frame.p)
+            lone, freedom = together[some], blocks[:, COUNT][some] - 3
+    seen = white_seen(lone, freedom, frame.w, frame.p)
     white = max(seen, 1.0)  # no frame is trusted to err less than a sensor that was measured
     if seen < 1.0 and not (frame.known or frame.estimated):
         white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)

@@ -23,7 +23,10 @@ def is_sparse(frame: Frame) -> bool:
     there = frame.p > 0
     count = np.count_nonzero(there)
     # With so many the median has more, even where all others are full.
-    if frame.sectors.count > 1 or not _FEWEST <= count < (_MOST / _CELL**2 + 1) / 2 * there.size:
+    if (
+        frame.sectors.column is not None
+        or not _FEWEST <= count < (_MOST / _CELL**2 + 1) / 2 * there.size
+    ):
         return False
     rows, columns = (n // _CELL for n in there.shape)
     cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
@@ -43,7 +46,7 @@ def segment_points(
     Parameters
     ----------
     observation, frame
-        The readings, in one sector.
+        The readings, of a pinhole camera.
     instances, max_planes, significance
         As `spatial.search.segment` takes them.
     """
@@ -51,10 +54,12 @@ def segment_points(
     from planewise.clouds.model import cloud_model
 
     readings = observation.tame
+    w, p = (image.reshape(-1)[readings.index].astype(np.float64) for image in (frame.w, frame.p))
+    along = np.linalg.norm(readings.rays, axis=0) / (w * w * np.sqrt(p))  # with quantisation
     model = cloud_model(
         readings.positions(),
         readings.sensor,
-        None,
+        along,
         np.zeros(3),
         instances=instances,
         max_planes=readings.count,
