@@ -1,9 +1,9 @@
 """Loops over the units of a frame (`spatial.cells.Cells`) once pixels have labels.
 
 label (H, W) uint16: 0 for no plane, p (H, W) float32: 0 without a reading; grid (rows, columns):
-unit of every cell, -1 for none; rows (units, 13): their segments (`kernels.cells`); inside (units,):
-label of every unit whose pixels all have it, 0 of the others. Unsigned indices spare the check for
-negative ones.
+unit of every cell, -1 for none; rows (units, 13): their segments (`kernels.cells`); inside
+(units,): label of every unit whose pixels all have it, 0 of the others. Unsigned indices spare the
+check for negative ones.
 """
 
 from __future__ import annotations
