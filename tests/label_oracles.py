@@ -45,11 +45,11 @@ def waiting(grid, number, fixed, w, p, x, y, planes, bound, side):
 
 
 def units_inside(label, grid, side, units):
-    """Label of every unit whose pixels all have it, 0 of the others."""
+    """Label of every unit whose pixels all have it but for those of -1, 0 of the others."""
     found = [set() for _ in range(units)]
     for r, c, pixels in cells_of(label, side):
         if grid[r, c] >= 0:
-            found[grid[r, c]] |= set(pixels.ravel().tolist())
+            found[grid[r, c]] |= set(pixels.ravel().tolist()) - {-1}
     return np.array([labels.pop() if len(labels) == 1 else 0 for labels in found])
 
 

@@ -252,7 +252,16 @@ def random_units(seed, shape=(40, 47), planes=4):
 def test_units_inside_labels_their_sums_and_correlations(seed):
     label, grid, rows = random_units(seed)
     inside = np.full(len(rows), 9, np.int32)
-    units.units_inside(label, grid, inside)
+    p = np.ones(label.shape, np.float32)
+    p[np.random.default_rng(seed).random(label.shape) < 0.3] = 0
+    label[::SIDE, ::SIDE] = np.maximum(label[::SIDE, ::SIDE], 1)
+    p[::SIDE, ::SIDE] = 1  # every cell has a reading
+    of_readings, seen = np.where(p > 0, label, 0), np.where(p > 0, label.astype(int), -1)
+    units.units_inside(of_readings, p, False, grid, inside)
+    assert_array_equal(inside, oracles.units_inside(seen, grid, SIDE, len(rows)))
+    units.units_inside(of_readings, p, True, grid, inside)
+    assert_array_equal(inside, oracles.units_inside(of_readings, grid, SIDE, len(rows)))
+    units.units_inside(label, p, True, grid, inside)
     assert_array_equal(inside, oracles.units_inside(label, grid, SIDE, len(rows)))
     assert len(np.unique(inside)) == 4
 

@@ -106,13 +106,15 @@ def test_a_few_scattered_readings_are_no_plane_and_no_error(camera, count):
     assert np.isfinite(model.information)
 
 
-def test_sparse_depth_is_told_where_to_go(camera):
+def test_rows_that_lie_far_apart_are_a_plane(camera):
+    """As a LiDAR's, projected into an image."""
     depth = np.zeros((48, 64))
     depth[::4] = 2.0
-    model = detect(depth, camera)
-    assert len(model) == 0
-    assert "objective='paper' takes sparse depth" in model.note
-    assert len(pw.detect_planes(depth, camera, SENSOR, objective="paper")) == 1
+    for objective in ("spatial", "paper"):
+        model = pw.detect_planes(depth, camera, SENSOR, objective=objective)
+        assert len(model) == 1
+        assert_array_equal(model.labels, depth > 0)
+        assert_allclose(model.planes[0].coefficients, [0, 0, -1, 2], atol=1e-6)
 
 
 def test_a_constant_depth_is_a_plane(camera):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
 from planewise.sensor import Sensor
+from planewise.wild import wild_readings
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -87,19 +89,28 @@ class DepthImage:
             if image.dtype.kind == "i" and (image < 0).any():
                 raise _negative(image)
             if image.dtype.itemsize <= 2 or image.max() <= _MOST_UNITS:
-                return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, sensor)
+                low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
+                high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
+                return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, low, high)
             image = image * scale
         elif depth_scale is not None:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
         dtype = np.float32 if image.dtype == np.float32 else np.float64
-        return cls._of_metres(np.ascontiguousarray(image, dtype), sensor, workspace or Workspace())
+        grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
+        return cls._of_metres(
+            np.ascontiguousarray(image, dtype),
+            max(sensor.min_depth, _LEAST_DEPTH),
+            sensor.max_depth,
+            1.0 / grid,
+            workspace or Workspace(),
+        )
 
     @classmethod
-    def _of_levels(cls, values: NDArray[np.uint16], scale: float, sensor: Sensor) -> DepthImage:
+    def _of_levels(
+        cls, values: NDArray[np.uint16], scale: float, low: int, high: int
+    ) -> DepthImage:
         from planewise.kernels import images as kernels  # loads Numba
 
-        low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
-        high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
         seen = np.zeros(max(high, low) + 1, np.bool_)
         count, present = kernels.mark_levels(values, low, high, seen)
         seen[0] = False
@@ -118,16 +129,19 @@ class DepthImage:
 
     @classmethod
     def _of_metres(
-        cls, values: NDArray[np.floating], sensor: Sensor, workspace: Workspace
+        cls,
+        values: NDArray[np.floating],
+        low: float,
+        high: float,
+        per_metre: float,
+        workspace: Workspace,
     ) -> DepthImage:
         from planewise.kernels import images as kernels
 
-        grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
-        low, high = max(sensor.min_depth, _LEAST_DEPTH), sensor.max_depth
         with workspace.stage():
-            reading = workspace.empty(int(high / grid) + 2)
+            reading = workspace.empty(int(high * per_metre) + 2)
             reading[:] = 0
-            count, present, negative = kernels.mark_depths(values, low, high, 1.0 / grid, reading)
+            count, present, negative = kernels.mark_depths(values, low, high, per_metre, reading)
             if negative and (values[values < 0] > -np.inf).any():  # -inf: too near (ROS, REP 117)
                 raise _negative(values)
             levels = np.flatnonzero(reading)
@@ -137,12 +151,23 @@ class DepthImage:
             scale=1.0,
             low=low,
             high=high,
-            per_metre=1.0 / grid,
+            per_metre=per_metre,
             levels=levels,
             depth=depth,
             count=count,
             present=present,
         )
+
+    @cached_property
+    def tame(self) -> DepthImage:
+        """The same without wild readings; itself where there are next to none."""
+        wild = wild_readings(self.values, self.low, self.high)
+        if wild is None:
+            return self
+        values = np.where(wild, self.values.dtype.type(0), self.values)
+        if values.dtype == np.uint16:
+            return self._of_levels(values, self.scale, int(self.low), int(self.high))
+        return self._of_metres(values, self.low, self.high, self.per_metre, Workspace())
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -128,6 +128,12 @@ class RayObservation(Observation):
         return self.image.count
 
     @cached_property
+    def tame(self) -> RayObservation:
+        """The same without wild readings (`planewise.wild`), itself where these are few."""
+        image = self.image.tame
+        return self if image is self.image else replace(self, image=image)
+
+    @cached_property
     def _readings(self) -> tuple[NDArray[np.int64], Array]:
         return self.image.readings()
 

@@ -75,7 +75,7 @@ def later_stages() -> None:
 
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
     both = np.arange(2)
-    residual_correlation(cells, units_inside(cells, labels), _PLANES, frame.sectors)
+    residual_correlation(cells, units_inside(frame, cells, labels), _PLANES, frame.sectors)
     label_planes(frame, cells, of_unit, both, rows[None], both, limits)
     segments = Segments(
         rows=rows,

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.density import usual_count
 from planewise.depth_image import reading_steps
 from planewise.observation import RayObservation
 
@@ -26,7 +27,8 @@ Array = NDArray[np.float64]
 
 _SIDES = (8, 4)  # pixels of a cell in a large image, and in one of few cells
 _FEW_CELLS = 3000  # of the larger side, below which the smaller is taken
-_FILLED = 0.75  # least share of a cell's pixels that are readings
+_FILLED = 0.75  # least readings of a cell against what is usual in the frame
+_LEAST = 5  # readings of a cell: two more than a plane takes
 _NO_PLANE = 0.1  # of its depth: a cell that is rougher is none of a sensor's planes
 _HARMONICS = np.arange(1, 6)
 _MOST_CROSSED = 20.0  # steps within a cell; there is no difference beyond
@@ -99,6 +101,7 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
     """
     from planewise.kernels import noise as kernels  # loads Numba
 
+    observation = observation.tame
     height, width = observation.shape
     large = (height // _SIDES[0]) * (width // _SIDES[0])
     side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
@@ -126,7 +129,9 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
         along = 1.0 / inverse
         depth = longer * along
         variance = squares / (count - 3.0) * along**4 * longer**2
-        usable = (count >= _FILLED * side**2) & (np.sqrt(variance) < _NO_PLANE * depth)
+        usable = (count >= max(_FILLED * usual_count(count), _LEAST)) & (
+            np.sqrt(variance) < _NO_PLANE * depth
+        )
         step = _steps_at(np.where(usable, depth, 0.0), observation.depth)
         crossed = np.abs((slope_x, slope_y)) * side * along**2 * longer / step
     quantised = usable & (step > 0)

@@ -23,6 +23,7 @@ MOMENTS = 11
 COUNT, PRODUCT = 10, 11  # entries of a row of moments
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
+LINE = 0.01  # 1 - r^2 of the coordinates of readings that tell no plane
 _BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `unit_planes` tells of a unit
 
@@ -265,6 +266,13 @@ def _own_plane(m):  # type: ignore[no-untyped-def]
     return cx, cy, mean, tx, ty, vxx, vxy, vyy, max(square - tx * xw - ty * yw, 0.0)
 
 
+@internal
+def _is_spread(m):  # type: ignore[no-untyped-def]
+    """Whether readings are not all but in a line: few may be."""
+    xx, xy, yy = m[0] * m[3] - m[1] * m[1], m[0] * m[4] - m[1] * m[2], m[0] * m[5] - m[2] * m[2]
+    return xx * yy - xy * xy > LINE * xx * yy
+
+
 @compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
     moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
@@ -288,6 +296,7 @@ def merge_quarters(  # type: ignore[no-untyped-def]
             freedom = blocks[row, COUNT, column] - 3.0
             chi2 = together[row, column]
             whole = freedom + 3.0 >= 4 * filled * full and chi2 <= hopeless * white * freedom
+            whole = whole and _is_spread(blocks[row, :, column])
             if whole and chi2 > white * freedom:
                 # F of the nine further parameters of four planes: free of the noise's scale.
                 apart = 0.0

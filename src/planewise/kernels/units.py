@@ -1,8 +1,9 @@
 """Loops over the units of a frame (`spatial.cells.Cells`) once pixels have labels.
 
-label (H, W) uint16: 0 for no plane; grid (rows, columns): unit of every cell, -1 for none; rows
-(units, 13): their segments (`kernels.cells`); inside (units,): label of every unit whose pixels all
-have it, 0 of the others. Unsigned indices spare the check for negative ones.
+label (H, W) uint16: 0 for no plane, p (H, W) float32: 0 without a reading; grid (rows, columns):
+unit of every cell, -1 for none; rows (units, 13): their segments (`kernels.cells`); inside
+(units,): label of every unit whose pixels all have it, 0 of the others. Unsigned indices spare the
+check for negative ones.
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ _0, _1, _2 = np.uintp(0), np.uintp(1), np.uintp(2)
 
 
 @compiled
-def units_inside(label, grid, inside):  # type: ignore[no-untyped-def]
-    """Write inside."""
+def units_inside(label, p, holes, grid, inside):  # type: ignore[no-untyped-def]
+    """Write inside; holes: whether pixels without a reading count, as on no plane."""
     width = label.shape[1]
     rows, columns = grid.shape
     least, most = np.empty((2, SIDE * columns), label.dtype)
@@ -30,9 +31,11 @@ def units_inside(label, grid, inside):  # type: ignore[no-untyped-def]
         for j in range(least.size):
             least[j], most[j] = LAST, 0
         for i in range(r * SIDE, min((r + 1) * SIDE, label.shape[0])):
-            row = label[i]
+            row, weight = label[i], p[i]
             for j in range(width):
-                least[j], most[j] = min(least[j], row[j]), max(most[j], row[j])
+                least[j] = min(least[j], row[j] if holes | (weight[j] > 0.0) else LAST)
+            for j in range(width):
+                most[j] = max(most[j], row[j])
         thirds(least, most, low, high)
         units = grid[r]
         for c in range(columns):

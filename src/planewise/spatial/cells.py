@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
+from planewise.density import usual_count
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
-from planewise.kernels.cells import SIDE
+from planewise.kernels.cells import COUNT, SIDE
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     FrameError,
@@ -31,7 +32,9 @@ Array = NDArray[np.float64]
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
-_FILLED = 0.5  # least share of a cell's pixels that are readings
+_FILLED = 0.5  # least readings of a cell against what is usual in the frame
+_LEAST = 5  # readings of a cell: two more than a plane takes
+_FEWEST = 100  # whole cells that can tell white noise
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
 _FEWER = 3  # times as many cells as units, as a rule
@@ -61,6 +64,8 @@ class Cells:
         Variances of a local plane about which nothing is known.
     error : FrameError
         Size of the frame's error against the sensor's description.
+    thinned : bool
+        Whether readings are missing all over.
     """
 
     grid: NDArray[np.int32]
@@ -73,6 +78,7 @@ class Cells:
     offset_prior: Array
     slope_prior: Array
     error: FrameError
+    thinned: bool = False
 
     @property
     def bends_more_than_told(self) -> bool:
@@ -121,12 +127,18 @@ def cells_of(
     shape = misfits.shape
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
-    full = kernels.whole_misfits(moments, misfits, sample)
-    seen = white_seen(sample[:full], SIDE * SIDE - 3, frame.w, frame.p)
+    full, usual = kernels.whole_misfits(moments, misfits, sample), usual_count(blocks[:, COUNT])
+    lone, freedom = sample[:full], np.full(full, SIDE * SIDE - 3.0)
+    if full < _FEWEST:  # as where readings are missing here and there: then blocks do
+        some = blocks[:, COUNT] >= max(usual, _LEAST)
+        if np.count_nonzero(some) > full:
+            lone, freedom = together[some], blocks[:, COUNT][some] - 3
+    seen = white_seen(lone, freedom, frame.w, frame.p)
     white = max(seen, 1.0)  # no frame is trusted to err less than a sensor that was measured
     if seen < 1.0 and not (frame.known or frame.estimated):
         white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)
 
+    filled = max(_FILLED * usual, _LEAST) / (4 * SIDE * SIDE)
     most = shape[0] * shape[1]
     grid = workspace.kept(shape, np.int32)
     found, room = -1, most // _FEWER + 4
@@ -142,7 +154,7 @@ def cells_of(
             white,
             _SPLIT,
             _HOPELESS,
-            _FILLED,
+            filled,
             grid,
             units,
             size,
@@ -173,6 +185,7 @@ def cells_of(
         offset_prior=priors[0],
         slope_prior=priors[1],
         error=error,
+        thinned=usual < 4 * SIDE * SIDE,
     )
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.information import coordinate_information
 from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
 from planewise.noise import NOTHING
@@ -97,6 +99,8 @@ class Frame:
         Step between two readings in metres.
     sectors : Sectors
         What `x` and `y` are coordinates of.
+    wild : float
+        Nats of the readings that were set aside as wild (`planewise.wild`), the same on any planes.
     """
 
     w: Image
@@ -109,6 +113,7 @@ class Frame:
     estimated: bool
     resolution: float
     sectors: Sectors
+    wild: float = 0.0
 
 
 def frame_of(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
@@ -149,3 +154,18 @@ def frame_of(observation: RayObservation, workspace: Workspace | None = None) ->
         resolution=observation.resolution,
         sectors=sectors,
     )
+
+
+def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
+    """Images of the readings that are not wild, with what these cost."""
+    return replace(frame_of(observation.tame, workspace), wild=wild_information(observation))
+
+
+def wild_information(observation: RayObservation) -> float:
+    """Nats of wild readings: which they are, and depths that may be anything at all."""
+    every, wild = observation.count, observation.count - observation.tame.count
+    if not wild:
+        return 0.0
+    which = math.lgamma(every + 1) - math.lgamma(wild + 1) - math.lgamma(every - wild + 1)
+    which += math.log(every)  # how many they are
+    return which + wild * coordinate_information(observation.range, observation.resolution)

@@ -104,7 +104,7 @@ def with_drift(error: FrameError, w: float, table: ErrorTable, sectors: Sectors)
     return replace(error, drifting=drifting, distorted=distorted, turning=turning)
 
 
-def white_seen(misfits: Array, freedom: int, w: Image, p: Image) -> float:
+def white_seen(misfits: Array, freedom: Array | int, w: Image, p: Image) -> float:
     """White variance against the description: the median whole cell about its own plane says it.
 
     A frame whose cells are farther from planes than a sensor can err has no such noise, but no
@@ -143,10 +143,10 @@ def white_of_quiet(
     return min(max(larger, rounding), 1.0)
 
 
-def _against_chi2(misfits: Array, freedom: int) -> float:
+def _against_chi2(misfits: Array, freedom: Array | int) -> float:
     """Median misfit against that of chi^2 (Wilson and Hilferty)."""
-    median = float(medians.middle(misfits, np.empty(misfits.size)))
-    return median / float(freedom * (1 - 2 / (9 * freedom)) ** 3)
+    ratios = misfits / (freedom * (1 - 2 / (9 * freedom)) ** 3)
+    return float(medians.middle(ratios, np.empty(ratios.size)))
 
 
 def lateral_variance(

@@ -12,6 +12,8 @@ own (`kernels.group_data`), and
   from a broad prior,
 - in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
 
+Readings that were set aside as wild take ln(R / eps) nats each and which they are, on any planes.
+
 A group labelled with a plane is a smooth surface of its own with probability 1/20: books on a table
 may be labelled as the table, which costs nats, but not without bound.
 
@@ -33,7 +35,7 @@ from planewise.kernels.frame_error import TILT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells, cells_of, moments_of
-from planewise.spatial.frame import Frame, frame_of
+from planewise.spatial.frame import Frame, tame_frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.mask_code import MaskCounts
 from planewise.workspace import Workspace
@@ -111,6 +113,8 @@ class Groups:
         Of groups on none.
     distorted : float
         Readings of a plane whose drift is twice as large, as in `FrameError`.
+    wild : float
+        Nats of readings that are in no group, as in `Frame`.
     nats : ndarray, shape (3, groups)
         Room for the nats of every group on none and as labelled, and for the precision of its
         readings, times the frame's.
@@ -125,6 +129,7 @@ class Groups:
     sizes: tuple[float, ...]
     prior: tuple[float, ...]
     distorted: float
+    wild: float
     nats: Array
 
     def planes(self, affine: Array) -> Array:
@@ -198,7 +203,7 @@ def information_of_rows(
     """
     if not rows[:, 3].all():
         raise ValueError("planes: one passes through the sensor, which sees nothing of it")
-    frame = frame_of(observation)
+    frame = tame_frame(observation)
     sectors, size = frame.sectors, observation.pixel_size
     if len(rows) * sectors.count > _MOST_LABELS:
         raise ValueError(f"planes: at most {_MOST_LABELS // sectors.count} are told apart")
@@ -230,7 +235,7 @@ def book_of(
     loops.groups_left(
         groups.moments, groups.label, groups.first, place, groups.prior, groups.nats[1], leaving
     )
-    curve = np.full(planes + 1, data.total)
+    curve = np.full(planes + 1, data.total + groups.wild)
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
@@ -335,6 +340,7 @@ def groups_of(
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
         distorted=error.distorted,
+        wild=frame.wild,
         nats=workspace.empty((3, moments.shape[1])),
     )
 

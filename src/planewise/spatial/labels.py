@@ -109,7 +109,7 @@ def label_planes(
 
     with threads.beside(find_borders):
         label_loops.without_margin(marks.label, labels)
-        planes = _refit(cells, labels, planes, sectors)
+        planes = _refit(frame, cells, labels, planes)
     if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders[:found]):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
@@ -335,10 +335,13 @@ def _lateral(cells: Cells, affine: Array) -> Array:
     return np.asarray(cells.error.lateral / UNIT**2 * slope)
 
 
-def units_inside(cells: Cells, labels: Labels) -> NDArray[np.int32]:
-    """Label of every unit that lies wholly inside one, 0 of the others."""
+def units_inside(frame: Frame, cells: Cells, labels: Labels) -> NDArray[np.int32]:
+    """Label of every unit that lies wholly inside one, 0 of the others.
+
+    Beside holes are mixed pixels, but not where readings are missing all over.
+    """
     inside = np.empty(len(cells.rows), np.int32)
-    unit_loops.units_inside(labels, cells.grid, inside)
+    unit_loops.units_inside(labels, frame.p, not cells.thinned, cells.grid, inside)
     return inside
 
 
@@ -353,10 +356,11 @@ def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
     return out
 
 
-def _refit(cells: Cells, labels: Labels, planes: Array, sectors: Sectors) -> Array:
+def _refit(frame: Frame, cells: Cells, labels: Labels, planes: Array) -> Array:
     """Rows of the planes once more, from the units that lie wholly inside their label."""
     sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(cells, labels), sums, count)
+    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
+    sectors = frame.sectors
     enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
     return np.where(enough[:, None], sectors.together(sums[1:]), planes)
 
@@ -367,7 +371,7 @@ def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) ->
     Where these are few, from all readings as if they erred apart.
     """
     sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(cells, labels), sums, count)
+    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
     out = information_matrices(sums[1:])
     for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
         mine = labels == j + 1

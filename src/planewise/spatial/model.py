@@ -13,7 +13,7 @@ from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image
-from planewise.spatial.frame import frame_of
+from planewise.spatial.frame import tame_frame
 from planewise.spatial.solution import solve
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -62,7 +62,7 @@ def spatial_model(
     """
     workspace, size = workspace or Workspace(), observation.pixel_size
     with stage("frame"):
-        frame = frame_of(observation, workspace)
+        frame = tame_frame(observation, workspace)
     if regions is not None and frame.sectors.column is not None:
         raise ValueError(
             "partition with objective='spatial' needs a pinhole camera; range images of a "
@@ -113,8 +113,8 @@ def spatial_model(
     reason = "no plane saves more than it costs" if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
         reason = (
-            "no cell of 3 x 3 pixels is filled with readings near a plane; "
-            "objective='paper' takes sparse depth"
+            "in no cell of 6 x 6 pixels do enough readings lie near a plane; "
+            "detect_planes_in_points takes readings that lie far apart"
         )
     if found.left_out:
         reason = f"reached max_planes = {max_planes}"

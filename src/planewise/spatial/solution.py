@@ -28,6 +28,7 @@ from planewise.spatial.labels import residual_correlation, units_inside
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, price_of_planes, segment
+from planewise.spatial.sparse import is_sparse, segment_points
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -102,6 +103,18 @@ def solve(
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
+    if is_sparse(frame):
+        with stage("points"):
+            found = segment_points(
+                observation,
+                frame,
+                instances=instances,
+                max_planes=max_planes,
+                significance=significance,
+            )
+        with stage("ledger"), workspace.stage():
+            blocks.add_up()
+            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
     white = cells is not None and cells.bends_more_than_told
     todo = [blocks.add_up]
 
@@ -172,7 +185,7 @@ def judged(
     def aside() -> None:
         masks.append(mask_of(frame, labels))
         if cells is not None:
-            inside.append(units_inside(cells, labels))
+            inside.append(units_inside(frame, cells, labels))
 
     with threads.beside(aside):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
