@@ -251,69 +251,68 @@ def agglomerate(  # type: ignore[no-untyped-def]
             degree[ends[edge, 1]] += 1
             valued[edge] = 0
             size = update(keys, items, place, size, edge, gains[edge - start])
-    left = True
-    while left:
-        while size > 0:
-            edge, gain = items[0], 0.0
-            u, v = ends[edge, 0], ends[edge, 1]
-            old = valued[edge] != version[u] + version[v]
-            if old:
-                valued[edge] = version[u] + version[v]
-                gain, misfit[edge] = _merge_value(
-                    segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                    slope_prior, most,
-                )  # fmt: skip
-            size = update(keys, items, place, size, edge, gain)
-            if old:
-                continue
-            if segments[u, COUNT] < segments[v, COUNT]:
-                u, v = v, u
-            if home[u] != home[v]:
-                moved_row = np.empty(SEGMENT)
-                turn_row(segments[v], turns[home[v], home[u]], moved_row)
-                for e in range(SEGMENT):
-                    segments[v, e] = moved_row[e]
-            _join(segments, forms, drift, u, v, misfit[edge])
-            version[u] += version[v] + 1
-            root[v] = u
-            alive[edge] = 0
-            degree[u] -= 1
-            # The edges of v become u's; where both had one to the same neighbour they become one.
-            half = head[v]
-            while half >= 0:
-                after, moved = following[half], half >> 1
-                other = ends[moved, 1 - (half & 1)]
-                if alive[moved]:
-                    # An edge between u and the neighbour is in both lists: look into the shorter one.
-                    walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                    kept = find_edge(walked, wanted, ends, alive, head, tail, following)
-                    if kept >= 0:
-                        boundary[kept] += boundary[moved]
-                        alive[moved] = 0
-                        degree[other] -= 1
-                        # Its gain has risen: it must come up before anything it may now beat.
-                        valued[kept] = version[u] + version[other]
-                        gain, misfit[kept] = _merge_value(
-                            segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
-                            slope_prior, most,
-                        )  # fmt: skip
-                        size = update(keys, items, place, size, moved, 0.0)
-                        size = update(keys, items, place, size, kept, gain)
-                    else:
-                        ends[moved, half & 1] = u
-                        degree[u] += 1
-                        append_half(u, half, head, tail, following)
-                half = after
-        # What saved nothing may, now that its segments have grown.
-        left = False
-        for edge in range(edges):
-            u, v = ends[edge, 0], ends[edge, 1]
-            if alive[edge] and valued[edge] != version[u] + version[v]:
-                valued[edge] = version[u] + version[v]
-                gain, misfit[edge] = _merge_value(
-                    segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                    slope_prior, most,
-                )  # fmt: skip
-                size = update(keys, items, place, size, edge, gain)
-                left = left or gain > 0.0
+    while True:
+        if size == 0:
+            # What saved nothing may, now that its segments have grown.
+            for edge in range(edges):
+                u, v = ends[edge, 0], ends[edge, 1]
+                if alive[edge] and valued[edge] != version[u] + version[v]:
+                    valued[edge] = version[u] + version[v]
+                    gain, misfit[edge] = _merge_value(
+                        segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                        slope_prior, most,
+                    )  # fmt: skip
+                    size = update(keys, items, place, size, edge, gain)
+            if size == 0:
+                break
+        edge, gain = items[0], 0.0
+        u, v = ends[edge, 0], ends[edge, 1]
+        old = valued[edge] != version[u] + version[v]
+        if old:
+            valued[edge] = version[u] + version[v]
+            gain, misfit[edge] = _merge_value(
+                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                slope_prior, most,
+            )  # fmt: skip
+        size = update(keys, items, place, size, edge, gain)
+        if old:
+            continue
+        if segments[u, COUNT] < segments[v, COUNT]:
+            u, v = v, u
+        if home[u] != home[v]:
+            moved_row = np.empty(SEGMENT)
+            turn_row(segments[v], turns[home[v], home[u]], moved_row)
+            for e in range(SEGMENT):
+                segments[v, e] = moved_row[e]
+        _join(segments, forms, drift, u, v, misfit[edge])
+        version[u] += version[v] + 1
+        root[v] = u
+        alive[edge] = 0
+        degree[u] -= 1
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                # An edge between u and the neighbour is in both lists: look into the shorter one.
+                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
+                if kept >= 0:
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = 0
+                    degree[other] -= 1
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept] = version[u] + version[other]
+                    gain, misfit[kept] = _merge_value(
+                        segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
+                        slope_prior, most,
+                    )  # fmt: skip
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
+                else:
+                    ends[moved, half & 1] = u
+                    degree[u] += 1
+                    append_half(u, half, head, tail, following)
+            half = after
     write_roots(root)
