@@ -249,8 +249,8 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
     Until none saves anything.
 
     lazy: only the pair about to be merged is valued again after its segments have changed, and a
-    pair that gains nothing is forgotten until it gains a border, or none gains anything. Returns the
-    root of every unit and the rows of the segments.
+    pair that gains nothing is forgotten until it gains a border, or none gains anything. Returns
+    the root of every unit and the rows of the segments.
     """
     rows, drift = rows.copy(), drift.copy()
     root = np.arange(len(rows))
