@@ -243,7 +243,9 @@ def tempered(discord, count):
     return (nu + 3) * math.log(1 + discord / nu)
 
 
-def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy=False):
+def agglomerate(
+    grid, border, rows, drift, offset_prior, slope_prior, most, longest=np.inf, lazy=False
+):
     """Merge the pair of neighbours whose misfit takes the least share of what it saves.
 
     Until none saves anything.
@@ -266,7 +268,7 @@ def agglomerate(grid, border, rows, drift, offset_prior, slope_prior, most, lazy
             rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
         )
         cost = tempered(discord, rows[small, 10])
-        saved = min(evidence, most) + min(boundary[pair], 6 * most)
+        saved = min(evidence, most) + min(boundary[pair], longest)
         gain = saved - 0.5 * cost
         return (gain / saved if gain > 0 else gain), cost
 

@@ -343,7 +343,7 @@ def discords_of(rng, grid):
     return discords, 3 * (low + over)
 
 
-def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=False):
+def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=False, longest=np.inf):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
     home = np.zeros(len(rows), np.int32) if home is None else home
@@ -354,7 +354,7 @@ def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=Fals
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
     sectors = home, turns, wraps
     segments.agglomerate(
-        grid, discords, price, rows, of, drift, *priors, *sectors, most, root, *work
+        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, root, *work
     )
     assert_allclose(of[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
@@ -521,13 +521,14 @@ def test_find_planes(seed):
     assert_array_equal(of[plane[plane >= 0]], of[3:][plane >= 0])
 
 
+@pytest.mark.parametrize("longest", [np.inf, 4.0])
 @pytest.mark.parametrize("seed", range(8))
-def test_agglomerate(seed):
+def test_agglomerate(seed, longest):
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
     discords, border = discords_of(np.random.default_rng(seed), grid)
-    root, rows = agglomerated(frame, discords, PRICE, 25.0)
-    exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0, lazy=True)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0, longest=longest)
+    exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0, longest, lazy=True)
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)

@@ -22,7 +22,6 @@ from planewise.kernels.jit import compiled, inlined, internal
 
 _TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
-_LINE = 6.0  # times a plane's parameters: all that a merge saves of a border
 _BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
 
 
@@ -64,20 +63,19 @@ def _across(segments, forms, home, turns, drift, small, large, offset, slope):  
 
 
 @inlined
-def _share_left(evidence, boundary, misfit, most):  # type: ignore[no-untyped-def]
+def _share_left(evidence, boundary, misfit, most, longest):  # type: ignore[no-untyped-def]
     """Share of the nats saved by a merge that its misfit leaves; nats that lack where none is left.
 
-    Saved are evidence, at most a plane's parameters, and boundary: at most `_LINE` as much, for a
-    long one is where two planes meet, and a line.
+    Saved are evidence, at most a plane's parameters, and boundary, at most `longest`.
     """
-    saved = min(evidence, most) + min(boundary, _LINE * most)
+    saved = min(evidence, most) + min(boundary, longest)
     gain = saved - 0.5 * misfit
     return gain / saved if gain > 0.0 else gain
 
 
 @internal
 def _merge_value(  # type: ignore[no-untyped-def]
-    segments, forms, home, turns, drift, u, v, boundary, offset_prior, slope_prior, most
+    segments, forms, home, turns, drift, u, v, boundary, offset_prior, slope_prior, most, longest
 ):
     """`_share_left` by joining two segments, and the misfit of the join."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
@@ -90,7 +88,7 @@ def _merge_value(  # type: ignore[no-untyped-def]
             segments, forms, home, turns, drift, small, large, offset, slope
         )
     misfit = tempered(discord, segments[small, COUNT])
-    return _share_left(evidence, boundary, misfit, most), misfit
+    return _share_left(evidence, boundary, misfit, most, longest), misfit
 
 
 @internal
@@ -105,6 +103,7 @@ def _first_values(  # type: ignore[no-untyped-def]
     offset_prior,
     slope_prior,
     most,
+    longest,
     current,
     misfit,
 ):
@@ -120,11 +119,11 @@ def _first_values(  # type: ignore[no-untyped-def]
         u, v = ends[edge, 0], ends[edge, 1]
         if home[u] == home[v]:
             misfit[edge] = tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
-            current[edge] = _share_left(evidence[edge], boundary[edge], misfit[edge], most)
+            current[edge] = _share_left(evidence[edge], boundary[edge], misfit[edge], most, longest)
         else:
             current[edge], misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                slope_prior, most,
+                slope_prior, most, longest,
             )  # fmt: skip
 
 
@@ -198,6 +197,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     turns,
     wraps,
     most,
+    longest,
     root,
     ints,
     floats,
@@ -244,7 +244,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         stop = min(start + _BATCH, int(edges))
         _first_values(
             segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
-            offset_prior, slope_prior, most, gains, misfit[start:stop],
+            offset_prior, slope_prior, most, longest, gains, misfit[start:stop],
         )  # fmt: skip
         for edge in range(start, stop):
             degree[ends[edge, 0]] += 1
@@ -260,7 +260,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     valued[edge] = version[u] + version[v]
                     gain, misfit[edge] = _merge_value(
                         segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                        slope_prior, most,
+                        slope_prior, most, longest,
                     )  # fmt: skip
                     size = update(keys, items, place, size, edge, gain)
             if size == 0:
@@ -272,7 +272,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             valued[edge] = version[u] + version[v]
             gain, misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                slope_prior, most,
+                slope_prior, most, longest,
             )  # fmt: skip
         size = update(keys, items, place, size, edge, gain)
         if old:
@@ -306,7 +306,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     valued[kept] = version[u] + version[other]
                     gain, misfit[kept] = _merge_value(
                         segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
-                        slope_prior, most,
+                        slope_prior, most, longest,
                     )  # fmt: skip
                     size = update(keys, items, place, size, moved, 0.0)
                     size = update(keys, items, place, size, kept, gain)

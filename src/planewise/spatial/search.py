@@ -51,6 +51,7 @@ _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
+_LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
 _UNIT = 2 * SIDE  # pixels to a side of most units
 _LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
 
@@ -259,7 +260,7 @@ def _agglomerate(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
-    price = _merge_border(segments.rows, cells.error)
+    price, longest = _merge_border(segments.rows, cells.error, cost)
     ints, floats = merging.room(beside.sides, len(segments.rows))
     root = np.empty(len(segments.rows), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
@@ -276,6 +277,7 @@ def _agglomerate(
             sectors.turns,
             beside.wraps,
             cost,
+            longest,
             root,
             workspace.empty(ints, np.int32),
             workspace.empty(floats),
@@ -347,11 +349,16 @@ def _between(prices: tuple[Border, Border], drifting: float) -> Border:
     return low, high, knee
 
 
-def _merge_border(segments: Array, error: FrameError) -> Border:
-    """What a merge saves of borders: at most what the units on both sides of them cost if free."""
+def _merge_border(segments: Array, error: FrameError, cost: float) -> tuple[Border, float]:
+    """What a merge saves of a border: its price, and the most of it.
+
+    The cells on both sides cost no more if they are free. Where the error drifts, the discord of
+    wide segments stops to grow with them, and so does what their border is worth.
+    """
     low, high, knee = _between(_MERGE_BORDER, error.drifting)
     free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
-    return low, max(low, min(high, 2 * _UNIT * free)), knee
+    price = low, max(low, min(high, 2 * _UNIT * free)), knee
+    return price, _LONGEST * cost / error.drifting if error.drifting else np.inf
 
 
 def _nothing_else() -> None:
