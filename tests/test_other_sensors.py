@@ -1,5 +1,7 @@
 """Depth as other sensors deliver it: smoothed, bent, coarse, filled in, wrongly described."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks import other_sensors
@@ -52,6 +54,25 @@ def test_stereo_with_a_smooth_error(corner, noise):
         model = pw.detect_planes(1 / w, CAMERA, pw.Sensor(noise=noise))
         assert len(model) == 3
         assert found(model.labels, truth) == 1
+
+
+@pytest.mark.parametrize("width", [3.4, 6.0, 8.5])
+def test_walls_at_a_right_angle_stay_apart_where_the_error_is_smooth(width):
+    """However long the edge where they meet: each large face has most of a plane of its own."""
+    reading = next(
+        each for each in other_sensors.READINGS if each.name.startswith("stereo, smooth")
+    )
+    reading = replace(reading, read=other_sensors.stereo(width))
+    whole = []
+    for seed in range(200, 204):
+        depth, truth, _ = other_sensors.frame(reading, seed)
+        model = pw.detect_planes(depth, other_sensors.camera_of(reading.size), reading.sensor)
+        wide = truth * (np.bincount(truth.ravel())[truth] > 20_000)
+        for face in np.unique(wide[wide > 0]):
+            most = np.bincount(model.labels[truth == face], minlength=2)[1:].argmax() + 1
+            both = (model.labels == most) & (truth == face)
+            whole.append(both.sum() / ((model.labels == most) | (truth == face)).sum())
+    assert np.mean(np.array(whole) > 0.5) > 0.75
 
 
 @pytest.mark.parametrize("noise", [0.003, "auto"])

@@ -228,6 +228,6 @@ def test_precise_readings_of_a_cylinder_are_no_fan_of_planes(monkeypatch, seed, 
     monkeypatch.setattr(search, "_PLANE_BORDER", ((0.0, 1.25, 20.0), drifting))
     more_facets, row_of_more = found()
     assert facets <= 1
-    assert more_facets >= 5
+    assert more_facets >= 3
     assert row["precision@0.5"] > 0.95
     assert row["recall@0.5"] == row_of_more["recall@0.5"]
