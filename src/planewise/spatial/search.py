@@ -46,7 +46,8 @@ Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes i
 # pixel where the surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
-_PLANE_COST = 1.0, 3.0  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
+_PLANE_COST = 1.0, 3.5  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
+_AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
@@ -336,10 +337,10 @@ def price_of_planes(
 ) -> float:
     """Nats for factors of 3 ln(R / eps) where error is white and where it drifts, `cost` one.
 
-    In range images, whose cells are wide far off, planes cost as much as where it drifts.
+    In range images, whose cells are wide far off, planes cost nearly as much as where it drifts.
     """
     white, drifting = factors
-    share = error.drifting if sectors.count == 1 else 1.0
+    share = error.drifting if sectors.count == 1 else _AS_DRIFTING
     return sectors.price(white + share * (drifting - white), cost)
 
 
