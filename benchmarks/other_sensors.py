@@ -166,13 +166,19 @@ def millimetres(sigma: float) -> Callable[[Exact], Array]:
 
 @dataclass(frozen=True)
 class Reading:
-    """A way to read a room: what comes out, and the noise that a data sheet would state."""
+    """A way to read a room: what comes out, and the noise that a data sheet would state.
+
+    wild, missing: shares of the readings, anywhere, in whose place there are depths of 0.3 to 10 m,
+    or none.
+    """
 
     name: str
     read: Callable[[Exact], Array]
     sensor: pw.Sensor
     size: tuple[int, int] = VGA
     distortion: float = 0.0
+    wild: float = 0.0
+    missing: float = 0.0
 
 
 KINECT = pw.sensors.KINECT_V1
@@ -181,6 +187,7 @@ STEREO = pw.Sensor(noise=noise.Polynomial(quadratic=SUBPIXEL / FB))
 OUTDOOR = pw.Sensor(
     max_depth=150, resolution=0.01, noise=noise.Polynomial(quadratic=SUBPIXEL / 500)
 )
+PLAIN = ("Kinect", kinect, KINECT), ("5 mm", millimetres(5), pw.Sensor(noise=0.005))
 READINGS = (
     Reading("Kinect", kinect, KINECT),
     Reading("Kinect, error that wanders", kinect_drift, KINECT),
@@ -199,6 +206,16 @@ READINGS = (
     Reading("2 mm, said to be 20 mm", millimetres(2), pw.Sensor(noise=0.02)),
     Reading("10 mm, said to be 1 mm", millimetres(10), pw.Sensor(noise=0.001)),
     Reading("3 mm, k1 = -0.03 left", millimetres(3), pw.Sensor(noise=0.003), distortion=-0.03),
+    *(
+        Reading(f"{name}, {round(100 * share)} % wild", read, sensor, wild=share)
+        for name, read, sensor in PLAIN
+        for share in (0.02, 0.05, 0.08, 0.15, 0.25)
+    ),
+    *(
+        Reading(f"{name}, {round(100 * share)} % missing", read, sensor, missing=share)
+        for name, read, sensor in PLAIN
+        for share in (0.3, 0.5, 0.6, 0.75, 0.9, 0.95)
+    ),
 )
 
 
@@ -207,6 +224,12 @@ def frame(reading: Reading, seed: int) -> tuple[NDArray[Any], Grid, Grid]:
     z, labels, faces = exact(seed, reading.size, reading.distortion)
     rng = np.random.default_rng([seed, *reading.name.encode()])
     depth = reading.read(Exact(z, labels, faces, rng))
+    if reading.wild:
+        wild = rng.random(depth.shape) < reading.wild
+        depth = np.where(wild, rng.uniform(0.3, 10, depth.shape), depth)
+        labels, faces = (np.where(wild, 0, each) for each in (labels, faces))
+    if reading.missing:
+        depth = np.where(rng.random(depth.shape) < reading.missing, 0.0, depth)
     depth[depth > reading.sensor.max_depth] = 0
     if reading.sensor.max_depth / reading.sensor.resolution < np.iinfo(np.uint16).max:
         return np.round(depth / reading.sensor.resolution).astype(np.uint16), labels, faces
