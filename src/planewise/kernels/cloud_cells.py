@@ -209,6 +209,13 @@ def grow_cells(nodes, states, keys, levels, limits, firsts, lasts, cells, spans,
 
 
 @in_order
+def add_nodes(nodes, which, to, out):  # type: ignore[no-untyped-def]
+    """Add nodes[which] (m,) of n to out[to] (m,)."""
+    for k in range(which.size):
+        add_row(out[to[k]], nodes[which[k]])
+
+
+@in_order
 def owners(spans, before, owner):  # type: ignore[no-untyped-def]
     """Cell that every least cube is part of, -1 for none; `before` cells come before these."""
     owner[:] = -1
@@ -247,13 +254,13 @@ def absorb(nodes, about, cells, white, owner, first, last, chosen):  # type: ign
 
 
 @compiled
-def take_in(nodes, white, chosen, cells, owner):  # type: ignore[no-untyped-def]
+def take_in(nodes, white, shared, chosen, cells, owner):  # type: ignore[no-untyped-def]
     """Make loose cubes part of the cells chosen for them; returns how many."""
     found = 0
     for cube in range(owner.size):
         if owner[cube] < 0 and chosen[cube] >= 0:
             owner[cube] = chosen[cube]
-            add_points(cells[chosen[cube]], nodes[cube], white)
+            add_points(cells[chosen[cube]], nodes[cube], white, shared)
             found += 1
     return found
 
