@@ -255,7 +255,7 @@ def absorb(nodes, about, cells, white, owner, first, last, chosen):  # type: ign
 
 @compiled
 def take_in(nodes, white, shared, chosen, cells, owner):  # type: ignore[no-untyped-def]
-    """Make loose cubes part of the cells chosen for them; returns how many."""
+    """Make loose cubes part of the cells chosen for them (`add_points`); returns how many."""
     found = 0
     for cube in range(owner.size):
         if owner[cube] < 0 and chosen[cube] >= 0:
