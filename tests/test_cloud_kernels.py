@@ -243,30 +243,6 @@ def test_cells_are_cubes_that_tell_a_plane(cloud):
     assert held > 0.9 * len(cloud.local)
 
 
-def test_slices_of_a_sheet_are_part_of_the_cube_with_the_rest():
-    # 1,000 points a cube that is as wide as the sheet: columns of two cubes and three.
-    rng = np.random.default_rng(0)
-    points = np.column_stack((rng.uniform(0, 1, (150_000, 2)), rng.normal(0, SIGMA, 150_000)))
-    sheet = cloud_of(points, SENSOR, None, 1)
-    cells = cells_of(sheet)
-    assert cells.whole is not None
-    slices = np.flatnonzero(cells.whole >= 0)
-    counts = np.diff(sheet.starts)
-    assert 0.1 < len(slices) / len(counts) < 0.5
-    assert (counts[slices] <= counts[cells.whole[slices]]).all()
-    assert (cells.whole[cells.whole[slices]] < 0).all()
-    assert (cells.owner[slices] == cells.owner[cells.whole[slices]]).all()
-    full = cells.rows[cells.rows[:, rows_of.COUNT] > 500]
-    normals = full[:, rows_of.NX : rows_of.NZ + 1]
-    over = full[:, rows_of.CZ] + sheet.centre[2]
-    assert np.sqrt((over**2).mean()) < 0.3 * SIGMA
-    assert np.median(np.abs(normals[:, 2])) > 0.99
-    labels = np.ones(len(points), np.uint16)
-    groups = groups_of(sheet, labels, cells.error, cells.whole)
-    assert len(groups.label) == len(counts) - len(slices)
-    assert groups.rows[:, rows_of.COUNT].sum() == len(points)
-
-
 def test_neighbours_are_cells_side_by_side_on_a_surface(cloud):
     cells = cells_of(cloud)
     u, v = cells.ends.T

@@ -423,4 +423,4 @@ def test_a_dense_wall_that_is_thick_beside_its_cubes_is_one_plane(count, sigma, 
     assert abs(plane.normal @ normal) > np.cos(np.radians(0.2))
     middle = turned.apply([1.5, 1, 0]) + shift
     assert abs(middle @ plane.normal + plane.distance) < 0.05 * sigma
-    assert plane.area == pytest.approx(6, rel=0.4)
+    assert 6 < plane.area < 9  # some cells lie above others

@@ -24,7 +24,6 @@ from planewise.clouds.cloud import (
     roughness_of,
 )
 from planewise.kernels import cloud_cells as kernels
-from planewise.kernels import cloud_cuts
 from planewise.kernels.cloud_rows import ROW
 from planewise.kernels.pairs import add_products, pairs_once
 
@@ -85,8 +84,6 @@ class CloudCells:
         Points along their common border.
     error : CloudError
         Size of the error.
-    whole : ndarray of int32, shape (n,), optional
-        Cube that holds the rest of the sheet of which a cube has a slice, -1 for others.
     """
 
     rows: Array
@@ -95,7 +92,6 @@ class CloudCells:
     ends: NDArray[np.int32]
     sides: NDArray[np.float32]
     error: CloudError
-    whole: NDArray[np.int32] | None = None
 
 
 class _Grown(NamedTuple):
@@ -115,8 +111,7 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     error = CloudError(white, max(_SATURATION * drift, least))
 
-    whole = _wholes(cloud, white)
-    cells = _grown(cloud, error, whole)
+    cells = _grown(cloud, error)
     rows, owner = cells.rows, cells.owner
     if not len(rows):
         return None
@@ -135,29 +130,12 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
             )
         if not taken:
             break
-    return CloudCells(rows, cells.keys, owner, *_neighbours(cloud, cells), error, whole)
+    return CloudCells(rows, cells.keys, owner, *_neighbours(cloud, cells), error)
 
 
-def _wholes(cloud: Cloud, white: float) -> NDArray[np.int32]:
-    """Cube whose sheet each cube has a slice of, -1 for those that have none."""
-    whole = np.empty(len(cloud.cubes), np.int32)
-    cloud.over_cubes(
-        lambda first, last: cloud_cuts.wholes(
-            cloud.nodes, cloud.about, white, HOPELESS, STEEPEST, SHARED, first, last, whole,
-        )
-    )  # fmt: skip
-    while True:
-        above = np.where(whole >= 0, whole[whole], -1)
-        further = above >= 0
-        if not further.any():
-            return whole
-        whole[further] = above[further]
-
-
-def _grown(cloud: Cloud, error: CloudError, whole: NDArray[np.int32]) -> _Grown:
-    """Cells, as `kernels.grow_cells` finds them; whole: `_wholes`."""
+def _grown(cloud: Cloud, error: CloudError) -> _Grown:
+    """Cells, as `kernels.grow_cells` finds them."""
     memory = cloud.memory
-    slices = np.flatnonzero(whole >= 0)
     rows, keys = memory.growing(np.float64, ROW), memory.growing(np.uint64)
     levels = memory.growing(np.int64)
     owner, cells = np.empty(len(cloud.cubes), np.int64), 0
@@ -165,11 +143,7 @@ def _grown(cloud: Cloud, error: CloudError, whole: NDArray[np.int32]) -> _Grown:
         n, part = last - first, slice(first, last)
         out, spans = np.empty((n, ROW)), np.empty((n, 2), np.int64)
         level_of = np.empty(n, np.int64)
-        nodes = cloud.nodes[part].copy()
-        mine = slices[(whole[slices] >= first) & (whole[slices] < last)]
-        kernels.add_nodes(cloud.nodes, mine, whole[mine] - first, nodes)
-        states = _states(nodes, error, cloud.workers)
-        states[slices[(slices >= first) & (slices < last)] - first] = kernels.MIXED
+        nodes, states = _with_states(cloud.nodes[part], error, cloud.workers)
         found = kernels.grow_cells(
             nodes, states, cloud.cubes[part].copy(), HIGHEST, error.limits(),
             np.empty(n, np.int64), np.empty(n, np.int64), out, spans, level_of,
@@ -180,18 +154,17 @@ def _grown(cloud: Cloud, error: CloudError, whole: NDArray[np.int32]) -> _Grown:
         keys.append(cloud.cubes[part][spans[order, 0]])
         levels.append(level_of[order])
         cells += found
-    owner[slices] = owner[whole[slices]]
     return _Grown(rows.array(), keys.taken(), levels.taken(), owner)
 
 
-def _states(nodes: Array, error: CloudError, workers: int) -> NDArray[np.int8]:
-    """States of nodes; those of a plane become rows of it (`kernels.node_states`)."""
-    states = np.empty(len(nodes), np.int8)
+def _with_states(nodes: Array, error: CloudError, workers: int) -> tuple[Array, NDArray[np.int8]]:
+    """Copy of nodes, those of a plane as rows of it, and their states (`kernels.node_states`)."""
+    nodes, states = nodes.copy(), np.empty(len(nodes), np.int8)
     over_part(
         lambda first, last: kernels.node_states(nodes, error.limits(), first, last, states),
         0, len(nodes), workers, _LEAST_PART,
     )  # fmt: skip
-    return states
+    return nodes, states
 
 
 def _neighbours(cloud: Cloud, cells: _Grown) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
@@ -288,8 +261,7 @@ def _drift(cloud: Cloud, nodes: Array, keys: NDArray[np.uint64], white: float) -
     for level in reversed(range(LEVELS)):
         # Large cubes come first: where they agree, no more has to be asked.
         nodes, keys = levels[level]
-        planes = nodes.copy()
-        states = _states(planes, CloudError(white, 0.0), cloud.workers)
+        planes, states = _with_states(nodes, CloudError(white, 0.0), cloud.workers)
         ends = np.empty((_SAMPLE, 2), np.int64)
         ends = ends[: kernels.sibling_pairs(states, keys, ends)]
         if len(ends) >= FEWEST_TOLD:

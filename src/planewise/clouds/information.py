@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from planewise.clouds.cells import SHARED, CloudError
 from planewise.clouds.cloud import Cloud, over_part
 from planewise.information import coordinate_information, plane_information
-from planewise.kernels import cloud_cuts
 from planewise.kernels import cloud_information as kernels
 from planewise.kernels import cloud_labels as label_kernels
 from planewise.kernels.cloud_keys import TURN
@@ -97,10 +96,8 @@ class Mask:
         return lengths
 
 
-def groups_of(
-    cloud: Cloud, labels: Labels, error: CloudError, whole: NDArray[np.int32] | None = None
-) -> CloudGroups:
-    """Groups of the points with these labels, in sorted order; slices are part of their whole."""
+def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
+    """Groups of the points with these labels, in sorted order."""
     counts = np.empty(len(cloud.cubes), np.int64)
     cloud.over_cubes(
         lambda first, last: label_kernels.count_groups(labels, cloud.starts, first, last, counts)
@@ -115,13 +112,6 @@ def groups_of(
             TURN, variance, places, first, last, rows, label,
         )
     )  # fmt: skip
-    slices = np.flatnonzero(whole >= 0) if whole is not None else np.empty(0, np.int64)
-    if len(slices):
-        kept = np.ones(len(label), np.bool_)
-        cloud_cuts.fold_groups(slices, whole, places, rows, label, kept)
-        before: NDArray[np.int64] = np.concatenate((np.zeros(1, np.int64), np.cumsum(kept)))
-        places = before[places]
-        rows, label = rows[kept], label[kept]
     return CloudGroups(rows, label, places)
 
 

@@ -68,8 +68,6 @@ class CloudPlanes:
         Planes that pay but are more than was asked for.
     curved : int
         Pieces of curved surfaces, which are none.
-    whole : ndarray of int32, shape (n,), optional
-        As of `CloudCells`.
     """
 
     cloud: Cloud
@@ -80,7 +78,6 @@ class CloudPlanes:
     correlation: Array
     left_out: int = 0
     curved: int = 0
-    whole: NDArray[np.int32] | None = None
 
 
 def cloud_model(
@@ -183,7 +180,7 @@ def found_in(
     correlation = residual_correlation(cells, found.of_cell, planes)
     return CloudPlanes(
         cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out,
-        found.curved, cells.whole,
+        found.curved,
     )  # fmt: skip
 
 
@@ -217,7 +214,7 @@ def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes
         rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
     return CloudPlanes(
         found.cloud, labels, rows, found.error, significance, correlation,
-        found.left_out + left_out, found.curved, found.whole,
+        found.left_out + left_out, found.curved,
     )  # fmt: skip
 
 
@@ -265,7 +262,7 @@ def ranked_model(
     cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
     areas, labels = found.rows[:, AREA], found.labels
     with stage("ledger"):
-        groups = groups_of(cloud, labels, error, found.whole)
+        groups = groups_of(cloud, labels, error)
         alone = alone_of(cloud, groups, *limits)
         data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
         rows = _determined(refitted(cloud, groups, alone, data, areas, error), found.rows)

@@ -209,13 +209,6 @@ def grow_cells(nodes, states, keys, levels, limits, firsts, lasts, cells, spans,
 
 
 @in_order
-def add_nodes(nodes, which, to, out):  # type: ignore[no-untyped-def]
-    """Add nodes[which] (m,) of n to out[to] (m,)."""
-    for k in range(which.size):
-        add_row(out[to[k]], nodes[which[k]])
-
-
-@in_order
 def owners(spans, before, owner):  # type: ignore[no-untyped-def]
     """Cell that every least cube is part of, -1 for none; `before` cells come before these."""
     owner[:] = -1
