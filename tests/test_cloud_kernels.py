@@ -231,9 +231,11 @@ def test_cells_are_cubes_that_tell_a_plane(cloud):
         row = cells.rows[cell]
         assert row[rows_of.COUNT] >= 6
         values = np.linalg.eigvalsh(matrix(row))
-        # The scatter across is gone, what is left tells slopes to a quarter of a radian.
+        # The scatter across is gone, what is left tells slopes to a quarter of a radian, but for
+        # what the cube cuts.
         assert values[0] == pytest.approx(0, abs=1e-6 * values[2])
-        assert 1 / values[1] < 0.07
+        cut = rows_of.CUT * (cells.error.white * SIGMA**2 / row[rows_of.AREA]) ** 2
+        assert 1 / values[1] < 0.07 + 1.2 * cut
         tilts.append(np.abs(row[rows_of.NX : rows_of.NZ + 1]).max())
     assert np.median(tilts) > 0.99
     held = np.diff(cloud.starts)[cells.owner >= 0].sum()
@@ -510,6 +512,7 @@ def test_nats_of_groups_are_those_of_normal_densities():
     plane = np.array([0.0, 0.0, 1.0, -0.1])
     shared, drift, side, eps, root_area = 0.09, 1e-5, 0.25, 0.001, 2.0
     offset, tilt = shared * SIGMA**2 + 0.113 * drift * root_area, 0.9 * drift / side
+    tilt += rows_of.CUT * (SIGMA / side) ** 4
     prior = (1.0, 9.2, 9.2)
     alone, data = np.empty((2, 1))
     nats.groups_alone(row[None], eps, prior, 0, 1, alone)
@@ -526,7 +529,14 @@ def test_nats_of_groups_are_those_of_normal_densities():
 
     inside = points - points.mean(axis=0)
     design = np.column_stack((np.ones(12), inside[:, 0], inside[:, 1]))
-    on = math.log(2) + code(points @ plane[:3] + plane[3], design, [offset, tilt, tilt])
+    residual = points @ plane[:3] + plane[3]
+    on = math.log(2) + code(residual, design, [offset, tilt, tilt])
+    # Residuals count across the tilted plane.
+    c = SIGMA**2 * np.eye(12) + tilt * inside[:, :2] @ inside[:, :2].T
+    within = np.linalg.solve(c, residual - residual.mean())
+    slopes = tilt * inside[:, :2].T @ within
+    turned = (residual - residual.mean()) @ within
+    on += 0.5 * turned * (1 / (1 + slopes @ slopes) - 1)
     values = np.linalg.eigvalsh(matrix(row))
     # On none: about its own plane, whose slopes a broad prior has paid for.
     white = 12 * 0.5 * math.log(2 * math.pi * SIGMA**2 / eps**2)

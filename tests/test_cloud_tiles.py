@@ -41,7 +41,8 @@ def same(model, other):
     for mine, its in zip(model.planes, other.planes, strict=True):
         assert_allclose(mine.covariance, its.covariance, rtol=1e-9)
         assert (mine.count, mine.area) == pytest.approx((its.count, its.area))
-        white = pytest.approx(its.residual_correlation, rel=1e-6, abs=1e-8, nan_ok=True)
+        # Eigenvalues of cells are told to the root of the rounding.
+        white = pytest.approx(its.residual_correlation, rel=1e-6, abs=1e-7, nan_ok=True)
         assert mine.residual_correlation == white
 
 

@@ -6,6 +6,7 @@ from benchmarks.building import building
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 import planewise as pw
 from planewise.clouds.cells import cells_of
@@ -405,3 +406,21 @@ def test_drift_is_told_and_independent_noise_has_none():
     made = building(200_000, sigma=0.03)
     error = cells_of(cloud_of(made.points, pw.Sensor(max_depth=20, noise=0.03), None, 2)).error
     assert error.drift < 0.02 * 0.03**2
+
+
+@pytest.mark.parametrize(("count", "sigma"), [(100_000, 0.03), (500_000, 0.01)])
+@pytest.mark.parametrize("turn", [(45, 35, 0), (30, 20, 10), (0, 0, 0)])
+def test_a_dense_wall_that_is_thick_beside_its_cubes_is_one_plane(count, sigma, turn):
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(0, 3, count), rng.uniform(0, 2, count), np.zeros(count)))
+    points += rng.normal(0, sigma, points.shape)
+    turned = Rotation.from_euler("xyz", turn, degrees=True)
+    shift = np.array([0.013, 5.017, 0.0071])
+    points = turned.apply(points) + shift
+    (plane,) = pw.detect_planes_in_points(points, pw.Sensor(max_depth=8.0, noise=sigma)).planes
+    normal = turned.apply([0, 0, 1])
+    assert plane.count > 0.99 * count
+    assert abs(plane.normal @ normal) > np.cos(np.radians(0.2))
+    middle = turned.apply([1.5, 1, 0]) + shift
+    assert abs(middle @ plane.normal + plane.distance) < 0.05 * sigma
+    assert 6 < plane.area < 9  # some cells lie above others

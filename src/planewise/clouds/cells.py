@@ -125,7 +125,9 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
         taken = 0
         for first, last in cloud.runs():
             part = slice(first, last)
-            taken += kernels.take_in(cloud.nodes[part], white, chosen[part], rows, owner[part])
+            taken += kernels.take_in(
+                cloud.nodes[part], white, SHARED, chosen[part], rows, owner[part]
+            )
         if not taken:
             break
     return CloudCells(rows, cells.keys, owner, *_neighbours(cloud, cells), error)

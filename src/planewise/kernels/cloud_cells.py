@@ -247,13 +247,13 @@ def absorb(nodes, about, cells, white, owner, first, last, chosen):  # type: ign
 
 
 @compiled
-def take_in(nodes, white, chosen, cells, owner):  # type: ignore[no-untyped-def]
-    """Make loose cubes part of the cells chosen for them; returns how many."""
+def take_in(nodes, white, shared, chosen, cells, owner):  # type: ignore[no-untyped-def]
+    """Make loose cubes part of the cells chosen for them (`add_points`); returns how many."""
     found = 0
     for cube in range(owner.size):
         if owner[cube] < 0 and chosen[cube] >= 0:
             owner[cube] = chosen[cube]
-            add_points(cells[chosen[cube]], nodes[cube], white)
+            add_points(cells[chosen[cube]], nodes[cube], white, shared)
             found += 1
     return found
 

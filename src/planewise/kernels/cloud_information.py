@@ -13,6 +13,7 @@ import numpy as np
 
 from planewise.kernels.cloud_rows import (
     COUNT,
+    CUT,
     CX,
     CY,
     CZ,
@@ -73,7 +74,9 @@ def _on_plane(rows, g, planes, j, offset, tilt, norm, anything):  # type: ignore
     yy = fx * sx + fy * sy + fz * sz
     a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy
     determinant = a * c - b * b
-    square -= tilt * (c * xw * xw - 2.0 * b * xw * yw + a * yw * yw) / determinant
+    u, v = tilt * (c * xw - b * yw) / determinant, tilt * (a * yw - b * xw) / determinant
+    # Across the tilted plane, as on none.
+    square = (square - u * xw - v * yw) / (1.0 + u * u + v * v)
     off = nx * rows[g, CX] + ny * rows[g, CY] + nz * rows[g, CZ] + planes[j, 3]
     wide = 1.0 + offset * rows[g, WEIGHT]
     chi2 = square + rows[g, WEIGHT] * off * off / wide
@@ -115,7 +118,8 @@ def group_data(  # type: ignore[no-untyped-def]
             count, weight = groups[g, COUNT], groups[g, WEIGHT]
             norm = _norm(count, weight, resolution)
             offset = shared * count / weight + 0.113 * drift * planes[j, 4]
-            on = _on_plane(groups, g, planes, j, offset, 0.9 * drift / side, norm, anything)
+            tilt = 0.9 * drift / side + CUT * (count / weight / side**2) ** 2
+            on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))
             odds = (on_its_own - nats) - (in_common - on)
             if odds > 0.0:

@@ -18,6 +18,9 @@ XX, XY, XZ, YY, YZ, ZZ = 4, 5, 6, 7, 8, 9
 COUNT, AREA, FREE, MISFIT = 10, 11, 12, 13  # points; m^2; nats as patches of their own; discord
 NX, NY, NZ, CELLS = 14, 15, 16, 17  # normal; cells it was made of
 
+# Variance of the slope that cubes cut into sheets, in (variance of a point / area)^2. Sides that
+# lean by an angle a against the normal tilt a sheet's points by 12 tan a; rms of all directions.
+CUT = 66.0
 APART = 1e6  # discord of planes that are far from parallel
 _STEEP = 0.5  # least cosine between normals that are compared
 _HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
@@ -112,6 +115,9 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     noise = max(white, factor)
     if not middle > 0.0 or white / middle > tilt:
         return 0
+    # Of a rectangle with this scatter; the root of its determinant has the mean (n - 2) / n.
+    area = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * count / (count - 2.0)
+    own = white * count / row[WEIGHT]  # variance of a point
     if factor > hopeless * white:
         return -1
     if noise / middle > tilt:
@@ -123,13 +129,22 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     row[YY] -= chi2 * ny * ny
     row[YZ] -= chi2 * ny * nz
     row[ZZ] -= chi2 * nz * nz
+    # Slopes err by what cubes cut, at least: S becomes (S^-1 + cut)^-1 in the plane.
+    p, q = largest / noise, middle / noise
+    cut = max(CUT * (own / area) ** 2 - 1.0 / q, 0.0)
+    more, less = cut * p * q, 1.0 / ((1.0 + cut * p) * (1.0 + cut * q))
     for e in range(XX, ZZ + 1):
-        row[e] /= noise
-    # Of a rectangle with this scatter; the root of its determinant has the mean (n - 2) / n.
-    row[AREA] = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * count / (count - 2.0)
-    own = white * count / row[WEIGHT]  # variance of a point
+        row[e] *= less / noise
+    more *= less
+    row[XX] += more * (1.0 - nx * nx)
+    row[XY] -= more * nx * ny
+    row[XZ] -= more * nx * nz
+    row[YY] += more * (1.0 - ny * ny)
+    row[YZ] -= more * ny * nz
+    row[ZZ] += more * (1.0 - nz * nz)
+    row[AREA] = area
     row[WEIGHT] = 1.0 / (noise / row[WEIGHT] + offset_share * own)
-    v1, v2 = noise / largest, noise / middle
+    v1, v2 = 1.0 / p, 1.0 / q
     far = (1.0 + prior[0] * row[AREA] * row[WEIGHT]) * (1.0 + prior[1] / v1) * (1.0 + prior[1] / v2)
     # Half the mean of chi^2 with three degrees of freedom: what a free plane fits away.
     row[FREE] = (0.5 * math.log(far) + 1.5) * min(1.0, (count / 64.0)) ** 0.25
@@ -235,10 +250,13 @@ def misfit_beside(rows, k, nodes, node, white):  # type: ignore[no-untyped-def]
 
 
 @internal
-def add_points(row, points, white):  # type: ignore[no-untyped-def]
-    """Add points that lie on the plane of a row: their scatter in the plane counts."""
+def add_points(row, points, white, shared):  # type: ignore[no-untyped-def]
+    """Add points that lie on the plane of a row: their scatter in the plane counts.
+
+    shared: of the white variance, what all of them share.
+    """
     nx, ny, nz = row[NX], row[NY], row[NZ]
-    weight = points[WEIGHT] / white
+    weight = points[WEIGHT] / (white * (1.0 + shared * points[COUNT]))
     dx, dy, dz = points[CX] - row[CX], points[CY] - row[CY], points[CZ] - row[CZ]
     share = weight / (row[WEIGHT] + weight)
     joint = row[WEIGHT] * share
