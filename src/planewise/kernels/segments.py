@@ -253,16 +253,10 @@ def agglomerate(  # type: ignore[no-untyped-def]
             size = update(keys, items, place, size, edge, gains[edge - start])
     while True:
         if size == 0:
-            # What saved nothing may, now that its segments have grown.
+            # What saved nothing may, now that its segments have grown: all are valued again.
             for edge in range(edges):
-                u, v = ends[edge, 0], ends[edge, 1]
-                if alive[edge] and valued[edge] != version[u] + version[v]:
-                    valued[edge] = version[u] + version[v]
-                    gain, misfit[edge] = _merge_value(
-                        segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                        slope_prior, most, longest,
-                    )  # fmt: skip
-                    size = update(keys, items, place, size, edge, gain)
+                if alive[edge] and valued[edge] != version[ends[edge, 0]] + version[ends[edge, 1]]:
+                    size = update(keys, items, place, size, edge, np.inf)
             if size == 0:
                 break
         edge, gain = items[0], 0.0
