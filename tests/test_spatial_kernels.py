@@ -513,7 +513,11 @@ def test_find_planes(seed):
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
     of_rows, home = forms_of(rows, drift), np.zeros(12, np.int32)
-    gaps.find_planes(rows[None], of_rows[None], home, slope_prior, 0.3, 3, plane)
+    segments = rows[None], of_rows[None], home, slope_prior, 0.3
+    gaps.find_planes(*segments, np.array([0, 1, 0]), plane)  # the last is part of the first
+    expected = oracles.find_planes(rows[[0, 1, *range(3, 12)]], drift[1:], slope_prior, 0.3, 2)
+    assert_array_equal(plane, expected)
+    gaps.find_planes(*segments, np.arange(3), plane)
     assert_array_equal(plane, oracles.find_planes(rows, drift, slope_prior, 0.3, 3))
     there = np.isin(of[3:], of[:3])
     assert (plane[~there] == -1).all()

@@ -59,12 +59,13 @@ def _within(values: NDArray[Any], low: float, high: float) -> tuple[float, float
 
     Equal ones side by side do not count: what differs does so by a step or more.
     """
-    a, b = (values[::_APART, k::_APART].astype(np.float64) for k in (0, 1))
-    a = a[:, : b.shape[1]]
-    there = (a >= low) & (a <= high) & (b >= low) & (b <= high) & (a != b)
-    if not there.any():
+    from planewise.kernels import medians
+    from planewise.kernels import wild as kernels
+
+    off = np.empty(-(-values.shape[0] // _APART) * -(-values.shape[1] // _APART) + 1)
+    found = kernels.differences(values, low, high, _APART, off)
+    if not found:
         return math.inf, _WIDTHS
-    off = np.abs(a[there] / b[there] - 1)
     times, quantile = _SIDE
-    rank = int(quantile * off.size)
-    return times * float(np.partition(off, rank)[rank]), _WIDTHS
+    side = medians.smallest(off[:found], int(quantile * found), np.empty(found))
+    return times * float(side), _WIDTHS

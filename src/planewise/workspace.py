@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -100,10 +101,6 @@ _BYTES: dict[Type, int] = {}  # of an item
 
 def _size(shape: int | tuple[int, ...], dtype: Type) -> int:
     """Bytes of an array, in whole lines of the cache."""
-    size = _BYTES.get(dtype) or _BYTES.setdefault(dtype, np.dtype(dtype).itemsize)
-    if isinstance(shape, int):
-        size *= shape
-    else:
-        for length in shape:
-            size *= length
+    item = _BYTES.get(dtype) or _BYTES.setdefault(dtype, np.dtype(dtype).itemsize)
+    size = item * (shape if isinstance(shape, int) else math.prod(shape))
     return -(-size // _ALIGNED) * _ALIGNED

@@ -29,11 +29,12 @@ def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # typ
 def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
-    segments (K, n, 13), forms (K, n, 12): in the coordinates of every sector; home (n,): sector of
+    segments (K, ., 13), forms (K, ., 12): in the coordinates of every sector; home (.): sector of
     each; gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments,
-    forms and home are changed in place; owner (n,): the segment that each becomes part of.
+    forms and home are changed in place. Writes owner (n,): the segment that each of the first n
+    becomes part of.
     """
-    sectors, n = segments.shape[0], segments.shape[1]
+    sectors, n = segments.shape[0], owner.size
     naming = np.log(n)  # nats to say which other segment it is
     gain, discord = np.empty((n, n)), np.empty((n, n))
     for i in range(n):
@@ -72,17 +73,23 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
 
 
 @compiled
-def find_planes(segments, forms, home, slope_prior, gap_offset, planes, plane):  # type: ignore[no-untyped-def]
-    """Plane that each segment is part of: the first `planes` rows are planes, the others segments.
+def find_planes(segments, forms, home, slope_prior, gap_offset, owner, plane):  # type: ignore[no-untyped-def]
+    """Plane that each segment is part of which is on none yet.
 
-    As `join_through_gaps`, but what is joined changes neither the planes nor what else joins them.
-    Writes plane (n - planes,): the one that saves most, -1 where none saves anything.
+    As `join_through_gaps`, which wrote owner (n,): planes are those of the first n segments that
+    own themselves. What is joined changes neither the planes nor what else joins them. Writes plane
+    (m,): the one that saves most for each of the other m segments, -1 where none saves anything.
     """
+    n, planes = owner.size, 0
+    for i in range(n):
+        planes += owner[i] == i
     naming = np.log(planes)
-    for j in range(planes, segments.shape[1]):
-        plane[j - planes] = -1
+    for k in range(plane.size):
+        plane[k] = -1
         most = 0.0
-        for i in range(planes):
-            gain, _ = _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j)
+        for i in range(n):
+            if owner[i] != i:
+                continue
+            gain, _ = _saved(segments, forms, home, slope_prior, gap_offset, naming, i, n + k)
             if gain > most:
-                most, plane[j - planes] = gain, i
+                most, plane[k] = gain, i

@@ -16,6 +16,7 @@ from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
 
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
+CERTAIN = 40.0  # nats by which one of two is so much shorter that a float64 has no room for both
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
 _LN2 = math.log(2.0)
 _BATCH = 200  # groups at once; columns a power of 2 apart share lines of the cache
@@ -154,10 +155,9 @@ def group_data(  # type: ignore[no-untyped-def]
                 on = _LN2 + min(fitted[k], count[k] * prior[2])
                 # -ln(0.95 exp(-on) + 0.05 exp(-alone))
                 odds = (on_its_own - nats) - (in_common - on)
-                if odds > 0.0:
-                    nats -= on_its_own + math.log1p(math.exp(-odds))
-                else:
-                    nats = on - in_common - math.log1p(math.exp(odds))
+                nats = nats - on_its_own if odds > 0.0 else on - in_common
+                if abs(odds) < CERTAIN:
+                    nats -= math.log1p(math.exp(-abs(odds)))
                 worth[j] += nats - alone[g]
                 saved[j] += nats - count[k] * prior[2]
                 if g < blocks:

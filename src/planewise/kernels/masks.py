@@ -27,6 +27,7 @@ _16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
 _LOW = np.uint64(0xFFFF)
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)  # odd: 2^64 over the golden ratio
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
+_UNSEEN = np.array([math.lgamma(PRIOR * symbols) for symbols in range(1, SYMBOLS + 1)])
 
 
 @inlined
@@ -86,10 +87,10 @@ def _length(counts, planes):  # type: ignore[no-untyped-def]
             continue
         distinct = 1 + max(context // 24, context // 8 % 3, context // 2 % 4)
         symbols = distinct + (1 if planes >= distinct else 0)
-        total += math.lgamma(seen + PRIOR * symbols) - math.lgamma(PRIOR * symbols)
+        total += math.lgamma(seen + PRIOR * symbols) - _UNSEEN[symbols - 1]
         for symbol in range(SYMBOLS):
             if row[symbol] > 0:
-                total -= math.lgamma(row[symbol] + PRIOR) - math.lgamma(PRIOR)
+                total -= math.lgamma(row[symbol] + PRIOR) - _UNSEEN[0]
         if row[NONE] > 0:
             total += row[NONE] * math.log(planes + 1.0 - distinct)
     return total

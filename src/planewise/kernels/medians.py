@@ -1,4 +1,4 @@
-"""Medians without sorting: a radix selection, which has no branch that is hard to foresee."""
+"""Quantiles without sorting: a radix selection, which has no branch that is hard to foresee."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ _SHIFTS = (52, 41, 30, 19, 8, 0)  # of the exponent, and of what is behind it
 
 
 @in_order
-def middle(values, work):  # type: ignore[no-untyped-def]
-    """The (n // 2)-th smallest of n numbers, none of them negative or NaN; n > 0.
+def smallest(values, rank, work):  # type: ignore[no-untyped-def]
+    """The number of a rank, from 0, among n, none of them negative or NaN; n > rank.
 
     The bits of such numbers are in their order. work (n,): room for as many.
     """
     bits, kept = values.view(np.int64), work.view(np.int64)
-    rank, size = values.size // 2, values.size
+    size = values.size
     counts = np.empty((1 << _DIGIT) + 1, np.int64)
     for k in range(size):
         kept[k] = bits[k]
@@ -37,3 +37,9 @@ def middle(values, work):  # type: ignore[no-untyped-def]
         if size == 1:
             break
     return work[0]
+
+
+@in_order
+def middle(values, work):  # type: ignore[no-untyped-def]
+    """The (n // 2)-th `smallest`."""
+    return smallest(values, values.size // 2, work)

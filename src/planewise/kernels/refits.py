@@ -7,11 +7,10 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import COUNT, UNIT
-from planewise.kernels.group_data import APART
+from planewise.kernels.group_data import APART, CERTAIN
 from planewise.kernels.jit import compiled
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
-_FAR = 40.0  # nats by which a smooth surface has to be shorter for the other not to count
 
 
 @compiled
@@ -33,8 +32,9 @@ def refit_sums(  # type: ignore[no-untyped-def]
         j, count = label[g], moments[COUNT, g]
         if j == 0 or not count > 0.0:
             continue
-        weight = 1.0 - APART * math.exp(data[g] - alone[g])
-        if alone[g] > count * anything - _FAR:
+        longer = alone[g] - data[g]
+        weight = 1.0 - APART * math.exp(-longer) if longer < CERTAIN else 1.0
+        if alone[g] > count * anything - CERTAIN:
             most = (1.0 - APART) * math.exp(alone[g] - math.log(2.0) - count * anything) + APART
             if data[g] >= (alone[g] - math.log(most)) * (1.0 - _CAPPED):
                 continue

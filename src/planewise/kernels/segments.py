@@ -146,23 +146,38 @@ def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
 
 @inlined
 def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: ignore[no-untyped-def]
-    """Sides between cells of two segments, as edges with the nats that a merge saves there."""
+    """Sides between cells of two segments, as edges with the nats that a merge saves there.
+
+    A side that goes on where the one above it, or to its left, ended is part of the same edge.
+    """
     rows, columns = unit.shape
     sides = np.intp(0)
+    latest = np.empty((2, columns), np.int32)  # edges across the last sides in their direction
+    latest[0, :] = latest[1, 0] = -1
     for i in range(rows):
         for j in range(columns):
             u = unit[i, j]
+            if u < 0:
+                continue
             for k in range(2):
                 row, column = i + k, j + 1 - k
                 if wraps and column == columns:
                     column = 0
-                if u >= 0 and row < rows and column < columns:
-                    v = unit[row, column]
-                    if v >= 0 and v != u:
-                        ends[sides, 0], ends[sides, 1] = u, v
-                        boundary[sides] = border_price(discords[k, i, j], price)
-                        alive[sides] = 1
-                        sides += 1
+                if row == rows or column == columns:
+                    continue
+                v = unit[row, column]
+                if v < 0 or v == u:
+                    continue
+                place = 0 if k else j
+                edge = latest[k, place]
+                nats = border_price(discords[k, i, j], price)
+                if edge >= 0 and ends[edge, 0] == u and ends[edge, 1] == v:
+                    boundary[edge] += nats
+                else:
+                    ends[sides, 0], ends[sides, 1] = u, v
+                    boundary[sides], alive[sides] = nats, 1
+                    latest[k, place] = sides
+                    sides += 1
     return sides
 
 

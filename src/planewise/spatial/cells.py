@@ -128,7 +128,8 @@ def cells_of(
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
     full, usual = kernels.whole_misfits(moments, misfits, sample), usual_count(blocks[:, COUNT])
-    lone, freedom = sample[:full], np.full(full, SIDE * SIDE - 3.0)
+    lone: Array = sample[:full]
+    freedom: Array | int = SIDE * SIDE - 3
     if full < _FEWEST:  # as where readings are missing here and there: then blocks do
         some = blocks[:, COUNT] >= max(usual, _LEAST)
         if np.count_nonzero(some) > full:

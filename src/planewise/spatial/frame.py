@@ -23,13 +23,6 @@ _SPAN = 0.05  # of depth, to either side, over which the course of the noise is 
 _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's, where not known
 
 
-def _between(table: Array, row: Array) -> Array:
-    """Values of a table at rows, linear between them."""
-    row = np.minimum(row, len(table) - 2)
-    below = row.astype(np.intp)
-    return np.asarray(table[below] + (row - below) * (table[below + 1] - table[below]))
-
-
 @dataclass(frozen=True)
 class ErrorTable:
     """Variances of inverse depth, in 1 / m^2, by depth; linear between the depths that occur.
@@ -54,11 +47,14 @@ class ErrorTable:
 
     def at(self, w: NDArray[np.floating]) -> tuple[Array, Array, Array, Array]:
         """White, shared, drift and step at inverse depths w > 0."""
-        row = self.per_metre / np.asarray(w, np.float64)
-        white, shared, drift, step = (
-            _between(part, row) for part in (self.white, self.shared, self.drift, self.step)
-        )
-        return white, shared, drift, step
+        row = np.minimum(self.per_metre / np.asarray(w, np.float64), self.white.size - 2)
+        below = row.astype(np.intp)
+        between = row - below
+
+        def linear(table: Array) -> Array:
+            return np.asarray(table[below] + between * (table[below + 1] - table[below]))
+
+        return linear(self.white), linear(self.shared), linear(self.drift), linear(self.step)
 
     def noise_bias(self, w: Array) -> Array:
         """Share by which white noise makes weighted means of inverse depth too small.

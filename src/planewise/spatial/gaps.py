@@ -28,32 +28,26 @@ def join_through_gaps(
     Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
     """
     order = np.argsort(-worth, kind="stable")
-    chosen = order[accepted[order]]
-    home = segments.home[chosen]
-    planes, owner = sectors.everywhere(segments.rows[chosen], home), np.arange(len(chosen))
+    paid = accepted[order]
+    chosen, rest = order[paid], order[~paid & (worth[order] > 0.0)]
     if instances or not len(chosen):
-        return chosen, owner, planes
-    drift = segments.drift[chosen]
-    forms = _forms(planes, drift)
-    slope_prior = segments.slope_prior[chosen]
-    gaps.join_through_gaps(planes, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
-    there = np.bincount(owner, minlength=len(chosen)) > 0
-    alive, owner = np.flatnonzero(there), (np.cumsum(there) - 1)[owner]
-    planes = planes[:, alive]
-    rest = order[~accepted[order] & (worth[order] > 0.0)]
-    plane = np.empty(len(rest), np.int64)
-    others = sectors.everywhere(segments.rows[rest], segments.home[rest])
-    gaps.find_planes(
-        np.concatenate((planes, others), axis=1),
-        np.concatenate((forms[:, alive], _forms(others, segments.drift[rest])), axis=1),
-        np.concatenate((home[alive], segments.home[rest])),
-        np.concatenate((slope_prior[alive], segments.slope_prior[rest])),
-        _GAP_OFFSET,
-        planes.shape[1],
-        plane,
+        rows = sectors.everywhere(segments.rows[chosen], segments.home[chosen])
+        return chosen, np.arange(len(chosen)), rows
+    every = np.append(chosen, rest)
+    home, drift = segments.home[every], segments.drift[every]
+    slope_prior = segments.slope_prior[every]
+    rows = sectors.everywhere(segments.rows[every], home)
+    forms = _forms(rows, drift)
+    owner, plane = np.empty(len(chosen), np.int64), np.empty(len(rest), np.int64)
+    gaps.join_through_gaps(rows, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
+    gaps.find_planes(rows, forms, home, slope_prior, _GAP_OFFSET, owner, plane)
+    own, part = owner == np.arange(len(owner)), plane >= 0
+    place = np.cumsum(own) - 1
+    return (
+        np.append(chosen, rest[part]),
+        place[np.append(owner, plane[part])],
+        rows[:, np.flatnonzero(own)],
     )
-    part = plane >= 0
-    return np.append(chosen, rest[part]), np.append(owner, plane[part]), planes
 
 
 def _forms(rows: Array, drift: Array) -> Array:

@@ -103,7 +103,7 @@ def solve(
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
-    if is_sparse(frame):
+    if is_sparse(frame, observation.tame.count):
         with stage("points"):
             found = segment_points(
                 observation,

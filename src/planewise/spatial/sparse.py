@@ -18,16 +18,15 @@ _FEWEST = 100  # readings that could show a plane
 _NEAREST = 1e-6  # metres from the sensor: no ray meets a plane through it
 
 
-def is_sparse(frame: Frame) -> bool:
-    """Whether the median cell of 6 x 6 pixels that has readings has but a few."""
-    there = frame.p > 0
-    count = np.count_nonzero(there)
+def is_sparse(frame: Frame, readings: int) -> bool:
+    """Whether the median cell of 6 x 6 pixels that has some of these readings has but a few."""
     # With so many the median has more, even where all others are full.
     if (
         frame.sectors.column is not None
-        or not _FEWEST <= count < (_MOST / _CELL**2 + 1) / 2 * there.size
+        or not _FEWEST <= readings < (_MOST / _CELL**2 + 1) / 2 * frame.p.size
     ):
         return False
+    there = frame.p > 0
     rows, columns = (n // _CELL for n in there.shape)
     cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
     return usual_count(cells.sum(axis=(1, 3))) <= _MOST
