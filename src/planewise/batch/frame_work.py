@@ -137,9 +137,8 @@ class FrameWork:
         read = time.perf_counter()
         detector = self._detector(seen)
         regions = self.recipe.options.partition is not None
-        model = detector(seen.depth, rgb=seen.rgb if regions else None)
+        observed, model = detector.observe_and_find(seen.depth, rgb=seen.rgb if regions else None)
         detected = time.perf_counter()
-        present = np.count_nonzero((seen.depth > 0) & (seen.depth < np.inf))
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
             name = f"labels/{safe_name(frame, '.png')}"
@@ -160,7 +159,7 @@ class FrameWork:
             record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
-            out_of_range=bool(2 * model.readings < present),
+            out_of_range=2 * observed.count < observed.image.present,
             milliseconds=times,
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, preset_of, reported
+from planewise.commands.command_line import check_numbers, check_output, preset_of, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.shared_options import (
     CameraName,
@@ -71,9 +70,10 @@ def calibrate(
     with reported():
         check_numbers(depth_scale, seed)
         paths = _thinned(_depth_files(frames))
-        _check_output(output, ".json", paths)
+        inputs = (*paths, camera, sensor)
+        check_output(output, ".json", inputs)
         if picture is not None:
-            _check_output(picture, ".png", paths)
+            check_output(picture, ".png", inputs, "picture")
         known = None if camera is None else read_camera(camera)
         name = sensor or preset_of(camera)
         base = read_sensor(name, max_depth=max_depth, resolution=resolution)
@@ -157,16 +157,3 @@ def _thinned(paths: list[Path]) -> list[Path]:
         return paths
     terminal.notice(f"{_MOST_FRAMES} of {count} frames are taken, evenly spaced")
     return [paths[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
-
-
-def _check_output(path: Path, ending: str, inputs: list[Path]) -> None:
-    """Refuse a file that cannot be written, or that is one of the inputs."""
-    if path.is_dir():
-        raise PlanewiseError(f"output: {path} is a folder; give a file such as sensor{ending}")
-    if path.suffix.lower() != ending:
-        raise PlanewiseError(f"output: expected a {ending} file, got {path.name}")
-    if path.resolve() in {each.resolve() for each in inputs}:
-        raise PlanewiseError(f"output: {path} would be written over; choose another file")
-    parent = next((each for each in path.parents if each.exists()), path.parent)
-    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
-        raise PlanewiseError(f"output: {parent} is not a folder that can be written to")

@@ -11,7 +11,7 @@ import typer
 
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, reported
+from planewise.commands.command_line import check_kept, check_numbers, reported
 from planewise.commands.shared_options import (
     Outlines,
     Output,
@@ -107,10 +107,7 @@ def points(
 
         names = [*CLOUD_FILES, *(OUTLINE_FILES if outlines else ())]
         names += [name for name in (las_name(cloud, las),) if name]
-        if cloud.resolve() in {(output / name).resolve() for name in names}:
-            raise PlanewiseError(
-                f"output: {cloud} would be written over; choose another folder for the results"
-            )
+        check_kept([output / name for name in names], [cloud])
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
         with output_folder(output) as folder:
