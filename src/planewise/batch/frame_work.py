@@ -18,7 +18,8 @@ from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError
+from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.sensor import Sensor
 
@@ -168,10 +169,7 @@ class FrameWork:
 
         camera = self.recipe.camera or seen.camera
         if camera is None:
-            raise PlanewiseError(
-                "camera: the frame does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera("the frame")
         scale = seen.depth_scale if self.recipe.depth_scale is None else self.recipe.depth_scale
         key = (camera, scale)
         if key not in self._detectors:

@@ -27,7 +27,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera
+from planewise.files.camera import no_camera, read_camera
 from planewise.files.depth import read_depth
 from planewise.sensor import Sensor
 from planewise.stages import recorded
@@ -213,10 +213,7 @@ def _file(path: Path, camera: str | None, sensor: Sensor, depth_scale: float | N
     read = read_depth(path)
     known = read.camera if camera is None else read_camera(camera)
     if known is None:
-        raise PlanewiseError(
-            f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
-            "fx,fy,cx,cy or a file"
-        )
+        raise no_camera(path.name)
     return _Frame(
         name=path.name,
         depth=read.depth,

@@ -21,7 +21,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera, read_sensor
+from planewise.files.camera import no_camera, read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
 from planewise.sensor import Sensor
 from planewise.whole_files import written_whole
@@ -132,10 +132,7 @@ class _Reading:
         frame = read_depth(path)
         camera = self.camera or frame.camera
         if camera is None:
-            raise PlanewiseError(
-                "camera: the file does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         return cells_of_frame(frame.depth, camera, self.sensor, scale)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept
 from planewise.errors import PlanewiseError
+from planewise.files.camera import no_camera
 from planewise.files.depth import DepthFile, read_depth
 from planewise.results.image import FILES, OUTLINE_FILES, write_results
 from planewise.sensor import Sensor
@@ -104,10 +105,7 @@ class Job:
         frame = read_depth(path)
         camera = self.camera or frame.camera
         if camera is None:
-            raise PlanewiseError(
-                f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)

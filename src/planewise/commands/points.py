@@ -78,8 +78,9 @@ def points(
         str,
         typer.Option(
             metavar="auto|N",
-            help="Points of a tile, for clouds larger than memory; the result is the same. 'auto': "
-            "none while the cloud fits into half of the memory at 200 bytes a point.",
+            help="Points of a tile, for clouds larger than memory; with some thousands "
+            "the result is the same. 'auto': none while the cloud fits into half of the memory at "
+            "200 bytes a point.",
         ),
     ] = _AUTO,
     las: Annotated[

@@ -122,9 +122,9 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     say(f"{counted(len(model), 'plane')}, Phi = {model.information:,.0f} nats {without}")
     from planewise.compilation import announce  # loads Numba, which has been used by now
 
-    compiled = ", compiling included" if announce(cloud=model.labels.ndim == 1) else ""
+    with_it = "compiling" if announce(cloud=model.labels.ndim == 1) else "loading"
     readings = counted(model.readings, "reading")
-    say(f"{readings}, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
+    say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
 

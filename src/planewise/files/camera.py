@@ -75,6 +75,14 @@ def read_camera(text: str) -> Camera:
         raise PlanewiseError(f"{error} (from {path.name})") from None
 
 
+def no_camera(what: str) -> PlanewiseError:
+    """Error of depth whose camera nothing tells."""
+    return PlanewiseError(
+        f"camera: {what} does not state its intrinsics; give --camera as a preset, fx,fy,cx,cy or "
+        "a file"
+    )
+
+
 def read_sensor(
     name: str | None,
     *,
