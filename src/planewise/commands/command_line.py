@@ -101,7 +101,7 @@ def check_output(
     if path.suffix.lower() != ending:
         raise PlanewiseError(f"{option}: expected a {ending} file, got {path.name}")
     check_kept([path], inputs, option)
-    parent = next((each for each in path.absolute().parents if each.exists()), path.parent)
+    parent = next((each for each in path.parents if each.exists()), path.parent)
     if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
         raise PlanewiseError(f"{option}: {parent} is not a folder that can be written to")
 
