@@ -109,7 +109,8 @@ class Job:
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
-        written = [target / name for name in (*FILES, *OUTLINE_FILES)]
+        # A folder of masks is read whole: the results would be masks of the next run.
+        written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
         with output_folder(target) as folder:
             model, seconds, beyond = find_planes(
