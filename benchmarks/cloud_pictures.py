@@ -39,7 +39,9 @@ def main() -> None:
     height = round(WIDTH * picture.height / picture.width)
     small = picture.resize((WIDTH, height), Image.Resampling.LANCZOS)
     path = given.output / "clouds.png"
-    small.quantize(COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+    # Rare colours are kept, too: the legend has them.
+    few = small.quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(path, optimize=True)
     print(
         f"{len(points):,} points, {len(model)} planes; {path}, {path.stat().st_size / 1000:.0f} kB"
     )

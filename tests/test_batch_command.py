@@ -240,6 +240,14 @@ def test_a_partition_is_an_option_of_the_store(frames, store):
     assert "not a file" in run(*arguments, "--partition", frames / "00001.png")[2]
 
 
+def test_pictures_without_a_camera_are_refused_at_once(originals, store):
+    code, text, errors = run("batch", originals, "-o", store, "--sensor", "kinect-v1")
+    assert (code, text) == (2, "")
+    assert errors.count("error: ") == 1
+    assert "frames does not state its intrinsics; give --camera" in errors
+    assert not store.parent.exists()
+
+
 BAD_ARGUMENTS = {
     "no part": (("--shard", "4/3"), "shard"),
     "no limit": (("--limit", "0"), "limit"),

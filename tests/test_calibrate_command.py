@@ -131,6 +131,13 @@ def test_output_is_checked_first(frames, tmp_path, monkeypatch):
         code, _, errors = run("calibrate", frames, *CAMERA, "-o", target)
         assert code == 2
         assert message in errors
+    for option in ("--camera", "--sensor"):
+        kept = tmp_path / "kept.json"
+        kept.write_text('{"fx": 250, "fy": 250, "cx": 160, "cy": 120}')
+        code, _, errors = run("calibrate", frames, option, kept, "-o", kept)
+        assert (code, errors.split()[:2]) == (2, ["error:", "output:"])
+        assert "written over" in errors
+        assert "fx" in kept.read_text()
     code, _, errors = run(
         "detect", frames / "corner0.png", *CAMERA, "--sensor", "no.json", "-o", "x"
     )
@@ -149,7 +156,7 @@ def test_sensor_and_picture_are_written_both_or_neither(frames, tmp_path):
     picture.unlink()
     out.mkdir()  # by another program, after it was looked at
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("planewise.commands.calibrate._check_output", lambda *_: None)
+        patch.setattr("planewise.commands.calibrate.check_output", lambda *_: None)
         assert run("calibrate", frames / "corner0.png", *given)[0] == 2
     assert list(tmp_path.iterdir()) == [out]
 

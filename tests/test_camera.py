@@ -46,6 +46,12 @@ def test_crop_and_scale_keep_the_rays():
     assert_allclose(half[3, 5], (full[6:8, 10:12]).mean(axis=(0, 1)))
 
 
+@pytest.mark.parametrize("factor", [0, -1, np.nan, np.inf, "half"])
+def test_a_factor_that_is_none_is_refused(factor):
+    with pytest.raises(ValueError, match="factor must be a positive number, got"):
+        pw.cameras.NYU.scaled(factor)
+
+
 PINHOLES = {
     name: camera
     for name, camera in pw.cameras.PRESETS.items()

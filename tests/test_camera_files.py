@@ -110,6 +110,10 @@ def test_yaml_of_many_makers(tmp_path, text):
         ({"K": MATRIX, "distortion_model": "fisheye", "D": [0.1] * 4}, "fisheye"),
         ({"K": MATRIX, "distortion_model": "rational_polynomial", "D": [0.1] * 8}, "rational"),
         ({"K": MATRIX, "D": [0.1] * 3}, "3 distortion"),
+        ({"K": MATRIX, "width": "wide", "height": 480}, "'wide' where numbers are expected"),
+        ({"K": MATRIX, "width": 640.5, "height": 480}, "size of 640.5; expected a whole number"),
+        ({"K": MATRIX, "width": float("inf"), "height": 480}, "size of inf"),
+        ({"fx": float("nan"), "fy": 1, "cx": 1, "cy": 1}, "positive number of pixels, got nan"),
     ],
 )
 def test_unusable_files_are_refused_by_name(tmp_path, content, match):
@@ -136,7 +140,7 @@ def test_other_texts_are_no_camera(text):
 
 
 def test_zero_and_nan_focal_lengths_are_refused():
-    for text in ("0,500,320,240", "-5,500,320,240"):
+    for text in ("0,500,320,240", "-5,500,320,240", "nan,500,320,240"):
         with pytest.raises(ValueError, match="fx"):
             read_camera(text)
 

@@ -221,6 +221,15 @@ def test_inputs_are_not_written_over(tmp_path, depth):
     assert mine.read_bytes() == before
 
 
+def test_a_camera_file_is_not_written_over(depth, tmp_path):
+    kept = tmp_path / "planes.json"
+    kept.write_text('{"fx": 125, "fy": 125, "cx": 80, "cy": 60}')
+    code, _, errors = run("detect", depth, "--camera", kept, "--noise", "5mm", "-o", tmp_path)
+    assert code == 2
+    assert "written over" in errors
+    assert "fx" in kept.read_text()
+
+
 def test_what_has_to_be_given_is_named(depth, out):
     assert "camera" in run("detect", depth, "--sensor", "nyu", "-o", out)[2]
     assert "sensor" in run("detect", depth, "--camera", CAMERA, "-o", out)[2]

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import errno
 import struct
 import zipfile
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -164,7 +166,24 @@ def test_other_refusals(tmp_path):
     np.savez(tmp_path / "two.npz", a=DEPTH, b=DEPTH)
     refused(tmp_path / "two.npz", "it holds a, b")
     np.savez(tmp_path / "k.npz", depth=DEPTH, K=np.ones(5))
-    refused(tmp_path / "k.npz", "K of shape")
+    refused(tmp_path / "k.npz", "intrinsics of 5 numbers")
+    np.savez(tmp_path / "k.npz", depth=DEPTH, K=np.full(4, np.nan))
+    refused(tmp_path / "k.npz", "K of no camera .*fx must be a positive number of pixels, got nan")
+    np.savez(tmp_path / "k.npz", depth=DEPTH, K=[[500, 5, 320], [0, 500, 240], [0, 0, 1]])
+    refused(tmp_path / "k.npz", "skew")
+
+
+def test_a_file_that_may_not_be_read_is_not_called_damaged(tmp_path, monkeypatch):
+    np.save(tmp_path / "d.npy", DEPTH)
+
+    def closed(*_):
+        raise PermissionError(errno.EACCES, "Permission denied", "d.npy")
+
+    monkeypatch.setattr(Path, "open", closed)
+    with pytest.raises(
+        PlanewiseError, match=r"^depth: d.npy cannot be read \(Permission denied\)$"
+    ):
+        read_depth(tmp_path / "d.npy")
 
 
 def test_pickles_are_never_loaded(tmp_path):

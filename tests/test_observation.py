@@ -81,6 +81,8 @@ def test_residual_is_along_the_ray(camera):
     [
         (np.ones(5), r"2-D image .* got shape \(5,\)"),
         (np.ones((2, 3, 3)), "2-D image"),
+        ("depth.png", "2-D image .* got str"),
+        (None, "2-D image .* got NoneType"),
         (np.ones((1, 64)), "at least 2 rows and 2 columns"),
         (np.ones((48, 1)), "at least 2 rows and 2 columns"),
         (np.ones((0, 0)), "at least 2 rows"),
@@ -154,6 +156,8 @@ def test_why_there_are_no_readings_is_said(camera):
     assert "is the depth in metres?" in far.note
     fine = pw.observe(np.full((48, 64), 20_000, np.uint16), camera, SENSOR)
     assert "is a unit 1 mm (depth_scale = 0.001)?" in fine.note
+    finer = pw.observe(np.full((48, 64), 200_000), camera, SENSOR)  # more than 16 bits
+    assert "is a unit 1 mm (depth_scale = 0.001)?" in finer.note
     inverse = pw.observe(np.full((48, 64), 10_000, np.uint16), camera, SENSOR, depth_scale=5000)
     assert "depth_scale is metres per unit: 0.0002 rather than 5000?" in inverse.note
     assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note

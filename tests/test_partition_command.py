@@ -143,3 +143,14 @@ def test_a_file_is_no_partition_of_many_frames(tmp_path):
     np.save(tmp_path / "labels.npy", np.zeros((2, 2), int))
     with pytest.raises(ValueError, match="has to be a folder, too"):
         read_partition(tmp_path / "labels.npy", "frame", many=True)
+
+
+def test_results_do_not_go_among_the_masks(depth, tmp_path, scene):
+    masks = tmp_path / "masks"
+    masks.mkdir()
+    Image.fromarray(scene.labels == 1).save(masks / "overlay.png")
+    given = ("--partition", masks, "-o", masks)
+    code, _, errors = run("detect", depth, *ARGUMENTS, *given)
+    assert code == 2
+    assert "masks would be written over" in errors
+    assert [each.name for each in masks.iterdir()] == ["overlay.png"]

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 
 import jsonschema
@@ -233,6 +234,14 @@ def test_bad_files(tmp_path, out, name):
     assert "cloud" in errors
     assert "Traceback" not in errors
     assert not out.parent.exists()
+
+
+def test_no_number_of_a_large_cloud_is_cut_off(tmp_path, corner):
+    np.save(tmp_path / "mm.npy", 1000 * corner[0] + 5e5)
+    code, text, errors = run("points", tmp_path / "mm.npy", "-o", tmp_path / "out")
+    assert (code, errors) == (0, "")
+    assert "…" not in text
+    assert re.search(r" 4,\d{3},\d{3} m2 ", text)
 
 
 def test_results_are_not_written_over_what_is_read(tmp_path, corner):

@@ -146,6 +146,8 @@ def test_bad_images_and_points_are_refused():
         CAMERA.from_points([1, 2, 3])
     with pytest.raises(ValueError, match="columns must be at least 2"):
         pw.SphericalCamera.spinning([1, 0], 1)
+    with pytest.raises(ValueError, match=r"0.524 degrees over 16 rows.* angles in degrees\?"):
+        pw.SphericalCamera.spinning(np.radians(np.linspace(15, -15, 16)), 1800)
 
 
 @pytest.mark.parametrize(

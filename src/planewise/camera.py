@@ -290,6 +290,8 @@ class PinholeCamera:
 
     def scaled(self, factor: float) -> PinholeCamera:
         """Return the camera of the image resized by `factor` (pixel centres at integers)."""
+        if not (is_finite(factor) and factor > 0):
+            raise ValueError(f"factor must be a positive number, got {factor!r}")
         size = [None if n is None else round(n * factor) for n in (self.width, self.height)]
         return PinholeCamera(
             fx=self.fx * factor,

@@ -7,6 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+LEAST_READINGS = 5
+"""Of a cell: two more than a plane takes."""
+
 
 def usual_count(readings: NDArray[Any]) -> int:
     """Readings of the median cell that has any: fewer than all where they are missing all over.

@@ -48,6 +48,8 @@ class DepthImage:
         A reading of each of them, in metres.
     count, present : int
         Readings, and values that are not missing, outside the sensor's range or not.
+    unit : float, optional
+        Metres per unit of an image that came in integers.
     """
 
     values: NDArray[Any]
@@ -59,6 +61,7 @@ class DepthImage:
     depth: Array
     count: int
     present: int
+    unit: float | None = None
 
     @classmethod
     def of(
@@ -76,7 +79,7 @@ class DepthImage:
             If it is not a 2-D array of numbers with at least two rows and columns, or holds
             negative depths.
         """
-        image = _checked(depth)
+        image, unit = _checked(depth), None
         if image.dtype.kind != "f":
             try:
                 scale = sensor.resolution if depth_scale is None else float(depth_scale)
@@ -92,7 +95,7 @@ class DepthImage:
                 low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
                 high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
                 return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, low, high)
-            image = image * scale
+            image, unit = image * scale, scale
         elif depth_scale is not None:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
         dtype = np.float32 if image.dtype == np.float32 else np.float64
@@ -103,6 +106,7 @@ class DepthImage:
             sensor.max_depth,
             1.0 / grid,
             workspace or Workspace(),
+            unit,
         )
 
     @classmethod
@@ -125,6 +129,7 @@ class DepthImage:
             depth=levels * np.float64(scale),
             count=count,
             present=present,
+            unit=scale,
         )
 
     @classmethod
@@ -135,6 +140,7 @@ class DepthImage:
         high: float,
         per_metre: float,
         workspace: Workspace,
+        unit: float | None,
     ) -> DepthImage:
         from planewise.kernels import images as kernels
 
@@ -156,6 +162,7 @@ class DepthImage:
             depth=depth,
             count=count,
             present=present,
+            unit=unit,
         )
 
     @cached_property
@@ -167,7 +174,7 @@ class DepthImage:
         values = np.where(wild, self.values.dtype.type(0), self.values)
         if values.dtype == np.uint16:
             return self._of_levels(values, self.scale, int(self.low), int(self.high))
-        return self._of_metres(values, self.low, self.high, self.per_metre, Workspace())
+        return self._of_metres(values, self.low, self.high, self.per_metre, Workspace(), self.unit)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -240,8 +247,9 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
 def _checked(depth: ArrayLike) -> NDArray[Any]:
     image = np.asarray(np.ma.filled(depth, 0) if np.ma.isMaskedArray(depth) else depth)
     if image.ndim != 2 or min(image.shape) < 2:
+        found = f"shape {image.shape}" if image.ndim else type(depth).__name__
         raise ValueError(
-            f"depth must be a 2-D image with at least 2 rows and 2 columns, got shape {image.shape}"
+            f"depth must be a 2-D image with at least 2 rows and 2 columns, got {found}"
         )
     if image.dtype.kind not in "fiu":
         raise ValueError(f"depth must be metres (float) or integer units, got dtype {image.dtype}")

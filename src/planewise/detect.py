@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from planewise.camera import Camera, checked_camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
-from planewise.observation import observe
+from planewise.observation import RayObservation, observe
 from planewise.options import Options, Search, Seed
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
@@ -224,6 +224,12 @@ class Detector:
 
     def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:
         """Detect the planes of one frame; only a partition looks at its picture."""
+        return self.observe_and_find(depth, rgb=rgb)[1]
+
+    def observe_and_find(
+        self, depth: ArrayLike, *, rgb: ArrayLike | None = None
+    ) -> tuple[RayObservation, PlaneModel]:
+        """Do the same and give what was seen, too, which lasts until the next frame."""
         with self._workspace.frame():
             with stage("observe"):
                 frame = observe(
@@ -233,7 +239,7 @@ class Detector:
                     depth_scale=self.depth_scale,
                     workspace=self._workspace,
                 )
-            return find(frame, self.options, self._workspace, rgb=rgb)
+            return frame, find(frame, self.options, self._workspace, rgb=rgb)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: each for name, each in self.__dict__.items() if name != "_workspace"}

@@ -51,6 +51,8 @@ def naming(what: str, damaged: str = "it is damaged or not what its name says") 
         raise
     except PlanewiseError as error:
         raise PlanewiseError(f"{what} {error}") from None
+    except (PermissionError, FileNotFoundError) as error:
+        raise PlanewiseError(f"{what} cannot be read ({error.strerror})") from error
     except Exception as error:
         detail = in_one_line(error)
         raise PlanewiseError(f"{what} cannot be read; {damaged} ({detail})") from error

@@ -45,10 +45,7 @@ class Polynomial:
     def __post_init__(self) -> None:
         terms = (self.constant, self.linear, self.quadratic)
         if not np.all(np.isfinite((*terms, self.offset))) or min(terms) < 0 or max(terms) == 0:
-            raise ValueError(
-                "noise: sigma must be positive and finite, got "
-                f"{self.constant} + {self.linear} z + {self.quadratic} (z - {self.offset})^2"
-            )
+            raise ValueError(f"noise: sigma must be positive and finite, got {self}")
 
     def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
@@ -65,7 +62,7 @@ class Polynomial:
         """Write the formula, terms that are zero left out."""
         base = f"(z - {self.offset:g})^2" if self.offset else "z^2"
         parts = [(self.constant, ""), (self.linear, " z"), (self.quadratic, " " + base)]
-        return " + ".join(f"{size:g}{name}" for size, name in parts if size) + " m"
+        return (" + ".join(f"{size:g}{name}" for size, name in parts if size) or "0") + " m"
 
 
 @dataclass(frozen=True)

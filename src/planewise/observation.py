@@ -210,12 +210,13 @@ class RayObservation(Observation):
     @property
     def out_of_range(self) -> str:
         """How many readings the sensor cannot have taken, and what may be the reason."""
-        scale, beyond = self.image.scale, self.image.present - self.count
-        unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
-        if self.image.values.dtype.kind == "f":
+        scale, beyond = self.image.unit, self.image.present - self.count
+        if scale is None:
             unit = "is the depth in metres?"
         elif scale > 1:
             unit = f"depth_scale is metres per unit: {1 / scale:g} rather than {scale:g}?"
+        else:
+            unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
         return (
             f"{beyond} of {self.image.present} lie outside the sensor's range of "
             f"{self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; {unit}"

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _FULL_TURN = 1.5  # columns that may be missing from one
+_FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
+_RADIANS = 2.7  # what all elevations there can be span in radians
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)  # thousands of angles say nothing
@@ -119,11 +121,18 @@ class SphericalCamera:
         if columns < 2:
             raise ValueError(f"camera: columns must be at least 2, got {columns}")
         step = (-360.0 if clockwise else 360.0) / columns
-        return cls(
+        camera = cls(
             elevation=elevation,
             azimuth=tuple((start + step * np.arange(columns)).tolist()),
             azimuth_offset=azimuth_offset,
         )
+        spread = float(np.ptp(camera.elevation))
+        if spread < min(_RADIANS, _FINEST * (len(camera.elevation) - 1)):
+            raise ValueError(
+                f"camera: elevation spreads by {spread:.3g} degrees over {len(camera.elevation)} "
+                "rows, which no spinning LiDAR does; are the angles in degrees?"
+            )
+        return camera
 
     @property
     def shape(self) -> tuple[int, int]:

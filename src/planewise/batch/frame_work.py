@@ -18,7 +18,8 @@ from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import MissingExtraError
+from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.sensor import Sensor
 
@@ -137,9 +138,8 @@ class FrameWork:
         read = time.perf_counter()
         detector = self._detector(seen)
         regions = self.recipe.options.partition is not None
-        model = detector(seen.depth, rgb=seen.rgb if regions else None)
+        observed, model = detector.observe_and_find(seen.depth, rgb=seen.rgb if regions else None)
         detected = time.perf_counter()
-        present = np.count_nonzero((seen.depth > 0) & (seen.depth < np.inf))
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
             name = f"labels/{safe_name(frame, '.png')}"
@@ -160,7 +160,7 @@ class FrameWork:
             record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
-            out_of_range=bool(2 * model.readings < present),
+            out_of_range=2 * observed.count < observed.image.present,
             milliseconds=times,
         )
 
@@ -169,10 +169,7 @@ class FrameWork:
 
         camera = self.recipe.camera or seen.camera
         if camera is None:
-            raise PlanewiseError(
-                "camera: the frame does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera("the frame")
         scale = seen.depth_scale if self.recipe.depth_scale is None else self.recipe.depth_scale
         key = (camera, scale)
         if key not in self._detectors:

@@ -104,6 +104,11 @@ class DepthFolder:
     def __len__(self) -> int:
         return len(self.ids)
 
+    @property
+    def may_state_cameras(self) -> bool:
+        """Whether there is a file of a kind that can hold its camera."""
+        return any(name.lower().endswith(".npz") for name in self._files.values())
+
     def __getitem__(self, frame: str) -> FileFrame:
         """Read one frame.
 

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.density import usual_count
+from planewise.density import LEAST_READINGS, usual_count
 from planewise.depth_image import reading_steps
 from planewise.observation import RayObservation
 
@@ -28,7 +28,6 @@ Array = NDArray[np.float64]
 _SIDES = (8, 4)  # pixels of a cell in a large image, and in one of few cells
 _FEW_CELLS = 3000  # of the larger side, below which the smaller is taken
 _FILLED = 0.75  # least readings of a cell against what is usual in the frame
-_LEAST = 5  # readings of a cell: two more than a plane takes
 _NO_PLANE = 0.1  # of its depth: a cell that is rougher is none of a sensor's planes
 _HARMONICS = np.arange(1, 6)
 _MOST_CROSSED = 20.0  # steps within a cell; there is no difference beyond
@@ -129,7 +128,7 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
         along = 1.0 / inverse
         depth = longer * along
         variance = squares / (count - 3.0) * along**4 * longer**2
-        usable = (count >= max(_FILLED * usual_count(count), _LEAST)) & (
+        usable = (count >= max(_FILLED * usual_count(count), LEAST_READINGS)) & (
             np.sqrt(variance) < _NO_PLANE * depth
         )
         step = _steps_at(np.where(usable, depth, 0.0), observation.depth)

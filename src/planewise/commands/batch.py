@@ -44,7 +44,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera, read_sensor
+from planewise.files.camera import no_camera, read_camera, read_sensor
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source
@@ -146,7 +146,7 @@ def batch(
         check_numbers(depth_scale, seed)
         known_camera = None if camera is None else read_camera(camera)
 
-        from planewise.batch import Batch, Recipe, Selection, open_source
+        from planewise.batch import Batch, DepthFolder, Recipe, Selection, open_source
         from planewise.batch.source import parse_shard
         from planewise.options import Options
 
@@ -158,6 +158,12 @@ def batch(
             depth_scale=depth_scale,
             pictures=partition is not None,
         )
+        if (
+            known_camera is None
+            and isinstance(frames, DepthFolder)
+            and not frames.may_state_cameras
+        ):
+            raise no_camera(frames.name)
         options = Options(
             partition=_partition(partition, sam_model, sam_device),
             reassign=None if reassign is None else "normals",

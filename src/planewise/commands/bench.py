@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import time
 from collections.abc import Callable
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import Camera
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, reported, sensor_of
+from planewise.commands.command_line import check_numbers, check_output, reported, sensor_of
 from planewise.commands.shared_options import (
     CameraName,
     DepthScale,
@@ -28,7 +27,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera
+from planewise.files.camera import no_camera, read_camera
 from planewise.files.depth import read_depth
 from planewise.sensor import Sensor
 from planewise.stages import recorded
@@ -74,7 +73,9 @@ def bench(
         if runs < 1:
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
         if output is not None:
-            _check_output(output, depth, camera, sensor)
+            if not output.absolute().parent.is_dir():
+                raise PlanewiseError(f"json: there is no folder {output.parent}")
+            check_output(output, ".json", (depth, camera, sensor), "json")
         if depth is None:
             given = (camera, sensor, noise, max_depth, resolution, depth_scale)
             if any(each is not None for each in given):
@@ -192,18 +193,6 @@ class _Frame:
     depth_scale: float | None = None
 
 
-def _check_output(path: Path, *inputs: Path | str | None) -> None:
-    """Refuse a file that cannot be written, or that is one of the inputs."""
-    if not os.access(path.absolute().parent, os.W_OK | os.X_OK):
-        raise PlanewiseError(f"json: {path.parent} is not a folder that can be written to")
-    if path.is_dir():
-        raise PlanewiseError(f"json: {path} is a folder; give a file such as times.json")
-    if path.suffix.lower() != ".json":
-        raise PlanewiseError(f"json: expected a .json file, got {path.name}")
-    if path.resolve() in {Path(each).resolve() for each in inputs if each is not None}:
-        raise PlanewiseError(f"json: {path} would be written over; choose another file")
-
-
 def _room(size: str) -> _Frame:
     """Synthetic room of a size such as 640x480."""
     from planewise import scenes
@@ -224,10 +213,7 @@ def _file(path: Path, camera: str | None, sensor: Sensor, depth_scale: float | N
     read = read_depth(path)
     known = read.camera if camera is None else read_camera(camera)
     if known is None:
-        raise PlanewiseError(
-            f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
-            "fx,fy,cx,cy or a file"
-        )
+        raise no_camera(path.name)
     return _Frame(
         name=path.name,
         depth=read.depth,

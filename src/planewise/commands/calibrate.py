@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, preset_of, reported
+from planewise.commands.command_line import check_numbers, check_output, preset_of, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.shared_options import (
     CameraName,
@@ -22,7 +21,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera, read_sensor
+from planewise.files.camera import no_camera, read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
 from planewise.sensor import Sensor
 from planewise.whole_files import written_whole
@@ -71,9 +70,10 @@ def calibrate(
     with reported():
         check_numbers(depth_scale, seed)
         paths = _thinned(_depth_files(frames))
-        _check_output(output, ".json", paths)
+        inputs = (*paths, camera, sensor)
+        check_output(output, ".json", inputs)
         if picture is not None:
-            _check_output(picture, ".png", paths)
+            check_output(picture, ".png", inputs, "picture")
         known = None if camera is None else read_camera(camera)
         name = sensor or preset_of(camera)
         base = read_sensor(name, max_depth=max_depth, resolution=resolution)
@@ -132,10 +132,7 @@ class _Reading:
         frame = read_depth(path)
         camera = self.camera or frame.camera
         if camera is None:
-            raise PlanewiseError(
-                "camera: the file does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         return cells_of_frame(frame.depth, camera, self.sensor, scale)
 
@@ -157,16 +154,3 @@ def _thinned(paths: list[Path]) -> list[Path]:
         return paths
     terminal.notice(f"{_MOST_FRAMES} of {count} frames are taken, evenly spaced")
     return [paths[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
-
-
-def _check_output(path: Path, ending: str, inputs: list[Path]) -> None:
-    """Refuse a file that cannot be written, or that is one of the inputs."""
-    if path.is_dir():
-        raise PlanewiseError(f"output: {path} is a folder; give a file such as sensor{ending}")
-    if path.suffix.lower() != ending:
-        raise PlanewiseError(f"output: expected a {ending} file, got {path.name}")
-    if path.resolve() in {each.resolve() for each in inputs}:
-        raise PlanewiseError(f"output: {path} would be written over; choose another file")
-    parent = next((each for each in path.parents if each.exists()), path.parent)
-    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
-        raise PlanewiseError(f"output: {parent} is not a folder that can be written to")

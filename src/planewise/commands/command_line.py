@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import errno
 import logging
-from collections.abc import Iterator
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -89,6 +90,30 @@ def check_numbers(depth_scale: float | None, seed: int) -> None:
         raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
+
+
+def check_output(
+    path: Path, ending: str, inputs: Iterable[Path | str | None], option: str = "output"
+) -> None:
+    """Refuse a file that cannot be written, or that is one of the inputs."""
+    if path.is_dir():
+        raise PlanewiseError(f"{option}: {path} is a folder; give the name of a {ending} file")
+    if path.suffix.lower() != ending:
+        raise PlanewiseError(f"{option}: expected a {ending} file, got {path.name}")
+    check_kept([path], inputs, option)
+    parent = next((each for each in path.parents if each.exists()), path.parent)
+    if not (parent.is_dir() and os.access(parent, os.W_OK | os.X_OK)):
+        raise PlanewiseError(f"{option}: {parent} is not a folder that can be written to")
+
+
+def check_kept(
+    written: Iterable[Path], inputs: Iterable[Path | str | None], option: str = "output"
+) -> None:
+    """Refuse to write over what is read; presets and numbers, which name no file, do no harm."""
+    targets = {each.resolve() for each in written}
+    for each in inputs:
+        if each is not None and Path(each).resolve() in targets:
+            raise PlanewiseError(f"{option}: {each} would be written over; choose another place")
 
 
 def partition_of(

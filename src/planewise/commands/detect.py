@@ -152,6 +152,7 @@ def detect(
             rgb=rgb,
             outlines=outlines,
             partition=regions,
+            read=(camera, sensor),
         )
         if depth.is_dir():
             _detect_folder(job, depth, output)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import reported
+from planewise.commands.command_line import check_output, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed
 from planewise.wording import counted
@@ -52,12 +52,12 @@ def evaluate(
     """
     with reported():
         from planewise.commands.label_pairs import pair_files
-        from planewise.commands.scoring import Scoring, check_table, write_table
+        from planewise.commands.scoring import Scoring, write_table
         from planewise.metrics import summarise
 
         pairs = pair_files(predicted, truth)
         if output is not None:
-            check_table(output, pairs)
+            check_output(output, ".csv", pairs.files)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
                 terminal.warning(f"{folder} lacks {len(names)}: {terminal.listed(names)}")

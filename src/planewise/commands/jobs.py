@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
+from planewise.commands.command_line import check_kept
 from planewise.errors import PlanewiseError
+from planewise.files.camera import no_camera
 from planewise.files.depth import DepthFile, read_depth
 from planewise.results.image import FILES, OUTLINE_FILES, write_results
 from planewise.sensor import Sensor
@@ -77,6 +79,8 @@ class Job:
         Write the outlines of the planes, too.
     partition : Path, optional
         Regions, as `read_partition` takes them.
+    read : tuple of str or None
+        Files that the camera and the sensor are of, or names that are none.
     """
 
     sensor: Sensor
@@ -86,6 +90,7 @@ class Job:
     rgb: Path | None = None
     outlines: bool = False
     partition: Path | None = None
+    read: tuple[str | None, ...] = ()
 
     def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
         """Detect the planes of one file and write the results to the folder `target`.
@@ -100,14 +105,13 @@ class Job:
         frame = read_depth(path)
         camera = self.camera or frame.camera
         if camera is None:
-            raise PlanewiseError(
-                f"camera: {path.name} does not state its intrinsics; give --camera as a preset, "
-                "fx,fy,cx,cy or a file"
-            )
+            raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
-        _keep_inputs(target, path, self.rgb, self.partition)
+        # A folder of masks is read whole: the results would be masks of the next run.
+        written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
+        check_kept(written, (path, self.rgb, self.partition, *self.read))
         with output_folder(target) as folder:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
@@ -199,13 +203,3 @@ def find_planes(
     seconds = time.perf_counter() - started
     beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
     return model, seconds, "" if beyond in model.note else beyond
-
-
-def _keep_inputs(target: Path, *inputs: Path | None) -> None:
-    """Refuse to write over what is read."""
-    written = {(target / name).resolve() for name in (*FILES, *OUTLINE_FILES)}
-    for path in inputs:
-        if path is not None and path.resolve() in written:
-            raise PlanewiseError(
-                f"output: {path} would be written over; choose another folder for the results"
-            )

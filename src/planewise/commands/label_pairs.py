@@ -30,6 +30,11 @@ class Pairs:
     only_predicted: tuple[str, ...] = ()
     only_true: tuple[str, ...] = ()
 
+    @property
+    def files(self) -> list[Path]:
+        """Files of all pairs; a store's are not among them."""
+        return [each for _, *both in self.paired for each in both if isinstance(each, Path)]
+
 
 def pair_files(predicted: Path, truth: Path) -> Pairs:
     """Pair two files, or the files of two folders by name without ending.

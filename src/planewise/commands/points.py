@@ -11,7 +11,7 @@ import typer
 
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, reported
+from planewise.commands.command_line import check_kept, check_numbers, reported
 from planewise.commands.shared_options import (
     Outlines,
     Output,
@@ -78,8 +78,9 @@ def points(
         str,
         typer.Option(
             metavar="auto|N",
-            help="Points of a tile, for clouds larger than memory; the result is the same. 'auto': "
-            "none while the cloud fits into half of the memory at 200 bytes a point.",
+            help="Points of a tile, for clouds larger than memory; with some thousands "
+            "the result is the same. 'auto': none while the cloud fits into half of the memory at "
+            "200 bytes a point.",
         ),
     ] = _AUTO,
     las: Annotated[
@@ -107,10 +108,7 @@ def points(
 
         names = [*CLOUD_FILES, *(OUTLINE_FILES if outlines else ())]
         names += [name for name in (las_name(cloud, las),) if name]
-        if cloud.resolve() in {(output / name).resolve() for name in names}:
-            raise PlanewiseError(
-                f"output: {cloud} would be written over; choose another folder for the results"
-            )
+        check_kept([output / name for name in names], [cloud])
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
         with output_folder(output) as folder:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import math
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -76,26 +75,6 @@ class Scoring:
                 yield Scored(name=name, scores=self.run(predicted, truth))
             except (ValueError, OSError) as error:
                 yield Failed(path=truth, reason=f"{name}: {error}")
-
-
-def check_table(path: Path, pairs: Pairs) -> None:
-    """Refuse a file for the scores that cannot be written, or that is one of the inputs.
-
-    Raises
-    ------
-    PlanewiseError
-        With the reason.
-    """
-    if path.is_dir():
-        raise PlanewiseError(f"output: {path} is a folder; give a file such as scores.csv")
-    if path.suffix.lower() != ".csv":
-        raise PlanewiseError(f"output: the scores are a .csv file, got {path.name}")
-    if path.parent.exists() and not (path.parent.is_dir() and os.access(path.parent, os.W_OK)):
-        raise PlanewiseError(f"output: {path.parent} is not a folder that can be written to")
-    files = (each for _, *both in pairs.paired for each in both if isinstance(each, Path))
-    inputs = {each.resolve() for each in files}
-    if path.resolve() in inputs:
-        raise PlanewiseError(f"output: {path} would be written over; choose another file")
 
 
 def write_table(path: Path, frames: Sequence[Scored]) -> None:

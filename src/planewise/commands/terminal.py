@@ -30,6 +30,7 @@ Item = TypeVar("Item")
 
 _NAMED = 20  # of many names
 _BAR = 30  # characters of the longest bar
+_WIDEST = 1000  # characters of a line of a table
 
 
 def error(message: str) -> None:
@@ -97,16 +98,22 @@ def show_planes(model: PlaneModel) -> None:
             f"{plane.count:,}",
             f"{plane.count / model.readings:.1%}",
             normal,
-            f"{plane.distance:z.3f} m",
-            f"{plane.area:.3f} m2" if np.isfinite(plane.area) else "",
-            f"{1000 * plane.rms:.1f} mm",
+            f"{_short(plane.distance)} m",
+            f"{_short(plane.area)} m2" if np.isfinite(plane.area) else "",
+            f"{1000 * plane.rms:,.1f} mm",
         )
     _show(table)
 
 
+def _short(number: float) -> str:
+    return f"{number:z.3f}" if abs(number) < 1000 else f"{number:,.0f}"
+
+
 def _show(table: Table) -> None:
     # A narrow terminal may break lines, but no number is cut off.
-    Console(width=max(_OUT.width, 80), highlight=False).print(table)
+    lines = all(column.no_wrap for column in table.columns)
+    needed = Console(width=_WIDEST).measure(table).maximum if lines else 0
+    Console(width=max(_OUT.width, 80, needed), highlight=False).print(table)
 
 
 def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
@@ -115,9 +122,9 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     say(f"{counted(len(model), 'plane')}, Phi = {model.information:,.0f} nats {without}")
     from planewise.compilation import announce  # loads Numba, which has been used by now
 
-    compiled = ", compiling included" if announce(cloud=model.labels.ndim == 1) else ""
+    with_it = "compiling" if announce(cloud=model.labels.ndim == 1) else "loading"
     readings = counted(model.readings, "reading")
-    say(f"{readings}, {1000 * seconds:.0f} ms{compiled}, files in {folder}")
+    say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
     if not len(model):
         warning(f"no plane was found: {model.note}")
 

@@ -55,9 +55,9 @@ def read_camera(text: str) -> Camera:
     """
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
-    if re.fullmatch(r"[-+.\deE\s]+(,[-+.\deE\s]*)+", text):
-        return _from_numbers(text)
     path = Path(text)
+    if "," in text and not path.is_file():
+        return _from_numbers(text)
     if not path.is_file():
         raise PlanewiseError(
             f"camera: {text!r} is neither a preset ({', '.join(cameras.PRESETS)}), "
@@ -73,6 +73,14 @@ def read_camera(text: str) -> Camera:
         raise PlanewiseError(f"camera: {path.name} {error}") from None
     except ValueError as error:
         raise PlanewiseError(f"{error} (from {path.name})") from None
+
+
+def no_camera(what: str) -> PlanewiseError:
+    """Error of depth whose camera nothing tells."""
+    return PlanewiseError(
+        f"camera: {what} does not state its intrinsics; give --camera as a preset, fx,fy,cx,cy or "
+        "a file"
+    )
 
 
 def read_sensor(
@@ -260,15 +268,13 @@ def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
     """
     values = {str(key).lower(): value for key, value in content.items()}
     fx, fy, cx, cy = _intrinsics(values)
-    width = _first(values, "width", "image_width")
-    height = _first(values, "height", "image_height")
     return PinholeCamera(
         fx=fx,
         fy=fy,
         cx=cx,
         cy=cy,
-        width=int(width) if width else None,  # ROS writes 0 for "unknown"
-        height=int(height) if height else None,
+        width=_pixels(_first(values, "width", "image_width")),
+        height=_pixels(_first(values, "height", "image_height")),
         distortion=_distortion(values),
     )
 
@@ -282,11 +288,11 @@ def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
                 "states no intrinsics; expected K, camera_matrix, intrinsic_matrix, intrinsics, "
                 "or fx, fy, cx and cy"
             )
-        fx, fy, cx, cy = _numbers(numbers)
+        fx, fy, cx, cy = _numbers(numbers).tolist()
         return fx, fy, cx, cy
     flat = _numbers(matrix)
     if flat.size == 4:
-        fx, fy, cx, cy = flat
+        fx, fy, cx, cy = flat.tolist()
         return fx, fy, cx, cy
     if flat.size != 9:
         raise PlanewiseError(f"has intrinsics of {counted(flat.size, 'number')}; expected 9 (or 4)")
@@ -298,6 +304,16 @@ def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
     if abs(k[0, 1]) > 1e-6 * abs(k[0, 0]):
         raise PlanewiseError(f"has a camera with skew ({k[0, 1]:g}), which is not supported")
     return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+
+
+def _pixels(value: Any) -> int | None:
+    """Side of an image; ROS writes 0 for "unknown"."""
+    if not value:
+        return None
+    size = _numbers(value)
+    if size.size != 1 or size[0] not in range(1, 1 << 31):
+        raise PlanewiseError(f"states a size of {value!r}; expected a whole number of pixels")
+    return int(size[0])
 
 
 _CENTRES = (("cx", "ppx"), ("cy", "ppy"))

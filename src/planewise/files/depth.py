@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError, naming
+from planewise.files.camera import camera_of_mapping
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -225,13 +226,12 @@ def _scale_of(stated: NDArray[Any]) -> float:
 
 
 def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:
-    if matrix.shape == (4,):
-        fx, fy, cx, cy = matrix.tolist()
-    elif matrix.shape == (3, 3):
-        fx, fy, cx, cy = (float(matrix[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    else:
-        raise PlanewiseError(f"has intrinsics K of shape {matrix.shape}; expected (4,) or (3, 3)")
-    return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
+    try:
+        return camera_of_mapping({"K": matrix})
+    except PlanewiseError:
+        raise
+    except ValueError as error:
+        raise PlanewiseError(f"has intrinsics K of no camera ({error})") from None
 
 
 def read_array(stream: IO[bytes]) -> NDArray[Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
-from planewise.density import usual_count
+from planewise.density import LEAST_READINGS, usual_count
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import COUNT, SIDE
@@ -33,7 +33,6 @@ _SATURATION = 0.33  # of the drift of near cells: its share between segments, fo
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
-_LEAST = 5  # readings of a cell: two more than a plane takes
 _FEWEST = 100  # whole cells that can tell white noise
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
 _SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
@@ -131,7 +130,7 @@ def cells_of(
     lone: Array = sample[:full]
     freedom: Array | int = SIDE * SIDE - 3
     if full < _FEWEST:  # as where readings are missing here and there: then blocks do
-        some = blocks[:, COUNT] >= max(usual, _LEAST)
+        some = blocks[:, COUNT] >= max(usual, LEAST_READINGS)
         if np.count_nonzero(some) > full:
             lone, freedom = together[some], blocks[:, COUNT][some] - 3
     seen = white_seen(lone, freedom, frame.w, frame.p)
@@ -139,7 +138,7 @@ def cells_of(
     if seen < 1.0 and not (frame.known or frame.estimated):
         white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)
 
-    filled = max(_FILLED * usual, _LEAST) / (4 * SIDE * SIDE)
+    filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
     most = shape[0] * shape[1]
     grid = workspace.kept(shape, np.int32)
     found, room = -1, most // _FEWER + 4
