@@ -162,16 +162,24 @@ def find_in_cloud(
     seen_from = checked_origin(origin, points.shape)
     compilation.announce(cloud=True)
     # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.copies import places_of
     from planewise.clouds.model import cloud_model
     from planewise.clouds.noise import cloud_noise
 
     points, settings = np.ascontiguousarray(points), options.describe()
     workers = options.threads or threads.available()
+    with stage("observe"):
+        places = places_of(points)
+    if places is not None:
+        points = points[places.rows]
+        errors = None if errors is None else errors[places.rows]
+        if seen_from is not None and seen_from.ndim == 2:
+            seen_from = seen_from[places.rows]
     if sensor.noise == AUTO and errors is None:
         with stage("noise"):
             estimate = cloud_noise(points, sensor, seen_from, workers)
         sensor, settings["noise"] = estimate.sensor(sensor), estimate.describe()
-    return cloud_model(
+    model = cloud_model(
         points,
         sensor,
         errors,
@@ -183,6 +191,7 @@ def find_in_cloud(
         workers=workers,
         rng=np.random.default_rng(options.rng),
     )
+    return model if places is None else places.of_all(model)
 
 
 def _regions(observation: Observation, options: Options, rgb: ArrayLike | None) -> Regions | None:
