@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from planewise.kernels.cells import SIDE
 from planewise.kernels.forms import compare_forms
 from planewise.kernels.jit import compiled, in_order
@@ -99,9 +101,9 @@ def accept(worth, ends, price, least, accepted):  # type: ignore[no-untyped-def]
     accepted segment makes its neighbours cheaper, so adding those that pay, until no more do, ends
     at the same ones in any order.
     """
-    alone = worth.copy()
+    alone = np.empty(worth.size)
     for k in range(worth.size):
-        accepted[k] = worth[k] > least
+        alone[k], accepted[k] = worth[k], worth[k] > least
     more = True
     while more:
         for k in range(alone.size):

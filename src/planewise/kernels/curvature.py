@@ -35,15 +35,19 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
     of segments.
     """
     count = rows.shape[0]
-    sums, cells = np.zeros((count, HEIGHTS)), np.zeros(count, np.int64)
+    sums, cells = np.empty((count, HEIGHTS)), np.empty(count, np.int64)
     planes, factor, t = np.empty((count, 3)), np.empty((6, 6)), np.empty(6)
     affine_planes(rows, planes)
     for s in range(count):
         q, row = quadrics[s], rows[s]
         q[0], q[1], q[2] = planes[s, 0], planes[s, 1], planes[s, 2]
         q[CENTRE], q[CENTRE + 1] = row[1] / row[0], row[2] / row[0]
-        q[C:] = 0.0
+        for e in range(C, QUADRIC):
+            q[e] = 0.0
         q[EXTENT], q[BENT] = np.sqrt(row[COUNT]) / UNIT, -1.0
+        cells[s] = 0
+        for e in range(HEIGHTS):
+            sums[s, e] = 0.0
     for k in range(of_unit.size):
         s = of_unit[k]
         if not chosen[s]:

@@ -37,9 +37,3 @@ def smallest(values, rank, work):  # type: ignore[no-untyped-def]
         if size == 1:
             break
     return work[0]
-
-
-@in_order
-def middle(values, work):  # type: ignore[no-untyped-def]
-    """The (n // 2)-th `smallest`."""
-    return smallest(values, values.size // 2, work)

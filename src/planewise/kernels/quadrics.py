@@ -110,11 +110,12 @@ def spread(border, pairs, points, states, curved):  # type: ignore[no-untyped-de
     border counts where the neighbour is curved: so what lies among pieces of a curved surface is
     one of them. Writes curved (N,).
     """
-    across = np.zeros(border.size)
-    curved[:] = False
-    more = True
+    across, more = np.empty(border.size), True
+    for s in range(border.size):
+        curved[s] = False
     while more:
-        across[:] = 0.0
+        for s in range(border.size):
+            across[s] = 0.0
         for e in range(points.size):
             u, v, on = pairs[e, 0], pairs[e, 1], states[e] & GOES_ON != 0
             if states[e] & TOLD_U != 0 and (on or curved[v]):

@@ -256,7 +256,7 @@ def _without_shared_error(
         near=quiet * near,
         bent=quiet * bent,
     )
-    w = float(medians.middle(planes[2], workspace.empty(len(units))))
+    w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
     return drift, told, squares, with_drift(error, w, table, frame.sectors)
 
 

@@ -146,7 +146,7 @@ def white_of_quiet(
 def _against_chi2(misfits: Array, freedom: Array | int) -> float:
     """Median misfit against that of chi^2 (Wilson and Hilferty)."""
     ratios = misfits / (freedom * (1 - 2 / (9 * freedom)) ** 3)
-    return float(medians.middle(ratios, np.empty(ratios.size)))
+    return float(medians.smallest(ratios, ratios.size // 2, np.empty(ratios.size)))
 
 
 def lateral_variance(
@@ -175,7 +175,7 @@ def _medians(sample: Array, size: int) -> tuple[float, float]:
     """Medians of the two rows of a sample of so many."""
     taken = -(-size // -(-size // sample.shape[1]))
     work = np.empty(taken)
-    x, y = (float(medians.middle(row[:taken], work)) for row in sample)
+    x, y = (float(medians.smallest(row[:taken], taken // 2, work)) for row in sample)
     return x, y
 
 
