@@ -321,6 +321,17 @@ def test_points_that_show_no_plane_give_an_empty_model_that_says_why(name):
     assert found.labels.shape == (len(BAD[name]),)
 
 
+def test_points_in_other_units_than_metres_are_told_so():
+    rng = np.random.default_rng(0)
+    wall = np.column_stack((rng.uniform(0, 4, (20_000, 2)), rng.normal(0, 0.005, 20_000)))
+    sensor = pw.Sensor(max_depth=10, noise=0.005)
+    found = pw.detect_planes_in_points(1000 * wall, sensor)
+    assert not len(found)
+    assert found.note.startswith(found.curve.reason + "; the points reach over")
+    assert "range of 10 m: are they in metres?" in found.note
+    assert not pw.detect_planes_in_points(wall, sensor).note
+
+
 @pytest.mark.parametrize(("share", "times"), [(1.0, 2), (0.1, 10), (0.01, 100)])
 def test_copies_of_points_are_no_readings(share, times):
     """Without this 95 planes of a building of 101,000 points became 132, 113 and 89."""
@@ -360,10 +371,12 @@ def test_places_of_points():
 
 
 def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
-    points = np.vstack((POINTS, POINTS[:500], [[np.nan, 0, 0], [np.inf, 0, 0], [1e9, 0, 0]]))
+    points = np.vstack(
+        (POINTS, POINTS[:500], [[np.nan, 0, 0], [np.inf, 0, 0], [1e9, 0, 0], [0, 1e300, 0]])
+    )
     found = pw.detect_planes_in_points(points, SENSOR)
-    assert found.readings == len(points) - 3
-    assert not found.labels[-3:].any()
+    assert found.readings == len(points) - 4
+    assert not found.labels[-4:].any()
     assert len(found) == len(model)
     assert matching(found.labels[: len(POINTS)], TRUTH) > 0.95
 

@@ -224,8 +224,9 @@ def middle_of(
     points: NDArray[np.floating], low: Array, high: Array, farthest: float
 ) -> tuple[Array, float]:
     """Middle of points between low and high, and how far they reach, at most `farthest`."""
-    centre = 0.5 * (low + high)
-    reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
+    with np.errstate(over="ignore"):  # of a point at 1e300
+        centre = 0.5 * (low + high)
+        reach = max(0.5 * float(np.linalg.norm(high - low)), 1e-9)
     if reach > farthest:
         # Points far off must not make cubes larger than noise does.
         some = points[:: 1 + len(points) // _PART]

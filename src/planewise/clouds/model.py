@@ -38,7 +38,7 @@ from planewise.information import (
     plane_information,
 )
 from planewise.kernels.cloud_information import add_residuals
-from planewise.kernels.cloud_rows import AREA, COUNT, ROW, WEIGHT, write_normals
+from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW, WEIGHT, write_normals
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -299,8 +299,19 @@ def ranked_model(
         prefix=tuple(phi.tolist()),
         search="joint",
         objective="spatial",
-        note="" if best else reason,
+        note="" if best else reason + _too_wide(cloud, sensor),
         settings=settings,
+    )
+
+
+def _too_wide(cloud: Cloud, sensor: Sensor) -> str:
+    """What may be wrong where points reach farther than a coordinate may."""
+    reach = float(np.ptp(cloud.sample[0][:, CX : CZ + 1], axis=0).max(initial=0.0))
+    if reach <= sensor.range:
+        return ""
+    return (
+        f"; the points reach over {reach:.3g} m, farther than the sensor's range of "
+        f"{sensor.range:g} m: are they in metres?"
     )
 
 
