@@ -311,7 +311,7 @@ def _pixels(value: Any) -> int | None:
     if not value:
         return None
     size = _numbers(value)
-    if size.size != 1 or size[0] not in range(1, 1 << 31):
+    if size.size != 1 or not 1 <= size[0] < 1 << 31 or size[0] % 1:
         raise PlanewiseError(f"states a size of {value!r}; expected a whole number of pixels")
     return int(size[0])
 
