@@ -21,7 +21,7 @@ from benchmarks.frames import Frame
 from benchmarks.other_sensors import READINGS, Exact, Reading, camera_of
 from benchmarks.rivals import DEFAULT, OPENCV, PAPER, Method
 from planewise.metrics.contingency import contingency_table
-from planewise.scenes.rooms import _arrange, cast, truth
+from planewise.scenes.rooms import _arrange, cast
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.integer]
@@ -41,12 +41,12 @@ def stream(reading: Reading, seed: int, count: int, step: float) -> Iterator[tup
     """Frames of a camera that moves so many metres to its right each time, and exact depth."""
     camera = camera_of(reading.size)
     solids, view = _arrange(np.random.default_rng(seed))
+    nothing = np.zeros(reading.size, np.uint16)  # no reading depends on labels
     for k in range(count):
         moved = replace(view, position=view.position + k * step * view.rotation[:, 0])
         hit = cast(solids, moved, camera, reading.size)
-        labels, _ = truth(solids, moved, hit, np.ones(reading.size, np.bool_))
         rng = np.random.default_rng([seed, k, *reading.name.encode()])
-        z = reading.read(Exact(hit.depth, labels, labels, rng))
+        z = reading.read(Exact(hit.depth, nothing, nothing, rng))
         z[z > reading.sensor.max_depth] = 0
         depth = np.round(z / reading.sensor.resolution).astype(np.uint16)
         yield Frame(f"room/{seed}/{k}", depth, camera, reading.sensor), hit.depth

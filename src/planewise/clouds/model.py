@@ -310,7 +310,7 @@ def _too_wide(cloud: Cloud, sensor: Sensor) -> str:
     if reach <= sensor.range:
         return ""
     return (
-        f"; the points reach over {reach:.3g} m, farther than the sensor's range of "
+        f"; the points reach over {reach:.5g} m, farther than the sensor's range of "
         f"{sensor.range:g} m: are they in metres?"
     )
 
