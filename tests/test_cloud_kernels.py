@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.clouds.cells import CloudError, cells_of, residual_correlation
 from planewise.clouds.cloud import cloud_of, side_for
-from planewise.clouds.information import alone_of, data_of, groups_of
+from planewise.clouds.groups import groups_of
+from planewise.clouds.information import alone_of, data_of
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, held_by, order_of, positions, radix_sort
 from planewise.clouds.rows import covariances

@@ -24,7 +24,8 @@ from planewise.clouds.cloud import (
     roughness_of,
 )
 from planewise.kernels import cloud_cells as kernels
-from planewise.kernels.cloud_rows import ROW
+from planewise.kernels import cloud_sheets as sheets
+from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.kernels.pairs import add_products, pairs_once
 
 Array = NDArray[np.float64]
@@ -43,6 +44,8 @@ _SATURATION = 0.33  # of the drift of near cells: its share between segments, fo
 _LEAST_DRIFT = 0.01  # of the white variance, over 16 cells
 HIGHEST = 8  # levels above the least cubes at which cells are looked for
 _LEAST_PART = 2_000  # cubes that are worth a thread
+_THICKEST = 1.3  # variance of the points of a whole sheet, times the white one
+_WIDEST = 2.0  # area of a whole sheet, times that of a side of a cube
 _ABSORBED = 2  # times that loose cubes beside cells become part of them
 
 
@@ -130,7 +133,24 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
             )
         if not taken:
             break
-    return CloudCells(rows, cells.keys, owner, *_neighbours(cloud, cells), error)
+    if cloud.cuts_sheets(white):
+        cells = _whole_sheets(cloud, cells, error)
+    return CloudCells(cells.rows, cells.keys, cells.owner, *_neighbours(cloud, cells), error)
+
+
+def _whole_sheets(cloud: Cloud, cells: _Grown, error: CloudError) -> _Grown:
+    """Cells with the slices that cubes cut of one sheet joined, those of few points first."""
+    rows, memory, root = cells.rows, cloud.memory, np.empty(len(cells.rows), np.int64)
+    sheets.join_slices(
+        cloud.about, cloud.nodes, cells.owner, cells.level_of,
+        np.argsort(rows[:, COUNT], kind="stable"), error.limits(), _THICKEST,
+        _WIDEST * cloud.side**2, rows, memory.empty(rows.shape), root,
+    )  # fmt: skip
+    whole = root == np.arange(len(root))
+    place = np.append(np.cumsum(whole)[root] - 1, -1)
+    kept = memory.empty((int(np.count_nonzero(whole)), ROW))
+    np.compress(whole, rows, axis=0, out=kept)
+    return _Grown(kept, cells.keys[whole], cells.level_of[whole], place[cells.owner])
 
 
 def _grown(cloud: Cloud, error: CloudError) -> _Grown:

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
 THICK = 8.0  # standard deviations that the side of a cube has at least
+SLICED = 16.0  # up to as many wide cubes cut many sheets into slices
 FINER = 2  # levels of the order below the cubes
 SHIFT = 3 * FINER  # bits of a key below its cube
 _LEAST_PART = 2_000  # cubes that are worth a thread
@@ -93,6 +94,14 @@ class Cloud:
     def side(self) -> float:
         """Of a cube, metres."""
         return self.grid.side
+
+    def cuts_sheets(self, white: float) -> bool:
+        """Whether sheets are so thick beside cubes that many are cut; white: against `variance`.
+
+        By what was described: where that is far too little, nothing says what a sheet is.
+        """
+        widest = self.louder * self.side / SLICED
+        return bool(white * float(np.median(self.variance)) > widest * widest)
 
     def positions(self) -> Array:
         """Return the sorted points relative to the centre, shape (k, 3)."""

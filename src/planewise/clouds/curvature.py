@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import HOPELESS, SHARED, CloudCells, CloudError
 from planewise.clouds.cloud import Cloud
-from planewise.clouds.information import CloudGroups
+from planewise.clouds.groups import CloudGroups
 from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES

@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudError
 from planewise.clouds.cloud import STEEPEST, Cloud
+from planewise.clouds.groups import CloudGroups, groups_of
 from planewise.clouds.information import (
-    CloudGroups,
     alone_of,
     data_of,
-    groups_of,
     ledger,
-    mask_of,
     refitted,
 )
+from planewise.clouds.masks import mask_of
 from planewise.clouds.rows import planes_of
 from planewise.information import coordinate_information
 from planewise.kernels import cloud_labels as kernels
@@ -107,8 +106,8 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     groups = groups_of(cloud, labels, error)
     alone = alone_of(cloud, groups, *limits)
     data = data_of(cloud, groups, alone, planes_of(rows), rows[:, AREA], error, *limits)
-    mask = mask_of(cloud, labels, len(rows))
-    book = ledger(cloud, mask, groups, alone, data, *limits)
+    mask = mask_of(cloud, labels, groups, len(rows), error)
+    book = ledger(cloud, mask, groups, len(rows), alone, data, *limits)
     best = int(np.argmin(book.curve))
     place = np.zeros(len(rows) + 1, np.uint16)
     place[book.order[:best] + 1] = np.arange(1, best + 1)

@@ -3,10 +3,9 @@
     Phi = 2 k ln(R / eps) + mask + N * 3 ln(R / eps) + sum over groups of their data
 
 Two coordinates of a point take ln(R / eps) each in any case, nothing where its ray is known; the
-third is data: of a group, the
-points of one label in one cube, normal about a plane, a random offset and tilt of the group
-integrated out; about a smooth surface of its own; or anything at all. As `spatial.information`, but
-for the white variance, which is the cloud's.
+third is data: of a group, the points of one label in one cube, normal about a plane, a random
+offset and tilt of the group integrated out; about a smooth surface of its own; or anything at all.
+As `spatial.information`, but for the white variance, which is the cloud's.
 """
 
 from __future__ import annotations
@@ -19,38 +18,17 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudError
 from planewise.clouds.cloud import Cloud, over_part
+from planewise.clouds.groups import CloudGroups
+from planewise.clouds.masks import Mask
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_information as kernels
-from planewise.kernels import cloud_labels as label_kernels
-from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import ROW
-from planewise.kernels.masks import CODES
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 _LEAST_PART = 2_000  # groups that are worth a thread
-_AT_ONCE = 50_000  # cubes whose labels are looked at together
-
-
-@dataclass(frozen=True)
-class CloudGroups:
-    """Groups of a cloud under some labels.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (g, 18)
-        Moments of the points of each (`kernels.cloud_rows`).
-    label : ndarray of int, shape (g,)
-        0 for none.
-    places : ndarray of int, shape (n + 1,)
-        Where those of each cube begin.
-    """
-
-    rows: Array
-    label: NDArray[np.int64]
-    places: NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -72,47 +50,6 @@ class CloudLedger:
     worth: Array
     saved: Array
     curve: Array
-
-
-@dataclass(frozen=True)
-class Mask:
-    """Labels as a mask code sees them (`kernels.cloud_information.mask_edges`).
-
-    Attributes
-    ----------
-    edges : ndarray of int32, shape (m, 6)
-        Labels of neighbours already coded and of the point, where they differ, and how often.
-    alike : ndarray of int, shape (N + 1,)
-        Points of every label that have the one of all their neighbours.
-    """
-
-    edges: NDArray[np.int32]
-    alike: NDArray[np.int64]
-
-    def nats(self, place: NDArray[np.int64]) -> Array:
-        """Of the first 0 ... N planes, shape (N + 1,), that place (N + 1,) puts in order."""
-        lengths, changes = np.empty(len(place)), np.zeros((len(place), CODES), np.int64)
-        kernels.mask_lengths(self.edges, self.alike, place, changes, lengths)
-        return lengths
-
-
-def groups_of(cloud: Cloud, labels: Labels, error: CloudError) -> CloudGroups:
-    """Groups of the points with these labels, in sorted order."""
-    counts = np.empty(len(cloud.cubes), np.int64)
-    cloud.over_cubes(
-        lambda first, last: label_kernels.count_groups(labels, cloud.starts, first, last, counts)
-    )
-    places = np.concatenate((np.zeros(1, np.int64), np.cumsum(counts)))
-    rows = cloud.memory.empty((int(places[-1]), ROW))
-    label = cloud.memory.empty(int(places[-1]), np.int64)
-    variance = error.white * cloud.variance
-    cloud.over_cubes(
-        lambda first, last: label_kernels.sum_groups(
-            cloud.local, labels, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle,
-            TURN, variance, places, first, last, rows, label,
-        )
-    )  # fmt: skip
-    return CloudGroups(rows, label, places)
 
 
 def alone_of(cloud: Cloud, groups: CloudGroups, range: float, resolution: float) -> Array:
@@ -170,25 +107,11 @@ def refitted(
     return rows
 
 
-def mask_of(cloud: Cloud, labels: Labels, planes: int) -> Mask:
-    """Mask of the sorted points with these labels, 1 ... planes and 0."""
-    alike, previous = np.zeros(planes + 1, np.int64), 0
-    all_edges = [np.empty((0, 6), np.int32)]
-    for begin, end in cloud.runs():
-        for first in range(begin, end, _AT_ONCE):
-            last = min(first + _AT_ONCE, end)
-            edges = np.empty((cloud.starts[last] - cloud.starts[first], 6), np.int32)
-            found, previous = kernels.mask_edges(
-                labels, cloud.starts, cloud.about, first, last, previous, alike, edges
-            )
-            all_edges.append(edges[:found].copy())
-    return Mask(np.concatenate(all_edges), alike)
-
-
 def ledger(
     cloud: Cloud,
     mask: Mask,
     groups: CloudGroups,
+    planes: int,
     alone: Array,
     data: Array,
     range: float,
@@ -196,8 +119,8 @@ def ledger(
     order: NDArray[np.intp] | None = None,
 ) -> CloudLedger:
     """Rank planes, by worth or in a given order, with Phi of them all and of the best of them."""
-    planes, total = len(mask.alike) - 1, 0.0
     worth, saved, leaving = np.zeros((3, planes + 1))
+    total = 0.0
     anything = coordinate_information(range, resolution)
     for begin, end in cloud.runs():
         g = slice(groups.places[begin], groups.places[end])

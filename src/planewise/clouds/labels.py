@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudCells
-from planewise.clouds.cloud import Cloud
+from planewise.clouds.cloud import SLICED, Cloud
 from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
-
-_THIN = 16.0  # standard deviations that cubes are wide in which sheets are thin
 
 
 def label_points(
@@ -49,7 +47,7 @@ def label_points(
     larger = cells.error.white * (1.0 + SHARED)
     variance = larger * cloud.variance
     # By what was described: where that is far too little, nothing says what a sheet is.
-    thick = larger * (cloud.louder * cloud.side / _THIN) ** 2
+    thick = larger * (cloud.louder * cloud.side / SLICED) ** 2
     labels: Labels = cloud.memory.empty(len(cloud.local), np.uint16)
     cloud.over_cubes(
         lambda first, last: kernels.label_points(

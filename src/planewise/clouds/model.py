@@ -18,18 +18,17 @@ from planewise.clouds.cells import (
 )
 from planewise.clouds.cloud import Cloud, cloud_of
 from planewise.clouds.curvature import curved_planes
+from planewise.clouds.groups import CloudGroups, groups_of
 from planewise.clouds.information import (
-    CloudGroups,
     CloudLedger,
     alone_of,
     data_of,
-    groups_of,
     ledger,
-    mask_of,
     refitted,
 )
 from planewise.clouds.instances import apart
 from planewise.clouds.labels import label_points
+from planewise.clouds.masks import Mask, mask_of
 from planewise.clouds.rows import covariances, planes_of
 from planewise.clouds.segments import segments_of
 from planewise.information import (
@@ -267,7 +266,8 @@ def ranked_model(
         data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
         rows = _determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
         now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
-        book, curve = _ranked(cloud, labels, groups, alone, now, len(rows), limits)
+        mask = mask_of(cloud, labels, groups, len(rows), error)
+        book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
     best = int(np.argmin(curve))
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
     if best < len(rows):
@@ -317,7 +317,7 @@ def _too_wide(cloud: Cloud, sensor: Sensor) -> str:
 
 def _ranked(
     cloud: Cloud,
-    labels: NDArray[np.uint16],
+    mask: Mask,
     groups: CloudGroups,
     alone: Array,
     data: Array,
@@ -329,8 +329,7 @@ def _ranked(
     Those pay whose points are clearly shorter on them, and with which Phi falls when they come
     after all that are worth more.
     """
-    mask = mask_of(cloud, labels, planes)
-    by_worth = ledger(cloud, mask, groups, alone, data, *limits)
+    by_worth = ledger(cloud, mask, groups, planes, alone, data, *limits)
     fine = prices.fineness(len(cloud.local))
     least = prices.price(prices.LEAST, plane_information(3, *limits), fine)
     clear = int(np.count_nonzero(by_worth.worth < -least))
@@ -340,7 +339,7 @@ def _ranked(
         rest = np.ones(planes, np.bool_)
         rest[pays] = False
         order = np.lexsort((by_worth.saved, rest))
-        book = ledger(cloud, mask, groups, alone, data, *limits, order)
+        book = ledger(cloud, mask, groups, planes, alone, data, *limits, order)
         return book, book.curve[: len(pays) + 1]
 
     best = int(np.argmin(phi))

@@ -1,0 +1,79 @@
+"""Sheets that least cubes have cut into slices are put together again."""
+
+import numpy as np
+import pytest
+
+import planewise as pw
+from planewise.clouds import cells as stage
+from planewise.clouds.cells import cells_of
+from planewise.clouds.cloud import cloud_of
+from planewise.kernels.cloud_rows import AREA, COUNT
+
+SIGMA = 0.03
+
+
+def cloud(points):
+    return cloud_of(points, pw.Sensor(max_depth=8.0, noise=SIGMA), None, 1)
+
+
+def wall(count, rng, width=3.0, height=2.0):
+    return np.column_stack(
+        (rng.uniform(0, width, count), rng.uniform(0, height, count), rng.normal(0, SIGMA, count))
+    )
+
+
+def turned(points, seed):
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return points @ (q * np.sign(np.diag(r))).T
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_slices_of_one_sheet_are_one_cell(seed, monkeypatch):
+    made = cloud(turned(wall(300_000, np.random.default_rng(seed)), seed))
+    assert made.cuts_sheets(1.0)
+    whole = cells_of(made)
+    monkeypatch.setattr(stage, "_whole_sheets", lambda cloud, cells, error: cells)
+    sliced = cells_of(made)
+    assert len(whole.rows) < 0.8 * len(sliced.rows)
+    assert whole.rows[:, COUNT].sum() == sliced.rows[:, COUNT].sum()
+    assert 6.0 < whole.rows[:, AREA].sum() < 0.95 * sliced.rows[:, AREA].sum()
+    # The same cubes, each in the cell that its own has become part of.
+    assert np.array_equal(whole.owner >= 0, sliced.owner >= 0)
+    pairs = np.unique(np.column_stack((sliced.owner, whole.owner)), axis=0)
+    assert len(pairs) == len(np.unique(sliced.owner))
+
+
+def test_sheets_a_cube_apart_stay_two():
+    rng = np.random.default_rng(0)
+    low, high = wall(150_000, rng), wall(150_000, rng)
+    high[:, 2] += 8.0 * SIGMA
+    made = cloud(turned(np.vstack((low, high)), 1))
+    cells = cells_of(made)
+    assert cells.rows[:, COUNT].max() < 0.1 * len(low)
+    found = pw.detect_planes_in_points(
+        turned(np.vstack((low, high)), 1), pw.Sensor(max_depth=8.0, noise=SIGMA)
+    )
+    assert len(found) == 2
+    assert [(plane.count / len(low)) for plane in found.planes] == pytest.approx([1, 1], abs=0.02)
+
+
+def test_thin_sheets_are_left_alone(monkeypatch):
+    def never(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(stage, "_whole_sheets", never)
+    assert cells_of(cloud(turned(wall(200, np.random.default_rng(0)), 0))) is not None
+
+
+@pytest.mark.parametrize(("count", "sigma"), [(100_000, 0.03), (300_000, 0.03), (1_000_000, 0.02)])
+def test_all_faces_of_a_dense_cube_are_found(count, sigma):
+    rng = np.random.default_rng(101)
+    face, points = rng.integers(0, 6, count), rng.uniform(-0.5, 0.5, (count, 3))
+    points[np.arange(count), face // 2] = np.where(face % 2, 0.5, -0.5)
+    points += rng.normal(0, sigma, points.shape)
+    found = pw.detect_planes_in_points(turned(points, 2), pw.Sensor(max_depth=2.0, noise=sigma))
+    assert len(found) == 6
+    table = np.zeros((6, 7))
+    np.add.at(table, (face, found.labels), 1)
+    assert (table[:, 1:].max(axis=1) > 0.85 * table.sum(axis=1)).all()
+    assert found.information == min(found.curve)
