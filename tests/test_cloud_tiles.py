@@ -56,6 +56,19 @@ def test_tiles_give_what_one_piece_gives(one_piece, tile_points, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["building.npy"]
 
 
+def test_thick_sheets_are_the_same_in_tiles_and_for_any_threads(tmp_path):
+    points, sensor = building(150_000, sigma=0.03).points, pw.Sensor(max_depth=20.0, noise=0.03)
+    model = pw.detect_planes_in_points(points, sensor)
+    assert len(model) > 40
+    assert cloud_of(points, sensor, None, 1).cuts_sheets(1.0)
+    np.save(tmp_path / "building.npy", points)
+    tiled = pw.detect_planes_in_cloud(tmp_path / "building.npy", sensor, tile_points=20_000)
+    same(tiled, model)
+    alone = pw.detect_planes_in_points(points, sensor, threads=1)
+    assert_array_equal(alone.labels, model.labels)
+    assert alone.information == model.information
+
+
 @pytest.mark.parametrize("told", [0.001, 0.0001])
 def test_a_sigma_that_is_too_small_is_raised_in_tiles_as_in_one_piece(told, tmp_path):
     sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=told)
