@@ -6,6 +6,7 @@ A plane is w = t0 + t1 x + t2 y; variance (H, W) is that of every reading.
 import itertools
 
 import numpy as np
+from scipy import ndimage
 
 UNIT = 100.0  # pixels per unit of x and y
 BINS = 10  # places per pixel at which a crease may lie
@@ -151,20 +152,9 @@ def crease_kinds(label, planes, p, x, y, reach):
         votes.setdefault((min(here, there), max(here, there)), []).append(vote)
     kinds = np.zeros((len(planes), len(planes)), int)
     for (a, b), cast in votes.items():
-        if len(cast) >= 8 and abs(np.mean(cast)) > 0.6:
+        if len(cast) >= 8 and abs(np.mean(cast)) > 0.4:
             kinds[a, b] = kinds[b, a] = np.sign(sum(cast))
     return kinds
-
-
-def crease_band(label, kinds, radius):
-    """Within `radius` of a pixel of a border, on either side."""
-    i, j = np.indices(label.shape)
-    band = np.zeros(label.shape, bool)
-    for r, c, k, here, there in borders(label):
-        if kinds[here, there]:
-            r2, c2 = r + k, c + 1 - k
-            band |= (i >= r - radius) & (i <= r2 + radius) & (j >= c - radius) & (j <= c2 + radius)
-    return band
 
 
 def crease_distance(planes, kinds, a, b, x, y):
@@ -202,25 +192,37 @@ def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma,
     return places, beyond @ excess + np.minimum(places**2 / (2 * sigma**2), apart)
 
 
-def snap_sweep(
-    label, band, planes, kinds, offset, x, y, variance, slow, reach, far, backwards=False
-):
-    """One sweep in raster order: a pixel beside its crease goes to the side on which it lies."""
-    out = label.copy()
-    height, width = label.shape
-    for i, j in np.argwhere(band & (label > 0))[:: -1 if backwards else 1]:
-        for r, c in ((i, j + 1), (i, j - 1), (i + 1, j), (i - 1, j)):
-            if not (0 <= r < height and 0 <= c < width) or out[r, c] in (0, out[i, j]):
+def put_creases(label, cost, planes, kinds, offset, x, y, slow, far, price):
+    """Change sides of the lines in which planes meet where that costs less, border by border.
+
+    cost (planes, H, W): of a reading on each plane. Returns labels, and how often it paid and not.
+    """
+    out, paid = label.copy(), [0, 0]
+    tried = np.zeros_like(label)
+    places = np.arange(label.size).reshape(label.shape)
+    for i, j, k, *_ in sorted(borders(label)):
+        first, second = (i, j), (i + k, j + 1 - k)
+        for seed, beyond in ((first, second), (second, first)):
+            here, there = out[seed], out[beyond]
+            if here == there or not kinds[here, there] or tried[seed] == there:
                 continue
-            a, b = sorted((out[i, j], out[r, c]))
-            if not kinds[a, b]:
+            a, b = sorted((here, there))
+            distance, slope = crease_distance(planes, kinds, a, b, x, y)
+            ahead = (distance - offset[a, b]) * (1 if there == a else -1)
+            wanted = (out == here) & (ahead > 0) & (ahead < far)
+            if not wanted[seed] or np.sqrt(slow[seed]) >= slope:
                 continue
-            distance, slope = crease_distance(planes, kinds, a, b, x[i, j], y[i, j])
-            place = distance - offset[a, b]
-            blurred = abs(distance) * slope < reach * np.sqrt(variance[i, j])
-            steady = np.sqrt(slow[i, j]) / slope < 1
-            wanted = a if place > 0 else b
-            if wanted != out[i, j] and abs(place) < far and blurred and steady:
-                out[i, j] = wanted
-                break
-    return out
+            parts = ndimage.label(wanted)[0]
+            part = parts == parts[seed]
+            excess = (cost[there] - cost[here])[part].sum()
+            for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
+                for inner, outer in ((one, other), (other, one)):
+                    at = part.flat[inner] & ~part.flat[outer]
+                    then, beside = out.flat[outer[at]], ahead.flat[outer[at]]
+                    excess -= price * np.count_nonzero(then == there)
+                    excess += price * np.count_nonzero((then == here) & (beside > 0))
+            paid[int(excess >= 0)] += 1
+            tried[part] = there
+            if excess < 0:
+                out[part], tried[part] = there, 0
+    return out, paid

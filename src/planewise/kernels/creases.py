@@ -11,15 +11,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled, inlined
+from planewise.kernels.jit import compiled
 from planewise.kernels.labels import CHUNK
 
 BINS = 10  # places per pixel at which a crease may lie
 
-_WAITING, _BORDER = np.uint8(1), np.uint8(2)
+_IN_PART = np.uint8(255)  # state of pixels that may change sides; others: which side was tried
+_TRIED = 254  # sides that are told apart
 _1, _CHUNK = np.uintp(1), np.uintp(CHUNK)
 _FEWEST = 8  # pixels of border between planes that meet
-_MAJORITY = 0.6  # of them that must agree
+_MAJORITY = 0.4  # of them that must agree
 _MOST = 8.0  # nats that a reading may say against a plane
 
 
@@ -175,90 +176,68 @@ def crease_offsets(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def snap_creases(  # type: ignore[no-untyped-def]
-    borders, label, crease, lines, offset, w, x, y, variance, slow, per_metre,
-    radius, reach, far, sweeps, state, busy,
+def put_creases(  # type: ignore[no-untyped-def]
+    borders, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
+    per_metre, far, price, state, part,
 ):  # fmt: skip
-    """Where two planes meet, make their line of intersection the border.
+    """Where two planes meet, make their line of intersection the border if that costs less.
 
-    A pixel beside the other label and within `radius` of the old border goes to the side on which
-    it lies, as long as it is less than `far` pixels from the line, the two planes differ there by
-    less than `reach` standard deviations of a reading, and slow (by depth, as variance), the error
-    that readings share, moves the line by less than a pixel. Sweeps run in raster order and
-    backwards by turns. label has a margin and is changed in place; state and busy: zeros of the
-    shapes that `kernels.labels.lay_out` takes.
+    Pixels that lie on the other's side of the line, less than `far` pixels from it, change sides
+    with all those of their plane that they touch there, if it lowers the sum of
+
+        (w - plane)^2 / (2 (variance + lateral)), `_MOST` at most,
+        + price * (borders between pixels that the line does not part).
+
+    label has a margin and is changed in place; state: zeros of its shape; part: room for as many
+    rows as pixels may change sides together.
     """
-    height, last, alike = w.shape[0], variance.size - 1, x.shape[0] == 1
+    last, alike = variance.size - 1, x.shape[0] == 1
     for n in range(borders.shape[0]):
         border = borders[n]
-        i, left, k = border[0] + 1, border[1] + 1, border[2]
-        below, right = i + k, left + 1 - k
-        if crease[label[i, left], label[below, right]] >= 0:
-            state[i, left] = state[below, right] = _WAITING | _BORDER
-            busy[i, left // CHUNK] = busy[below, right // CHUNK] = True
-    for sweep in range(sweeps):
-        changed = 0
-        ahead = sweep % 2 == 0
-        for step_i in range(1, height + 1):
-            i = step_i if ahead else height + 1 - step_i
-            flags, anything = busy[i], False
-            for n in range(flags.size):
-                anything |= flags[n]
-            if not anything:
+        for turn in range(2):
+            i, j = border[0] + 1, border[1] + 1
+            r, c = i + border[2], j + 1 - border[2]
+            if turn == 1:
+                i, j, r, c = r, c, i, j
+            here, there = label[i, j], label[r, c]
+            if here <= 0 or there <= 0 or here == there or crease[here, there] < 0:
                 continue
-            up, row, down, states = label[i - 1], label[i], label[i + 1], state[i]
-            for step_c in range(flags.size):
-                chunk = np.uintp(step_c if ahead else flags.size - 1 - step_c)
-                if not flags[chunk]:
-                    continue
-                flags[chunk] = False
-                for step_j in range(CHUNK):
-                    j = chunk * _CHUNK + np.uintp(step_j if ahead else CHUNK - 1 - step_j)
-                    if not states[j] & _WAITING:
-                        continue
-                    states[j] &= _BORDER
-                    here = row[j]
-                    for there in (row[j + _1], row[j - _1], down[j], up[j]):
-                        if there <= 0 or there == here:
-                            continue
-                        number = crease[np.uintp(here), np.uintp(there)]
-                        if number < 0:
-                            continue
-                        line = lines[np.uintp(number)]
-                        xj = x[0 if alike else i - 1, j - _1]
-                        yj = y[i - 1, np.uintp(0) if alike else j - _1]
-                        distance = line[0] + line[1] * xj + line[2] * yj
-                        place = distance - offset[np.uintp(number)]
-                        wanted = min(here, there) if place > 0.0 else max(here, there)
-                        if wanted == here or abs(place) >= far:
-                            continue
-                        depth = min(int(per_metre / np.float64(w[i - 1, j - _1]) + 0.5), last)
-                        difference = distance * line[3]
-                        if (
-                            slow[depth] < line[3] * line[3]
-                            and difference * difference < reach * reach * variance[depth]
-                            and _near_border(state, i, np.intp(j), radius)
-                        ):
-                            row[j] = wanted
-                            changed += 1
-                            states[j] |= _WAITING
-                            flags[chunk] = True
-                            for a, b in ((i, j - _1), (i, j + _1), (i - 1, j), (i + 1, j)):
-                                if label[a, b] > 0 and label[a, b] != wanted:
-                                    state[a, b] |= _WAITING
-                                    busy[a, b // _CHUNK] = True
-                            break
-        if changed == 0:
-            break
-
-
-@inlined
-def _near_border(state, i, j, radius):  # type: ignore[no-untyped-def]
-    """Whether a pixel lies within `radius` of a border's, across and down."""
-    if state[i, j] & _BORDER:
-        return True
-    for a in range(max(i - radius, 0), min(i + radius + 1, state.shape[0])):
-        for b in range(max(j - radius, 0), min(j + radius + 1, state.shape[1])):
-            if state[a, b] & _BORDER:
-                return True
-    return False
+            tried = np.uint8(1 + there % _TRIED)
+            if state[i, j] == tried:
+                continue
+            number = crease[here, there]
+            line, side = lines[number], 1.0 if there < here else -1.0
+            d0, d1, d2 = side * (line[0] - offset[number]), side * line[1], side * line[2]
+            place = d0 + d1 * x[0 if alike else i - 1, j - 1] + d2 * y[i - 1, 0 if alike else j - 1]
+            depth = min(int(per_metre / np.float64(w[i - 1, j - 1]) + 0.5), last)
+            if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
+                continue
+            s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
+            part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
+            size, done, excess = 1, 0, 0.0
+            while done < size:
+                i, j = part[done, 0], part[done, 1]
+                done += 1
+                value = np.float64(w[i - 1, j - 1])
+                xj, yj = x[0 if alike else i - 1, j - 1], y[i - 1, 0 if alike else j - 1]
+                v = variance[min(int(per_metre / value + 0.5), last)]
+                es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
+                excess += min(0.5 * et * et / (v + vt), _MOST)
+                excess -= min(0.5 * es * es / (v + vs), _MOST)
+                for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                    r, c = i + down, j + right
+                    if label[r, c] == there:
+                        excess -= price
+                    elif label[r, c] == here and state[r, c] != _IN_PART:
+                        xc, yr = x[0 if alike else r - 1, c - 1], y[r - 1, 0 if alike else c - 1]
+                        place = d0 + d1 * xc + d2 * yr
+                        if 0.0 < place < far and size < part.shape[0]:
+                            part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
+                            size += 1
+                        elif place > 0.0:
+                            excess += price
+            for m in range(size):
+                i, j = part[m, 0], part[m, 1]
+                state[i, j] = tried
+                if excess < 0.0:
+                    label[i, j], state[i, j] = there, 0

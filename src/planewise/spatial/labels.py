@@ -27,11 +27,11 @@ _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie fr
 _SWEEPS = 6
 _SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look
 _CREASE_REACH = 5  # pixels beside a border where the two planes are compared
-_CREASE_BAND = 4  # pixels about a border that are looked at
+_CREASE_BAND = 4  # pixels about a border whose readings say where it lies
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
 _CREASE_APART = 50.0  # nats by which readings have to speak against that line for another one
-_CREASE_HIDDEN = 4.0  # standard deviations within which two planes cannot be told apart
-_CREASE_FAR = 8.0  # pixels from the line of intersection
+_CREASE_FAR = 8  # pixels from the line of intersection
+_CREASE_PRICE = 2.4 * _DIFFERING  # nats per pixel of a border elsewhere: one beside, two across
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
@@ -110,7 +110,8 @@ def label_planes(
     with threads.beside(find_borders):
         label_loops.without_margin(marks.label, labels)
         planes = _refit(frame, cells, labels, planes)
-    if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders[:found]):
+    borders = borders[:found]
+    if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders, workspace):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
 
@@ -176,12 +177,14 @@ def _put_creases(
     marks: Marks,
     labels: Labels,
     borders: NDArray[np.int32],
+    workspace: Workspace,
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     affine = affine_planes(planes, with_none=True)
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
+    lateral = _lateral(cells, affine)
     found = crease_loops.find_creases(
         borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
     )
@@ -198,30 +201,30 @@ def _put_creases(
         *coordinates,
         variance,
         per_metre,
-        _lateral(cells, affine),
+        lateral,
         _CREASE_BAND,
         _CREASE_SIGMA,
         _CREASE_APART,
         offset,
     )
-    marks.state[:], marks.busy[:] = 0, False
-    crease_loops.snap_creases(
+    marks.state[:] = 0
+    crease_loops.put_creases(
         borders,
         marks.label,
         crease,
         lines,
         offset,
+        affine,
+        lateral,
         frame.w,
         *coordinates,
         variance,
         slow,
         per_metre,
-        _CREASE_BAND,
-        _CREASE_HIDDEN,
         _CREASE_FAR,
-        2 * _CREASE_BAND,
+        _CREASE_PRICE,
         marks.state,
-        marks.busy,
+        workspace.empty((2 * _CREASE_FAR * sum(frame.w.shape), 2), np.int32),
     )
     return True
 
