@@ -192,37 +192,57 @@ def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma,
     return places, beyond @ excess + np.minimum(places**2 / (2 * sigma**2), apart)
 
 
-def put_creases(label, cost, planes, kinds, offset, x, y, slow, far, price):
-    """Change sides of the lines in which planes meet where that costs less, border by border.
+def strays(label, planes, kinds, offset, x, y, far, step):
+    """Pixels beside borders, then of a lattice, on the other's side of a crease: (i, j, other)."""
+
+    def ahead(here, there):
+        a, b = sorted((here, there))
+        distance = crease_distance(planes, kinds, a, b, x, y)[0] - offset[a, b]
+        return distance if there == a else -distance
+
+    out = []
+    for i, j, k, here, there in sorted(borders(label)):
+        if kinds[here, there]:
+            beside = ((i, j, here, there), (i + k, j + 1 - k, there, here))
+            out += [(r, c, other) for r, c, own, other in beside if ahead(own, other)[r, c] > 0]
+    for i in range(step // 2, label.shape[0], step):
+        for j in range(step // 2, label.shape[1], step):
+            here = label[i, j]
+            for there in np.flatnonzero(kinds[here]):
+                if 0 < ahead(here, there)[i, j] < far:
+                    out.append((i, j, there))
+    return np.reshape(out, (-1, 3))
+
+
+def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, price):
+    """Change sides of the lines in which planes meet where that costs less, stray by stray.
 
     cost (planes, H, W): of a reading on each plane. Returns labels, and how often it paid and not.
     """
     out, paid = label.copy(), [0, 0]
     tried = np.zeros_like(label)
     places = np.arange(label.size).reshape(label.shape)
-    for i, j, k, *_ in sorted(borders(label)):
-        first, second = (i, j), (i + k, j + 1 - k)
-        for seed, beyond in ((first, second), (second, first)):
-            here, there = out[seed], out[beyond]
-            if here == there or not kinds[here, there] or tried[seed] == there:
-                continue
-            a, b = sorted((here, there))
-            distance, slope = crease_distance(planes, kinds, a, b, x, y)
-            ahead = (distance - offset[a, b]) * (1 if there == a else -1)
-            wanted = (out == here) & (ahead > 0) & (ahead < far)
-            if not wanted[seed] or np.sqrt(slow[seed]) >= slope:
-                continue
-            parts = ndimage.label(wanted)[0]
-            part = parts == parts[seed]
-            excess = (cost[there] - cost[here])[part].sum()
-            for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
-                for inner, outer in ((one, other), (other, one)):
-                    at = part.flat[inner] & ~part.flat[outer]
-                    then, beside = out.flat[outer[at]], ahead.flat[outer[at]]
-                    excess -= price * np.count_nonzero(then == there)
-                    excess += price * np.count_nonzero((then == here) & (beside > 0))
-            paid[int(excess >= 0)] += 1
-            tried[part] = there
-            if excess < 0:
-                out[part], tried[part] = there, 0
+    for i, j, there in strays:
+        here = out[i, j]
+        if here == there or not kinds[here, there] or tried[i, j] == there:
+            continue
+        a, b = sorted((here, there))
+        distance, slope = crease_distance(planes, kinds, a, b, x, y)
+        ahead = (distance - offset[a, b]) * (1 if there == a else -1)
+        wanted = (out == here) & (ahead > 0) & (ahead < far)
+        if not wanted[i, j] or np.sqrt(slow[i, j]) >= slope:
+            continue
+        parts = ndimage.label(wanted)[0]
+        part = parts == parts[i, j]
+        excess = (cost[there] - cost[here])[part].sum()
+        for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
+            for inner, outer in ((one, other), (other, one)):
+                at = part.flat[inner] & ~part.flat[outer]
+                then, beside = out.flat[outer[at]], ahead.flat[outer[at]]
+                excess -= price * np.count_nonzero(then == there)
+                excess += price * np.count_nonzero((then == here) & (beside > 0))
+        paid[int(excess >= 0)] += 1
+        tried[part] = there
+        if excess < 0:
+            out[part], tried[part] = there, 0
     return out, paid

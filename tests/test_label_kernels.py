@@ -427,16 +427,24 @@ def test_crease_offsets(seed):
     assert cost[at] == pytest.approx(cost.min())
 
 
-def put(label, planes, crease, lines, offset, images, slow=0.0, price=DIFFERING, far=16):
+def strays_of(label, crease, lines, offset, x, y, far=16.0, step=8, room=10_000):
+    out = np.empty((room, 3), np.int32)
+    arguments = (crease, lines, offset, x, y, far, step, out)
+    return out[: creases.find_strays(borders_of(label), label.astype(np.uint16), *arguments)]
+
+
+def put(
+    label, planes, crease, lines, offset, images, slow=0.0, price=DIFFERING, far=16, most=np.inf
+):
     """Labels once creases are put in their place; slow and variance of all readings alike."""
     w, p, x, y = images
     marks = Marks(label, p > 0)
     marks.state[:] = 0
-    slow, none = np.full(1, slow), np.zeros(len(planes))
+    slow, none, offset = np.full(1, slow), np.zeros(len(planes)), np.full(len(lines), offset)
+    strays = strays_of(label, crease, lines, offset, x, y)
     creases.put_creases(
-        borders_of(label), marks.label, crease, lines, np.full(len(lines), offset), planes, none, w,
-        x, y, SIGMA**2 + slow, slow, PER_METRE, far, price, marks.state,
-        np.empty((label.size, 2), np.int32),
+        strays, marks.label, crease, lines, offset, planes, none, w, x, y, SIGMA**2 + slow, slow,
+        PER_METRE, far, price, most, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     return marks.labels()
 
@@ -473,6 +481,20 @@ def test_a_border_leaves_the_line_where_readings_say_so():
     # Not where nothing but noise tells the difference, or a border off the line is dear.
     assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5), label)
     assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0), label)
+    assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, most=0.0), truth)
+
+
+def test_a_surface_that_touches_its_plane_nowhere_is_on_it():
+    images, planes, label = roof(20.3, slope=1e-3, tilt=0.0)
+    w, p, x, y = images
+    _, crease, lines = creases_of(label, planes, x, y)
+    hole = np.zeros(label.shape, bool)
+    hole[:, 12:14] = hole[14:16, :21] = hole[14:16, 24:] = True
+    seen = np.where(hole, 0, label)
+    stray = seen.copy()
+    stray[:14, 14:21] = 1
+    images = (w, np.where(hole, 0, p), x, y)
+    assert_array_equal(put(stray, planes, crease, lines, 0.0, images, price=2.0), seen)
 
 
 def test_a_border_stays_where_the_line_may_not_be():
@@ -519,16 +541,22 @@ def compare_put_creases(seed):
     slow = SIGMA**2 * rng.uniform(0, 1, table.shape)
     row = np.rint(PER_METRE / np.where(w > 0, w, 1).astype(np.float64)).astype(int)
     lateral, far, price = SIGMA**2 * rng.uniform(0, 1, 4), (5, 16)[seed % 2], (1.0, 4.0)[seed // 6]
+    border, straight = (crease, lines, shift), (alike(x, y) if seed % 2 else (x, y))
+    strays = strays_of(label, *border, *straight, far, 3 + seed % 2)
+    assert_array_equal(
+        strays, oracles.strays(label, planes, kinds, offset, x, y, far, 3 + seed % 2)
+    )
+    assert_array_equal(strays_of(label, *border, *straight, far, 3 + seed % 2, 5), strays[:5])
     cost = np.minimum(oracles.costs(w, x, y, variance, planes, lateral, NULL), 8.0)
     expected, paid = oracles.put_creases(
-        label, cost, planes, kinds, offset, x, y, slow[np.minimum(row, slow.size - 1)], far, price
-    )
+        label, strays, cost, planes, kinds, offset, x, y,
+        slow[np.minimum(row, slow.size - 1)], far, price,
+    )  # fmt: skip
     marks = Marks(label, p > 0)
     marks.state[:] = 0
-    images = (w, *(alike(x, y) if seed % 2 else (x, y)))
     creases.put_creases(
-        borders_of(label), marks.label, crease, lines, shift, planes, lateral, *images, table, slow,
-        PER_METRE, far, price, marks.state, np.empty((label.size, 2), np.int32),
+        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, PER_METRE, far,
+        price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     assert_array_equal(marks.labels(), expected)
     return paid

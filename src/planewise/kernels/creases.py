@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled
+from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.labels import CHUNK
 
 BINS = 10  # places per pixel at which a crease may lie
@@ -176,68 +176,114 @@ def crease_offsets(  # type: ignore[no-untyped-def]
 
 
 @compiled
+def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):  # type: ignore[no-untyped-def]
+    """List pixels that lie on the other's side of a line in which their plane meets another.
+
+    All that are beside a border of the two, and of those less than `far` pixels from the line one
+    in `step` rows and columns: a wall seen past a cupboard may touch its own plane nowhere. Writes
+    rows (i, j, label of the other) as far as there is room; returns how many.
+    """
+    count, alike = crease.shape[0], x.shape[0] == 1
+    found = 0
+    for n in range(borders.shape[0]):
+        i, j, k = borders[n, 0], borders[n, 1], borders[n, 2]
+        r, c = i + k, j + 1 - k
+        a, b = min(label[i, j], label[r, c]), max(label[i, j], label[r, c])
+        number = crease[a, b]
+        if number < 0:
+            continue
+        for _ in range(2):
+            here = label[i, j]
+            place = _place(lines[number], offset[number], x, y, i, j, alike)
+            if found < strays.shape[0] and (here == b if place > 0.0 else here == a):
+                strays[found, 0], strays[found, 1], strays[found, 2] = i, j, a if here == b else b
+                found += 1
+            i, j = r, c
+    # Partners of every plane, one after the other.
+    meets, partners = np.empty(count + 1, np.int64), np.empty(count * count, np.int64)
+    meets[0] = 0
+    for a in range(count):
+        last = meets[a]
+        for b in range(count):
+            partners[last] = b
+            last += a > 0 and b > 0 and crease[a, b] >= 0
+        meets[a + 1] = last
+    for i in range(step // 2, label.shape[0], step):
+        for j in range(step // 2, label.shape[1], step):
+            here = label[i, j]
+            for m in range(meets[here], meets[here + 1]):
+                there = partners[m]
+                number = crease[here, there]
+                place = _place(lines[number], offset[number], x, y, i, j, alike)
+                place *= 1.0 if there < here else -1.0
+                if 0.0 < place < far and found < strays.shape[0]:
+                    strays[found, 0], strays[found, 1], strays[found, 2] = i, j, there
+                    found += 1
+    return found
+
+
+@compiled
 def put_creases(  # type: ignore[no-untyped-def]
-    borders, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
-    per_metre, far, price, state, part,
+    strays, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
+    per_metre, far, price, most, state, part,
 ):  # fmt: skip
     """Where two planes meet, make their line of intersection the border if that costs less.
 
-    Pixels that lie on the other's side of the line, less than `far` pixels from it, change sides
-    with all those of their plane that they touch there, if it lowers the sum of
+    A stray and all pixels of its plane that are connected with it on the other's side of the line,
+    less than `far` pixels away, change sides together if it lowers the sum of
 
         (w - plane)^2 / (2 (variance + lateral)), `_MOST` at most,
-        + price * (borders between pixels that the line does not part).
+        + price * (borders between pixels that the line does not part),
 
-    label has a margin and is changed in place; state: zeros of its shape; part: room for as many
-    rows as pixels may change sides together.
+    and the sum is not `most` higher on the way. label has a margin and is changed in place; state:
+    zeros of its shape; part: room for as many rows as pixels may change sides together.
     """
     last, alike = variance.size - 1, x.shape[0] == 1
-    for n in range(borders.shape[0]):
-        border = borders[n]
-        for turn in range(2):
-            i, j = border[0] + 1, border[1] + 1
-            r, c = i + border[2], j + 1 - border[2]
-            if turn == 1:
-                i, j, r, c = r, c, i, j
-            here, there = label[i, j], label[r, c]
-            if here <= 0 or there <= 0 or here == there or crease[here, there] < 0:
-                continue
-            tried = np.uint8(1 + there % _TRIED)
-            if state[i, j] == tried:
-                continue
-            number = crease[here, there]
-            line, side = lines[number], 1.0 if there < here else -1.0
-            d0, d1, d2 = side * (line[0] - offset[number]), side * line[1], side * line[2]
-            place = d0 + d1 * x[0 if alike else i - 1, j - 1] + d2 * y[i - 1, 0 if alike else j - 1]
-            depth = min(int(per_metre / np.float64(w[i - 1, j - 1]) + 0.5), last)
-            if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
-                continue
-            s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
-            part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
-            size, done, excess = 1, 0, 0.0
-            while done < size:
-                i, j = part[done, 0], part[done, 1]
-                done += 1
-                value = np.float64(w[i - 1, j - 1])
-                xj, yj = x[0 if alike else i - 1, j - 1], y[i - 1, 0 if alike else j - 1]
-                v = variance[min(int(per_metre / value + 0.5), last)]
-                es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
-                excess += min(0.5 * et * et / (v + vt), _MOST)
-                excess -= min(0.5 * es * es / (v + vs), _MOST)
-                for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
-                    r, c = i + down, j + right
-                    if label[r, c] == there:
-                        excess -= price
-                    elif label[r, c] == here and state[r, c] != _IN_PART:
-                        xc, yr = x[0 if alike else r - 1, c - 1], y[r - 1, 0 if alike else c - 1]
-                        place = d0 + d1 * xc + d2 * yr
-                        if 0.0 < place < far and size < part.shape[0]:
-                            part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
-                            size += 1
-                        elif place > 0.0:
-                            excess += price
-            for m in range(size):
-                i, j = part[m, 0], part[m, 1]
-                state[i, j] = tried
-                if excess < 0.0:
-                    label[i, j], state[i, j] = there, 0
+    for n in range(strays.shape[0]):
+        i, j, there = strays[n, 0] + 1, strays[n, 1] + 1, strays[n, 2]
+        here, tried = label[i, j], np.uint8(1 + there % _TRIED)
+        if here <= 0 or here == there or crease[here, there] < 0 or state[i, j] == tried:
+            continue
+        number = crease[here, there]
+        line, side = lines[number], 1.0 if there < here else -1.0
+        d0, d1, d2 = side * (line[0] - offset[number]), side * line[1], side * line[2]
+        place = d0 + d1 * x[0 if alike else i - 1, j - 1] + d2 * y[i - 1, 0 if alike else j - 1]
+        depth = min(int(per_metre / np.float64(w[i - 1, j - 1]) + 0.5), last)
+        if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
+            continue
+        s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
+        part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
+        size, done, excess = 1, 0, 0.0
+        while done < size and excess < most:
+            i, j = part[done, 0], part[done, 1]
+            done += 1
+            value = np.float64(w[i - 1, j - 1])
+            xj, yj = x[0 if alike else i - 1, j - 1], y[i - 1, 0 if alike else j - 1]
+            v = variance[min(int(per_metre / value + 0.5), last)]
+            es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
+            excess += min(0.5 * et * et / (v + vt), _MOST)
+            excess -= min(0.5 * es * es / (v + vs), _MOST)
+            for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+                r, c = i + down, j + right
+                if label[r, c] == there:
+                    excess -= price
+                elif label[r, c] == here and state[r, c] != _IN_PART:
+                    xc, yr = x[0 if alike else r - 1, c - 1], y[r - 1, 0 if alike else c - 1]
+                    place = d0 + d1 * xc + d2 * yr
+                    if 0.0 < place < far and size < part.shape[0]:
+                        part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
+                        size += 1
+                    elif place > 0.0:
+                        excess += price
+        for m in range(size):
+            i, j = part[m, 0], part[m, 1]
+            state[i, j] = tried
+            if excess < 0.0:
+                label[i, j], state[i, j] = there, 0
+
+
+@inlined
+def _place(line, offset, x, y, i, j, alike):  # type: ignore[no-untyped-def]
+    """Distance of a pixel from the border along a line, positive on the side of the lower label."""
+    own = 0 if alike else 1
+    return line[0] - offset + line[1] * x[own * i, j] + line[2] * y[i, own * j]

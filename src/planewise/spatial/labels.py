@@ -31,7 +31,9 @@ _CREASE_BAND = 4  # pixels about a border whose readings say where it lies
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
 _CREASE_APART = 50.0  # nats by which readings have to speak against that line for another one
 _CREASE_FAR = 8  # pixels from the line of intersection
-_CREASE_PRICE = 2.4 * _DIFFERING  # nats per pixel of a border elsewhere: one beside, two across
+_CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
+_CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
+_CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
@@ -208,8 +210,12 @@ def _put_creases(
         offset,
     )
     marks.state[:] = 0
+    strays = workspace.empty((2 * len(borders) + labels.size // _CREASE_STEP**2, 3), np.int32)
+    straying = crease_loops.find_strays(
+        borders, labels, crease, lines, offset, *coordinates, _CREASE_FAR, _CREASE_STEP, strays
+    )
     crease_loops.put_creases(
-        borders,
+        strays[:straying],
         marks.label,
         crease,
         lines,
@@ -223,6 +229,7 @@ def _put_creases(
         per_metre,
         _CREASE_FAR,
         _CREASE_PRICE,
+        _CREASE_MOST,
         marks.state,
         workspace.empty((2 * _CREASE_FAR * sum(frame.w.shape), 2), np.int32),
     )
