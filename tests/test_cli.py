@@ -354,6 +354,15 @@ def test_demo(tmp_path):
     assert np.asarray(Image.open(tmp_path / "demo" / "depth.png")).dtype == np.uint16
 
 
+def test_demo_replaces_nothing_but_a_demo(tmp_path):
+    (tmp_path / "depth.png").write_bytes(b"mine")
+    code, _, errors = run("demo", "-o", tmp_path)
+    assert code == 2
+    assert "would be replaced" in errors
+    assert [path.name for path in tmp_path.iterdir()] == ["depth.png"]
+    assert (tmp_path / "depth.png").read_bytes() == b"mine"
+
+
 def test_info_and_version():
     code, text, _ = run("info")
     assert code == 0

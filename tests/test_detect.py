@@ -152,8 +152,9 @@ def test_planes_are_ranked_and_the_best_can_be_kept(camera):
         assert best.labels.max(initial=0) == len(best)
         judge = pw.information(observation, best.planes, best.labels)
         assert best.information == pytest.approx(judge, rel=1e-9)
-    with pytest.raises(ValueError, match="k must not be negative"):
-        model.top(-1)
+    for bad in (-1, 1.5, "2"):
+        with pytest.raises(ValueError, match="k must be a whole number"):
+            model.top(bad)
 
 
 def test_statistics_of_each_plane_match_its_readings(roof, camera):

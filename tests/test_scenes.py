@@ -98,6 +98,13 @@ def test_bad_noise_is_refused(bad):
         scenes.staircase(size=SIZE, **bad)
 
 
+@pytest.mark.parametrize("bad", [(0, 0), (48,), (4.5, 6), 48, (48, -64)])
+def test_bad_size_is_refused(bad):
+    for make in (scenes.staircase, scenes.corner, scenes.room):
+        with pytest.raises(ValueError, match=r"size must be \(height, width\)"):
+            make(size=bad)
+
+
 @pytest.mark.parametrize("angle", [30, 180, float("nan")])
 def test_bad_angle_is_refused(angle):
     with pytest.raises(ValueError, match="angle"):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_whole
 from planewise.wording import counted
 
 Array = NDArray[np.float64]
@@ -196,8 +197,8 @@ class PlaneModel:
         PlaneModel
             Its `information` is Phi of the smaller model with these labels.
         """
-        if k < 0:
-            raise ValueError(f"k must not be negative, got {k}")
+        if not (is_whole(k) and k >= 0):
+            raise ValueError(f"k must be a whole number, at least 0, got {k!r}")
         if k >= len(self.planes):
             return self
         return replace(

@@ -25,6 +25,13 @@ def demo(
     with reported():
         if seed < 0:
             raise PlanewiseError(f"seed must not be negative, got {seed}")
+        if not (output / "truth.png").exists():
+            for name in ("depth.png", "rgb.png"):
+                if (output / name).exists():
+                    raise PlanewiseError(
+                        f"output: {output / name} is no demo's and would be replaced; "
+                        "give another folder with -o"
+                    )
         with output_folder(output) as folder:
             from planewise import scenes
             from planewise.drawing.overlay import draw_labels

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.noise import constant
-from planewise.scenes.scene import Array, Scene, Seed
+from planewise.scenes.scene import Array, Scene, Seed, checked_size
 from planewise.sensor import Sensor
 
 _VGA = (480, 640)
@@ -43,7 +43,8 @@ def staircase(
     planes = [
         (0.0, sign * half, -half, d) for sign, d in zip((1, -1, 1, -1), distances, strict=True)
     ]
-    bands = np.arange(size[0]) * 4 // size[0]
+    height, _ = checked_size(size)
+    bands = np.arange(height) * 4 // height
     labels = np.broadcast_to(bands[:, None] + 1, size)
     return _planes_scene(np.array(planes), labels, size, sigma, rng, quantise)
 
@@ -96,11 +97,12 @@ def flatness(
         As in `staircase`.
     """
     planes = np.array([(0.0, 0.0, -1.0, d) for d in (2.5, 2.7, 2.9, 3.1)])
-    band = np.arange(size[1]) * 4 // size[1]
+    height, width = checked_size(size)
+    band = np.arange(width) * 4 // width
     labels = np.broadcast_to(band + 1, size)
     periods = np.array((0, 2, 10, 100))[band]
-    height = np.arange(size[0])[:, None] / size[0]
-    wave = amplitude * np.sin(2 * np.pi * periods * height)
+    down = np.arange(height)[:, None] / height
+    wave = amplitude * np.sin(2 * np.pi * periods * down)
     return _planes_scene(
         planes, labels, size, sigma, rng, quantise, relief=wave, noise=max(amplitude, sigma)
     )
@@ -130,8 +132,9 @@ def two_planes(
     planes = np.array(
         [(0.0, sign * math.cos(half), -math.sin(half), math.sin(half)) for sign in (-1, 1)]
     )
-    rows = np.arange(size[0])[:, None]
-    labels = np.broadcast_to(np.where(rows < size[0] / 2, 1, 2), size)
+    height, _ = checked_size(size)
+    rows = np.arange(height)[:, None]
+    labels = np.broadcast_to(np.where(rows < height / 2, 1, 2), size)
     return _planes_scene(planes, labels, size, sigma, rng, quantise)
 
 
@@ -168,10 +171,9 @@ def t_junction(
 
 def _camera(size: tuple[int, int]) -> PinholeCamera:
     """Return the paper's camera, scaled to another image size."""
-    scale = size[1] / _VGA[1]
-    return PinholeCamera(
-        fx=500 * scale, fy=500 * size[0] / _VGA[0], cx=320 * scale, cy=240 * size[0] / _VGA[0]
-    )
+    height, width = checked_size(size)
+    across, down = width / _VGA[1], height / _VGA[0]
+    return PinholeCamera(fx=500 * across, fy=500 * down, cx=320 * across, cy=240 * down)
 
 
 def _depths(planes: Array, size: tuple[int, int]) -> Array:

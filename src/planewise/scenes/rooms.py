@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from planewise import noise, sensors
 from planewise.camera import Camera, PinholeCamera
 from planewise.scenes.furniture import Block, Can, Room, Solid, furnish, turned
-from planewise.scenes.scene import Scene, Seed
+from planewise.scenes.scene import Scene, Seed, checked_size
 
 Array = NDArray[np.float64]
 
@@ -96,7 +96,7 @@ def room(
 
 
 def _camera(size: tuple[int, int]) -> PinholeCamera:
-    height, width = size
+    height, width = checked_size(size)
     focal = 525.0 * width / 640
     return PinholeCamera(fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
 
