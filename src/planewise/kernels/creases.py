@@ -188,17 +188,17 @@ def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):
     for n in range(borders.shape[0]):
         i, j, k = borders[n, 0], borders[n, 1], borders[n, 2]
         r, c = i + k, j + 1 - k
-        a, b = min(label[i, j], label[r, c]), max(label[i, j], label[r, c])
-        number = crease[a, b]
+        number = crease[label[i, j], label[r, c]]
         if number < 0:
             continue
         for _ in range(2):
-            here = label[i, j]
+            here, there = label[i, j], label[r, c]
             place = _place(lines[number], offset[number], x, y, i, j, alike)
-            if found < strays.shape[0] and (here == b if place > 0.0 else here == a):
-                strays[found, 0], strays[found, 1], strays[found, 2] = i, j, a if here == b else b
+            place *= 1.0 if there < here else -1.0
+            if place > 0.0 and found < strays.shape[0]:
+                strays[found, 0], strays[found, 1], strays[found, 2] = i, j, there
                 found += 1
-            i, j = r, c
+            i, j, r, c = r, c, i, j
     # Partners of every plane, one after the other.
     meets, partners = np.empty(count + 1, np.int64), np.empty(count * count, np.int64)
     meets[0] = 0
@@ -245,9 +245,8 @@ def put_creases(  # type: ignore[no-untyped-def]
         if here <= 0 or here == there or crease[here, there] < 0 or state[i, j] == tried:
             continue
         number = crease[here, there]
-        line, side = lines[number], 1.0 if there < here else -1.0
-        d0, d1, d2 = side * (line[0] - offset[number]), side * line[1], side * line[2]
-        place = d0 + d1 * x[0 if alike else i - 1, j - 1] + d2 * y[i - 1, 0 if alike else j - 1]
+        line, shift, side = lines[number], offset[number], 1.0 if there < here else -1.0
+        place = side * _place(line, shift, x, y, i - 1, j - 1, alike)
         depth = min(int(per_metre / np.float64(w[i - 1, j - 1]) + 0.5), last)
         if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
             continue
@@ -268,8 +267,7 @@ def put_creases(  # type: ignore[no-untyped-def]
                 if label[r, c] == there:
                     excess -= price
                 elif label[r, c] == here and state[r, c] != _IN_PART:
-                    xc, yr = x[0 if alike else r - 1, c - 1], y[r - 1, 0 if alike else c - 1]
-                    place = d0 + d1 * xc + d2 * yr
+                    place = side * _place(line, shift, x, y, r - 1, c - 1, alike)
                     if 0.0 < place < far and size < part.shape[0]:
                         part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
                         size += 1

@@ -99,8 +99,8 @@ def label_planes(
         number = number.astype(np.int16)
     planes = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
     null = float(np.log(observation.range / observation.resolution))
-    variance, slow = _variances(frame, cells, workspace)
-    _label_pixels(frame, cells, number, planes, variance, null, marks, workspace)
+    variances = _variances(frame, cells, workspace)
+    _label_pixels(frame, cells, number, planes, variances[0], null, marks, workspace)
     most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
     borders, found = workspace.empty((most, 3), np.int32), 0
 
@@ -112,8 +112,7 @@ def label_planes(
     with threads.beside(find_borders):
         label_loops.without_margin(marks.label, labels)
         planes = _refit(frame, cells, labels, planes)
-    borders = borders[:found]
-    if _put_creases(frame, cells, planes, variance, slow, marks, labels, borders, workspace):
+    if _put_creases(frame, cells, planes, variances, marks, labels, borders[:found], workspace):
         label_loops.without_margin(marks.label, labels)
     return planes, labels
 
@@ -174,14 +173,14 @@ def _put_creases(
     frame: Frame,
     cells: Cells,
     planes: Array,
-    variance: Array,
-    slow: Array,
+    variances: Array,
     marks: Marks,
     labels: Labels,
     borders: NDArray[np.int32],
     workspace: Workspace,
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
+    variance, slow = variances
     affine = affine_planes(planes, with_none=True)
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
