@@ -188,20 +188,18 @@ def test_distortion_is_that_of_cameras_whose_error_drifts():
         seen = pw.observe(np.full(shape, 2.0), camera, pw.Sensor(max_depth=10, noise=sigma))
         table, sectors = frame_of(seen).table, frame_of(seen).sectors
         white, _, described, _ = (float(part) for part in table.at(np.array(0.5)))
-        error = frame_error.FrameError(drift=drift * white / described)
-        found = frame_error.with_drift(error, 0.5, table, sectors)
-        assert replace(found, drifting=1.0, distorted=np.inf, turning=0.0) == error
-        return found
+        factor = drift * white / described
+        drifting, distorted, _ = frame_error.drift_and_distortion(1.0, factor, 0.5, table, sectors)
+        return drifting, distorted
 
-    assert told(0.5).drifting == pytest.approx(0.5)
-    assert told(1.0).drifting == told(7.0).drifting == 1.0
-    readings = told(2.0).distorted
-    assert told(0.5).distorted == pytest.approx(2 * readings)
-    assert told(2.0, camera=camera.scaled(2)).distorted == pytest.approx(4 * readings)
-    assert told(0.0).drifting == 0
-    assert told(0.0).distorted == np.inf
-    assert told(2.0, sigma=0.2).distorted == np.inf  # a seventh of the depth: leaves
-    assert told(2.0, camera=sweep, shape=(16, 360)).distorted == np.inf
+    assert told(0.5)[0] == pytest.approx(0.5)
+    assert told(1.0)[0] == told(7.0)[0] == 1.0
+    readings = told(2.0)[1]
+    assert told(0.5)[1] == pytest.approx(2 * readings)
+    assert told(2.0, camera=camera.scaled(2))[1] == pytest.approx(4 * readings)
+    assert told(0.0) == (0, np.inf)
+    assert told(2.0, sigma=0.2)[1] == np.inf  # a seventh of the depth: leaves
+    assert told(2.0, camera=sweep, shape=(16, 360))[1] == np.inf
 
 
 @pytest.mark.parametrize("z", [0.7, 3.0])
@@ -211,17 +209,17 @@ def test_turning_is_the_discord_of_cells_on_a_surface_that_turns(z):
     sensor = pw.Sensor(max_depth=10, resolution=1e-5, noise=0.004)
     seen = pw.observe(np.full((30, 40), z), camera, sensor)
     table, sectors = frame_of(seen).table, frame_of(seen).sectors
-    found = frame_error.with_drift(frame_error.FrameError(white=1.5), 1 / z, table, sectors)
+    turning = frame_error.drift_and_distortion(1.5, 1.0, 1 / z, table, sectors)[2]
     n = 2 * SIDE
     y, x = np.mgrid[:n, :n].reshape(2, -1)
     design = np.stack((np.ones(n * n), x, y), axis=1)
     slope = np.linalg.inv(design.T @ design)[1, 1] * 1.5 * (0.004 / z**2) ** 2
     turned = frame_error._TURN / z / math.sqrt(500 * 400)  # dw / dx in pixels
-    assert found.turning == pytest.approx(turned**2 / (2 * slope), rel=1e-3)
+    assert turning == pytest.approx(turned**2 / (2 * slope), rel=1e-3)
     sweep = pw.SphericalCamera.spinning(elevation=np.linspace(15, -15, 16), columns=360)
     ranges = frame_of(pw.observe(np.full((16, 360), z), sweep, sensor))
-    alike = frame_error.with_drift(frame_error.FrameError(), 1 / z, ranges.table, ranges.sectors)
-    assert alike.turning == 0.0
+    alike = frame_error.drift_and_distortion(1.0, 1.0, 1 / z, ranges.table, ranges.sectors)
+    assert alike[2] == 0.0
 
 
 def test_borders_cost_more_the_more_error_drifts():

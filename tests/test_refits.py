@@ -128,7 +128,7 @@ def test_sums_are_those_of_dense_normal_densities(scene):
 def test_data_are_those_of_the_planes_returned(scene):
     frame, cells, affine, labels, groups, pixel_size = scene
     before = ledger(frame, cells, affine, labels, RANGE, RESOLUTION, pixel_size).curve[-1]
-    moved, data = refitted(groups, affine)
+    moved, data = refitted(groups, affine, groups.data(affine))
     assert (moved != affine).all()
     found = book_of(groups, data, mask_of(frame, labels), RANGE, RESOLUTION)
     again = ledger(frame, cells, moved, labels, RANGE, RESOLUTION, pixel_size)
@@ -142,10 +142,10 @@ def test_no_plane_gets_worse(scene):
     rng = np.random.default_rng(0)
     for _ in range(30):
         start = affine + rng.normal(0, rng.choice([1e-5, 1e-3, 0.1]), affine.shape)
-        before = groups.data(start).worth
-        moved, data = refitted(groups, start)
-        assert (data.worth <= before).all()
-        stayed = data.worth == before
+        before = groups.data(start)
+        moved, data = refitted(groups, start, before)
+        assert (data.worth <= before.worth).all()
+        stayed = data.worth == before.worth
         assert_allclose(moved[stayed], start[stayed], rtol=1e-6)
 
 
@@ -153,11 +153,11 @@ def test_planes_without_groups_stay(scene):
     frame, cells, affine, labels, _, pixel_size = scene
     more = np.vstack((affine, affine[:1]))
     groups = groups_of(frame, cells, labels, 3, RANGE, RESOLUTION, pixel_size)
-    moved, data = refitted(groups, more)
+    moved, data = refitted(groups, more, groups.data(more))
     assert (moved[2] == more[2]).all()
     assert data.worth[2] == 0
     none = groups_of(frame, cells, 0 * labels, 0, RANGE, RESOLUTION, pixel_size)
-    assert len(refitted(none, affine[:0])[0]) == 0
+    assert len(refitted(none, affine[:0], none.data(affine[:0]))[0]) == 0
 
 
 def test_planes_of_rooms_come_nearer_to_the_truth():
@@ -172,7 +172,8 @@ def test_planes_of_rooms_come_nearer_to_the_truth():
         limits = seen.range, seen.resolution, seen.pixel_size
         groups = groups_of(frame, cells, found.labels, len(found.affine), *limits)
         turn = turn_to_theta(seen.pixel_size).T
-        both = found.affine @ turn, refitted(groups, found.affine)[0] @ turn
+        moved, _ = refitted(groups, found.affine, groups.data(found.affine))
+        both = found.affine @ turn, moved @ turn
         for label, thetas in enumerate(zip(*both, strict=True), start=1):
             truth = np.bincount(scene.labels[found.labels == label], minlength=2)
             if truth[0] < truth.sum() / 5 and truth.max() > 0.8 * truth.sum() > 400:

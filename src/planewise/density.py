@@ -19,5 +19,6 @@ def usual_count(readings: NDArray[Any]) -> int:
     >>> usual_count(np.array([36, 36, 36, 0, 0, 0, 0])), usual_count(np.array([9, 8, 12, 0]))
     (36, 9)
     """
-    sizes = np.bincount(readings.astype(np.intp).reshape(-1), minlength=2)[1:]
-    return 1 + int(np.searchsorted(np.cumsum(sizes), 0.5 * sizes.sum()))
+    sizes = np.bincount(readings.astype(np.intp).reshape(-1), minlength=2)
+    sizes[0] = 0
+    return int(np.cumsum(sizes).searchsorted(max(0.5 * sizes.sum(), 1)))

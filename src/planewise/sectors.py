@@ -82,7 +82,7 @@ class Sectors:
     margin: NDArray[np.intp] = field(default_factory=_no_columns)
     beyond: NDArray[np.intp] = field(default_factory=_no_columns)
 
-    @property
+    @cached_property
     def count(self) -> int:
         """Number of sectors, K."""
         return len(self.turn)
@@ -215,9 +215,9 @@ class Sectors:
 
     def places(self, order: NDArray[np.intp], planes: int) -> NDArray[np.uint16]:
         """Rank 1 ... of every label (N K + 1,) by the order of planes; 0 for those left out."""
-        place = np.zeros(planes, np.uint16)
-        place[order] = np.arange(1, len(order) + 1)
-        return np.concatenate((np.zeros(1, np.uint16), self.repeated(place)))
+        place = np.zeros(planes + 1, np.uint16)
+        place[order + 1] = np.arange(1, len(order) + 1)
+        return np.concatenate((place[:1], self.repeated(place[1:])))
 
     def affine(self, theta: Array) -> Array:
         """(t0, t1, t2) in every sector, (N K, 3), of planes theta (N, 3)."""

@@ -69,8 +69,9 @@ def later_stages() -> None:
     cells = _cells(rows[of_unit])
     groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
     found = Segmentation(np.tile(np.eye(3), (2, 1, 1)), labels, np.ones(2), _PLANES)
-    joined(groups, found, 1e9)
-    _, data = refitted(groups, _PLANES)
+    before = groups.data(_PLANES)
+    joined(groups, found, before, 1e9)
+    _, data = refitted(groups, _PLANES, before)
     book_of(groups, data, mask_of(frame, labels), 10.0, 0.001)
 
     limits: Any = SimpleNamespace(range=10.0, resolution=0.001)

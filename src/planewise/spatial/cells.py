@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,13 +17,13 @@ from planewise.kernels.cells import COUNT, SIDE
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     FrameError,
+    drift_and_distortion,
     drift_factor,
     lateral_variance,
     shared_factors,
     walk_and_shared,
     white_of_quiet,
     white_seen,
-    with_drift,
 )
 from planewise.workspace import Workspace
 
@@ -168,12 +168,11 @@ def cells_of(
     kernels.unit_planes(units, planes)
     segments = workspace.kept((found, kernels.SEGMENT))
     drift, told, squares, error = _without_shared_error(
-        frame, grid, units, size, whole, planes, white, segments, workspace
+        frame, grid, units, size, whole, planes, (white, seen), segments, workspace
     )
     w, priors = planes[2], workspace.kept((2, found))
     slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
     priors[0], priors[1] = (_OFFSET_PRIOR * w) ** 2, (w * slope) ** 2
-    error = replace(error, seen=seen)
     return Cells(
         grid=grid,
         moments=moments,
@@ -196,16 +195,17 @@ def _without_shared_error(
     size: Array,
     whole: NDArray[np.bool_],
     planes: Array,
-    white: float,
+    sizes: tuple[float, float],
     segments: Array,
     workspace: Workspace,
 ) -> tuple[Array, Array, NDArray[np.int32], FrameError]:
     """Write the units' rows with what neighbours share integrated out.
 
-    Returns their drift, which of them are whole squares and where, and the size of the error.
-    Parts of the error are those at the mean depth of each unit.
+    sizes: `FrameError.white` and `seen`. Returns the units' drift, which of them are whole squares
+    and where, and the size of the error. Its parts are those at the mean depth of each unit.
     """
-    count, table = units[:, kernels.COUNT].copy(), frame.table
+    (white, seen), table = sizes, frame.table
+    count = units[:, kernels.COUNT].copy()
     squares = _squares(grid, whole, workspace)
     with workspace.stage():
         errors = workspace.empty((5, len(units)))
@@ -248,16 +248,22 @@ def _without_shared_error(
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
     drift *= _SATURATION
+    w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
+    between = quiet * _SATURATION * factor
+    drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
     error = FrameError(
         white=white,
+        seen=seen,
         lateral=lateral,
-        drift=quiet * _SATURATION * factor,
+        drift=between,
         local=quiet * _SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
+        drifting=drifting,
+        distorted=distorted,
+        turning=turning,
     )
-    w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
-    return drift, told, squares, with_drift(error, w, table, frame.sectors)
+    return drift, told, squares, error
 
 
 def _squares(

@@ -71,6 +71,8 @@ def describe_image(
     threads.halves(add_up, len(labels))
     sums, middle = both[0] + both[1], len(labels) // 2
     boxes[1][both[1, :, 0] > 0, ::2] += middle
-    box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
+    box = boxes[0]
+    np.minimum(box[:, :2], boxes[1][:, :2], out=box[:, :2])
+    np.maximum(box[:, 2:], boxes[1][:, 2:], out=box[:, 2:])
     sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
     return planes_of(rows, covariances, sums, box, told), ranked

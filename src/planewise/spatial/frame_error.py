@@ -8,7 +8,7 @@ they should: quantiles, for edges and clutter only make them lie farther.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,22 +86,25 @@ class FrameError:
     turning: float = 0.0
 
 
-def with_drift(error: FrameError, w: float, table: ErrorTable, sectors: Sectors) -> FrameError:
-    """The same, with what depends on a usual 1 / z: how much it drifts, distortion and turning.
+def drift_and_distortion(
+    white: float, drift: float, w: float, table: ErrorTable, sectors: Sectors
+) -> tuple[float, float, float]:
+    """What depends on a usual 1 / z, w: `FrameError.drifting`, `distorted` and `turning`.
 
     A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
     nor are readings that stray farther than those of cameras do, as of leaves.
     """
-    white, _, drift, _ = (float(part) for part in table.at(np.array(w)))
-    drifting = min(1.0, error.drift * drift / (error.white * white)) if white else 1.0
+    described, _, wandering, _ = (float(part) for part in table.at(np.array(w)))
+    white, drift = white * described, drift * wandering
+    drifting = min(1.0, drift / white) if white else 1.0
     distorted, turning = math.inf, 0.0
     if sectors.count == 1 and white:
         # The slope dw/dx of n x n pixels has 12 / (n^2 (n^2 - 1)) of the variance of a reading.
         n, slope = 2 * SIDE, w * _TURN / math.sqrt(sectors.focal[0] * sectors.focal[1])
-        turning = slope**2 * n**2 * (n**2 - 1) / (2 * 12 * error.white * white)
-    if sectors.count == 1 and drifting and error.drift * drift <= (_FARTHEST * w) ** 2:
+        turning = slope**2 * n**2 * (n**2 - 1) / (2 * 12 * white)
+    if sectors.count == 1 and drifting and drift <= (_FARTHEST * w) ** 2:
         distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
-    return replace(error, drifting=drifting, distorted=distorted, turning=turning)
+    return drifting, distorted, turning
 
 
 def white_seen(misfits: Array, freedom: Array | int, w: Image, p: Image) -> float:

@@ -33,7 +33,7 @@ def join_through_gaps(
     if instances or not len(chosen):
         rows = sectors.everywhere(segments.rows[chosen], segments.home[chosen])
         return chosen, np.arange(len(chosen)), rows
-    every = np.append(chosen, rest)
+    every = np.concatenate((chosen, rest))
     home, drift = segments.home[every], segments.drift[every]
     slope_prior = segments.slope_prior[every]
     rows = sectors.everywhere(segments.rows[every], home)
@@ -44,8 +44,8 @@ def join_through_gaps(
     own, part = owner == np.arange(len(owner)), plane >= 0
     place = np.cumsum(own) - 1
     return (
-        np.append(chosen, rest[part]),
-        place[np.append(owner, plane[part])],
+        np.concatenate((chosen, rest[part])),
+        place[np.concatenate((owner, plane[part]))],
         rows[:, np.flatnonzero(own)],
     )
 

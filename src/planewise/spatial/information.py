@@ -22,7 +22,8 @@ Both are closed forms of the group's moments. The mask is the adaptive code of `
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +91,7 @@ class GroupData:
 
     def copy(self) -> GroupData:
         """One more of the same, to be used up."""
-        return replace(self, leaving=self.leaving.copy())
+        return GroupData(self.total, self.worth, self.saved, self.leaving.copy())
 
 
 @dataclass(frozen=True)
@@ -134,11 +135,19 @@ class Groups:
 
     def planes(self, affine: Array) -> Array:
         """Planes by label as `kernels.group_data` takes them, shape (4, N K + 1)."""
-        by_label = np.zeros((4, len(affine) + 1))
-        count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
+        by_label = np.empty((4, len(affine) + 1))
+        by_label[:3, 0] = 0.0
         by_label[:3, 1:] = affine.T
-        by_label[3, 1:] = np.sqrt(count) / kernels.UNIT * (1.0 + count / self.distorted)
+        by_label[3] = self._widths
         return by_label
+
+    @cached_property
+    def _widths(self) -> Array:
+        """By label: the last row of `planes`, which they all share."""
+        widths = np.zeros(len(self.readings))
+        count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
+        widths[1:] = np.sqrt(count) / kernels.UNIT * (1.0 + count / self.distorted)
+        return widths
 
     def data(self, affine: Array) -> GroupData:
         """What the groups take on planes, shape (N K, 3); overwrites `nats`."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from planewise.kernels.groups import merge_groups
 from planewise.kernels.labels import rename
 from planewise.kernels.planes import nearest_planes
-from planewise.spatial.information import Groups
+from planewise.spatial.information import GroupData, Groups
 from planewise.spatial.search import Segmentation
 
 Array = NDArray[np.float64]
@@ -23,7 +23,9 @@ Array = NDArray[np.float64]
 _FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
 
 
-def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, Segmentation]:
+def joined(
+    groups: Groups, found: Segmentation, data: GroupData, price: float
+) -> tuple[Groups, Segmentation, GroupData]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
     Parameters
@@ -32,6 +34,8 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
         Of the labels; used up where planes are joined.
     found : Segmentation
         Planes and labels.
+    data : GroupData
+        Of the groups on these planes.
     price : float
         Nats that the readings of a plane have to be shorter on it than on the nearest other.
 
@@ -39,6 +43,7 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
     -------
     Groups
     Segmentation
+    GroupData
         The same objects where all planes stand apart.
     """
     count, planes = groups.sectors.count, len(found.information)
@@ -47,11 +52,12 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
     nearest_planes(first, found.information, nearest, far)
     near = np.flatnonzero(far < _FAR * price)
     if not len(near):
-        return groups, found
+        return groups, found, data
     more = np.full((planes, planes), np.inf)
-    more[near, nearest[near]] = _costs(groups, found.affine, near, nearest[near]) - price
+    elsewhere = _worth_on(groups, found.affine, near, nearest[near])
+    more[near, nearest[near]] = elsewhere - data.worth[near] - price
     if more.min() >= 0.0:
-        return groups, found
+        return groups, found, data
     alive, part = np.unique(_parts(more), return_inverse=True)
     named = 1 + count * part[:, None] + np.arange(count)
     place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
@@ -69,34 +75,31 @@ def joined(groups: Groups, found: Segmentation, price: float) -> tuple[Groups, S
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
-    return replace(groups, readings=readings), one
+    groups = replace(groups, readings=readings)
+    return groups, one, groups.data(one.affine)
 
 
-def _costs(
+def _worth_on(
     groups: Groups, affine: Array, first: NDArray[np.intp], second: NDArray[np.intp]
 ) -> Array:
-    """Nats more that readings of each first plane take on the second."""
+    """`GroupData.worth` of the readings of each first plane on the second."""
     count, pairs = groups.sectors.count, len(first)
-    # Groups of the first planes twice: labelled with their own plane, and with the other.
     named = np.zeros(len(groups.readings), np.uint16)
     of_plane = named[1:].reshape(-1, count)
     of_plane[first] = 1 + np.arange(pairs * count).reshape(pairs, count)
     label = named[groups.label[: groups.first[-1]]]
     at = np.flatnonzero(label)
-    own = label[at]
-    at = np.append(at, at)
     readings = groups.readings[1:].reshape(-1, count)[first]
-    both = replace(
+    moved = replace(
         groups,
         moments=np.ascontiguousarray(groups.moments[:, at]),
-        label=np.append(own, own + np.uint16(pairs * count)),
+        label=label[at],
         first=np.array([len(at)], np.int32),
-        readings=np.concatenate((np.zeros(1, np.int64), readings.ravel(), readings.ravel())),
+        readings=np.concatenate((np.zeros(1, np.int64), readings.ravel())),
         nats=np.empty((3, len(at))),
     )
-    planes = affine.reshape(-1, count, 3)[np.append(first, second)]
-    on_own, on_other = both.data(planes.reshape(-1, 3)).worth.reshape(2, pairs)
-    return np.asarray(on_other - on_own)
+    planes = affine.reshape(-1, count, 3)[second]
+    return moved.data(planes.reshape(-1, 3)).worth
 
 
 def _parts(more: Array) -> NDArray[np.intp]:

@@ -34,13 +34,14 @@ _CREASE_FAR = 8  # pixels from the line of intersection
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
+_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of a row that make P
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
 
 def information_matrices(rows: Array) -> Array:
     """P (N, 3, 3) of segment rows, which begin with its upper triangle."""
-    return np.asarray(rows[:, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(-1, 3, 3))
+    return rows.take(_MATRIX, axis=1)
 
 
 def affine_planes(rows: Array, *, with_none: bool = False) -> Array:
@@ -93,7 +94,7 @@ def label_planes(
     sectors = frame.sectors
     segment = np.zeros(len(cells.rows), np.int16)
     segment[accepted] = owner + 1
-    number = segment[root]
+    number = segment.take(root)
     if sectors.count > 1:
         number = (number > 0) * ((number - 1) * sectors.count + 1 + sector_of_units(cells, sectors))
         number = number.astype(np.int16)

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 _LEAST = 1e-6  # of the determinant of information with unit diagonal: less tells no plane
 
 
-def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
+def refitted(groups: Groups, affine: Array, before: GroupData) -> tuple[Array, GroupData]:
     """Planes that describe their groups in fewer nats, labels as they are, and their data.
 
     One step of expectation and maximisation: every group counts with the information on its plane
@@ -27,14 +27,15 @@ def refitted(groups: Groups, affine: Array) -> tuple[Array, GroupData]:
         Of the labels.
     affine : ndarray, shape (N K, 3)
         (t0, t1, t2) of w = t0 + t1 x + t2 y, of every plane in every sector.
+    before : GroupData
+        On these planes, taken last.
 
     Returns
     -------
     affine : ndarray, shape (N K, 3)
     data : GroupData
-        On these planes.
+        On the planes returned.
     """
-    before = groups.data(affine)
     sums = np.empty((len(affine) + 1, 9))
     shared, step, drift, per_metre = groups.table
     alone, nats, white = groups.nats

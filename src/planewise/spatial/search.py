@@ -181,8 +181,7 @@ def segment(
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], planes.shape[1])
-    found = _segmentation(rows, labels, np.asarray(total), frame.sectors)
-    return replace(found, left_out=left_out)
+    return _segmentation(rows, labels, np.asarray(total), frame.sectors, left_out)
 
 
 def planes_within(
@@ -416,13 +415,16 @@ def _most_significant(
     return planes[:, keep], place[owner]
 
 
-def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
+def _segmentation(
+    planes: Array, labels: Labels, worth: Array, sectors: Sectors, left_out: int
+) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     return Segmentation(
         information=information_matrices(planes[:: sectors.count]),
         labels=labels,
         significance=worth,
         affine=affine_planes(planes),
+        left_out=left_out,
     )
 
 

@@ -189,9 +189,10 @@ def judged(
 
     with threads.beside(aside):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
+        data = groups.data(found.affine)
         if join:
-            groups, found = joined(groups, found, plane_information(3, *limits))
-        affine, data = refitted(groups, found.affine)
+            groups, found, data = joined(groups, found, data, plane_information(3, *limits))
+        affine, data = refitted(groups, found.affine, data)
     if found.labels is not labels:
         labels = found.labels
         aside()  # once more, for these
