@@ -68,7 +68,8 @@ class IndependentError:
         within = outlier_information(
             observation.freedom - 1, observation.range, observation.resolution
         )
-        return within + exact_fit_information(observation.sigma, observation.resolution)
+        resolution = observation.resolution
+        return observation.of_sigma(lambda sigma: within + exact_fit_information(sigma, resolution))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ are in `point_observation`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -50,6 +51,10 @@ class Observation(ABC):
     @abstractmethod
     def sigma(self) -> Array:
         """Standard deviation of each reading in metres, shape (k,)."""
+
+    def of_sigma(self, function: Callable[[Array], Array]) -> Array:
+        """`function` of every reading's sigma, shape (k,), which may not depend on the others."""
+        return function(self.sigma)
 
     @property
     @abstractmethod
@@ -152,9 +157,15 @@ class RayObservation(Observation):
         """Standard deviation of each reading in metres, shape (k,)."""
         if self.image.values.dtype.kind == "f":
             return self.sensor.sigma(self.depth)
+        return self.of_sigma(lambda sigma: sigma)
+
+    def of_sigma(self, function: Callable[[Array], Array]) -> Array:
+        """`function` of every reading's sigma, shape (k,): of integers once per level."""
+        if self.image.values.dtype.kind == "f":
+            return function(self.sigma)
         by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
-        by_level[self.image.levels] = self.level_sigma
-        return np.asarray(by_level[self.image.values.reshape(-1)[self.index]])
+        by_level[self.image.levels] = function(self.level_sigma)
+        return by_level.take(self.image.values.reshape(-1).take(self.index))
 
     @cached_property
     def level_sigma(self) -> Array:

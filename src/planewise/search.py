@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
+from planewise.memory import keep_freed
 from planewise.model import Curve, PlaneModel
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
@@ -68,6 +69,7 @@ def find(
         return _no_planes(observation, options, objective.empty(observation))
 
     compilation.announce()
+    keep_freed()
     regions = _regions(observation, options, rgb)
     if spatial and isinstance(observation, RayObservation):
         # Its compiled loops are loaded only where they are used.
@@ -161,6 +163,7 @@ def find_in_cloud(
     errors = checked_sigma(sigma, len(points))
     seen_from = checked_origin(origin, points.shape)
     compilation.announce(cloud=True)
+    keep_freed()
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.copies import places_of
     from planewise.clouds.model import cloud_model

@@ -83,7 +83,7 @@ def sequential_search(
     labels, gains = np.zeros(everything.count, np.uint16), np.zeros(everything.count)
     phi = [problem.phi(0, 0.0)]
     moves: list[Move] = []
-    total = 0.0
+    total, saved = 0.0, [0.0]
     reason = f"reached max_planes = {problem.max_planes}"
     free, rest = np.arange(everything.count), everything
     while len(found) < problem.max_planes:
@@ -98,6 +98,7 @@ def sequential_search(
         found.append(plane)
         total += gain
         assigned = rest.assign(plane[None])
+        saved.append(assigned.gain)
         left = np.empty(free.size, np.int64)
         count = claim(assigned.labels, assigned.best, len(found), free, labels, gains, left)
         free, rest = free[:count], rest.subset(left[:count])
@@ -110,6 +111,6 @@ def sequential_search(
     curve = Curve(information=np.array(phi), chosen=chosen, reason=reason, moves=tuple(moves))
     return Solution(
         np.array(found[:chosen]).reshape(chosen, everything.width),
-        Assignment.of(labels, gains, chosen),
+        Assignment(labels, gains, np.zeros_like(gains), np.cumsum(saved[: chosen + 1])),
         phi[chosen],
     ), curve
