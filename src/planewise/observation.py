@@ -165,7 +165,11 @@ class RayObservation(Observation):
             return function(self.sigma)
         by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
         by_level[self.image.levels] = function(self.level_sigma)
-        return by_level.take(self.image.values.reshape(-1).take(self.index))
+        return by_level.take(self._levels)
+
+    @cached_property
+    def _levels(self) -> NDArray[np.intp]:
+        return self.image.values.reshape(-1).take(self.index).astype(np.intp)
 
     @cached_property
     def level_sigma(self) -> Array:
