@@ -71,7 +71,7 @@ def announce(*, cloud: bool = False) -> bool:
 def _announced(cloud: bool) -> bool:
     if is_cached(cloud=cloud):
         return False
-    _LOG.warning("compiling for this machine, once (some 10 s) ...")
+    _LOG.warning("compiling for this machine, once (10 to 30 s) ...")
     if available() > 1 and sys.executable and not os.environ.get(_HELPED):
         with contextlib.suppress(OSError):
             helper = subprocess.Popen(
