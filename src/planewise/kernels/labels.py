@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import SIDE
+from planewise.kernels.cells import COUNT, SIDE
 from planewise.kernels.jit import compiled, internal
 
 NONE = np.int16(-1)
@@ -30,14 +30,14 @@ _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
 
 
 @compiled
-def lay_out(grid, number, count, p, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
+def lay_out(grid, number, moments, p, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
     """Write every cell's label onto its pixels, in rows first ... last - 1 of cells.
 
-    The label of a cell is number[grid], 0 where grid is -1; count (rows,
-    columns): its readings. Writes coarse (rows + 2, columns + 2): these labels, those at the edge
-    twice; apart (rows, columns): cells beside another label; label (H + 2, at least W + 1 + SIDE),
-    but for its first and last row; and state alike: fixed without a reading and on a plane, in a
-    cell among others of that plane, 0 elsewhere.
+    The label of a cell is number[grid], 0 where grid is -1; moments (rows, ., columns): of cells
+    (`kernels.cells`), for the count of readings. Writes coarse (rows + 2, columns + 2): these
+    labels, those at the edge twice; apart (rows, columns): cells beside another label; label
+    (H + 2, at least W + 1 + SIDE), but for its first and last row; and state alike: fixed without
+    a reading and on a plane, in a cell among others of that plane, 0 elsewhere.
     """
     height, width = p.shape
     rows, columns = grid.shape
@@ -49,7 +49,7 @@ def lay_out(grid, number, count, p, first, last, coarse, apart, label, state):  
     filled, fixed = np.empty(columns, np.int16), np.empty(columns, np.uint8)
     for r in range(first, last):
         above, row, below = coarse[r], coarse[r + 1], coarse[r + 2]
-        readings, others = count[r], apart[r]
+        readings, others = moments[r, COUNT], apart[r]
         for c in range(columns):
             mine = row[c + 1]
             same = (row[c] == mine) & (row[c + 2] == mine)

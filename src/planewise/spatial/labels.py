@@ -11,7 +11,7 @@ from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
 from planewise.kernels import planes as plane_loops
 from planewise.kernels import units as unit_loops
-from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -132,14 +132,14 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
-    count, affine = cells.moments[:, COUNT], affine_planes(planes, with_none=True)
+    affine = affine_planes(planes, with_none=True)
     bound = _SURE * cells.error.white * null
     x, y = frame.sectors.coordinates
 
     def lay_out(first: int, last: int) -> None:
         label_loops.lay_out(
-            cells.grid, number, count, frame.p, first, last, coarse, apart, marks.label,
-            marks.state,
+            cells.grid, number, cells.moments, frame.p, first, last, coarse, apart,
+            marks.label, marks.state,
         )  # fmt: skip
         label_loops.find_waiting(
             coarse, apart, frame.w, frame.p, x, y, affine, bound, first, last,
