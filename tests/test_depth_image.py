@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise.kernels.images import mark_levels
 from planewise.spatial.frame import frame_of
 
 SIGMA, RESOLUTION = 0.002, 0.001
@@ -37,3 +38,14 @@ def test_readings_in_units_have_the_variance_of_their_depth(camera):
     step = np.interp(raw, seen.image.levels, seen.image.steps())
     z = raw * RESOLUTION
     assert_allclose(frame.p * (SIGMA**2 + step**2 / 12) / z**4, 1, rtol=3e-7)
+
+
+@pytest.mark.parametrize(("low", "high"), [(1, 65_535), (700, 9_000), (9_000, 700), (70_000, 9)])
+def test_which_levels_occur_and_how_often(low, high):
+    raw = np.random.default_rng(0).integers(0, 65_536, (150, 170)).astype(np.uint16)
+    raw[40:60, 20:] = 0
+    seen = np.zeros(65_536, np.bool_)
+    count, present = mark_levels(raw, low, high, seen)
+    assert_array_equal(np.flatnonzero(seen), np.unique(raw))
+    assert count == ((low <= raw) & (raw <= high)).sum()
+    assert present == np.count_nonzero(raw)

@@ -115,10 +115,9 @@ class DepthImage:
     ) -> DepthImage:
         from planewise.kernels import images as kernels  # loads Numba
 
-        seen = np.zeros(max(high, low) + 1, np.bool_)
+        seen = np.zeros(_MOST_UNITS + 1, np.bool_)
         count, present = kernels.mark_levels(values, low, high, seen)
-        seen[0] = False
-        levels = np.flatnonzero(seen)
+        levels = low + np.flatnonzero(seen[low : high + 1])
         return cls(
             values=values,
             scale=scale,

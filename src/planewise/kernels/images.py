@@ -9,24 +9,31 @@ import numpy as np
 
 from planewise.kernels.jit import in_order, inlined
 
+_STRIP = 8192  # pixels that a 16-bit number can count
+
 
 @in_order
 def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
-    """seen[v] = 1 for every value low <= v <= high of raw (H, W), and seen[0]; low > 0.
+    """seen[v] = True for every value v of raw (H, W) uint16; seen (65536,) bool.
 
-    Returns how many values are in that range, and how many are not zero.
+    Returns how many values are low <= v <= high, and how many are not zero; 0 < low, high < 65536.
     """
     count = present = 0
-    none = np.uintp(0)
-    for i in range(raw.shape[0]):
-        row = raw[i]
-        for j in range(row.size):
-            present += row[j] > 0
-            count += low <= row[j] <= high
-        for j in range(row.size):
-            # Without a branch, which is dear where it is hard to foresee.
-            seen[np.uintp(row[j]) if low <= row[j] <= high else none] = 1
-    return count, present
+    least, most = np.uint16(min(low, high)), np.uint16(high)
+    pixels = raw.reshape(-1)
+    for start in range(0, pixels.size, _STRIP):
+        strip = pixels[start : start + _STRIP]
+        inside = there = np.uint16(0)  # narrow counts are narrow lanes
+        for j in range(strip.size):
+            there = np.uint16(there + (strip[j] > 0))
+            inside = np.uint16(inside + ((least <= strip[j]) & (strip[j] <= most)))
+        count += int(inside)
+        present += int(there)
+        for j in range(strip.size):
+            # Most have been seen before, which is easy to foresee, and stores are dear.
+            if not seen[strip[j]]:
+                seen[strip[j]] = True
+    return (count if low <= high else 0), present
 
 
 @in_order
