@@ -25,6 +25,7 @@ CODES = SYMBOLS * CONTEXTS
 ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
 _16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
 _LOW = np.uint64(0xFFFF)
+_NOWHERE = np.uint16(0xFFFF)  # instead of a label where there is no reading
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)  # odd: 2^64 over the golden ratio
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 _UNSEEN = np.array([math.lgamma(PRIOR * symbols) for symbols in range(1, SYMBOLS + 1)])
@@ -135,7 +136,7 @@ def _count_keys(keys, raws, size, slots, around, label, times, found):  # type: 
                 around[found], label[found], times[found] = key, raw, 1
                 found += 1
                 break
-            if around[k] == key and label[k] == raw:
+            if (around[k] == key) & (label[k] == raw):
                 times[k] += 1
                 break
             slot = (slot + _ONE) & last
@@ -143,10 +144,10 @@ def _count_keys(keys, raws, size, slots, around, label, times, found):  # type: 
 
 
 @in_order
-def count_labels(labels, p, upper, edge, slots, around, label, times):  # type: ignore[no-untyped-def]
+def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: ignore[no-untyped-def]
     """Count with which neighbours labels come, where these have not all the same label.
 
-    labels (H, W) uint16; p (H, W) float32, 0 without a reading. upper (W + 2,) uint16 and edge
+    labels (H, W) uint16; p (H, W) float32, 0 without a reading. lines (2, W + 2) uint16 and edge
     (W + 7 or less, a multiple of 8) uint8 are zeros to work in, slots (2^m,) int32 is -1. Writes
     around (n,) uint64: labels left, above, above right and above left; label (n,) uint16; times
     (n,) int64. Returns how many different ones there are, or more than n if they are too many.
@@ -155,45 +156,45 @@ def count_labels(labels, p, upper, edge, slots, around, label, times):  # type: 
     """
     height, width = labels.shape
     keys, raws = np.empty(width, np.uint64), np.empty(width, np.uint16)
+    places, eights = np.empty(width + 8, np.uintp), edge.view(np.uint64)
+    seen = np.empty(width + 1, np.uint16)  # labels in a row, one column of margin
+    seen[0] = _NOWHERE
+    here, before = seen[1:], seen[:width]
     found = 0
-    # upper is the last label of each column, one column of margin
-    above, right = upper[1 : width + 1], upper[2:]
     for y in range(height):
         row, weight = labels[y], p[y]
+        # The last label of each column, here and in the row above, one column of margin.
+        upper, lower = lines[y % 2], lines[1 - y % 2, 1 : width + 1]
+        above, right = upper[1 : width + 1], upper[2:]
         # Unconditional loads and few arrays a loop: each of these is one vector expression.
         for x in range(width):
-            edge[x] = (row[x] != above[x]) | (row[x] != right[x]) | (row[x] != upper[x])
-        this, before, mark, started = row[1:], row[: width - 1], edge[1:], weight[: width - 1]
-        for x in range(width - 1):
-            mark[x] |= (this[x] != before[x]) | (started[x] <= 0.0)
+            coded = row[x]
+            here[x] = coded if weight[x] > 0.0 else _NOWHERE
         for x in range(width):
-            marked = edge[x]
-            edge[x] = marked if weight[x] > 0.0 else 0
-        # Listed first, counted after: two short loops are faster than one long one.
+            kept, coded = above[x], here[x]
+            lower[x] = coded if coded != _NOWHERE else kept
+        for x in range(width):
+            apart = (lower[x] != above[x]) | (lower[x] != right[x]) | (lower[x] != upper[x])
+            edge[x] = apart | (here[x] != before[x])
+        # Listed first, looked at next, counted last: short loops are faster than one long one.
+        listed = 0
+        for eight in range(eights.size):
+            if eights[eight] != 0:
+                for x in range(8 * eight, 8 * eight + 8):
+                    places[listed] = x
+                    listed += edge[x]
         size = 0
-        for eight in range(edge.size // 8):
-            bits = 0
-            for x in range(8 * eight, 8 * eight + 8):
-                bits |= edge[x]
-            if bits == 0:
-                continue
-            for x in range(8 * eight, 8 * eight + 8):
-                if edge[x] == 0:
-                    continue
-                last = x - 1
-                while last >= 0 and not weight[last] > 0.0:
-                    last -= 1
-                raw = row[x]
-                beside = row[last] if last >= 0 else above[0]
-                if beside == raw == above[x] == right[x] == upper[x]:
-                    continue
-                key = (np.uint64(beside) << _16) | np.uint64(above[x])
-                key = (((key << _16) | np.uint64(right[x])) << _16) | np.uint64(upper[x])
-                keys[size], raws[size] = key, raw
-                size += 1
-        for x in range(width):
-            kept, coded = above[x], row[x]
-            above[x] = coded if weight[x] > 0.0 else kept
+        for n in range(listed):
+            x = places[n]
+            last = np.intp(x)
+            while last > 0 and seen[last] == _NOWHERE:
+                last -= 1
+            raw, beside = here[x], seen[last] if last > 0 else above[0]
+            key = (np.uint64(beside) << _16) | np.uint64(above[x])
+            key = (((key << _16) | np.uint64(right[x])) << _16) | np.uint64(upper[x])
+            keys[size], raws[size] = key, raw
+            alike = (beside == raw) & (above[x] == raw) & (right[x] == raw) & (upper[x] == raw)
+            size += (raw != _NOWHERE) & (not alike)
         found = _count_keys(keys, raws, size, slots, around, label, times, found)
         if found > times.size:
             break

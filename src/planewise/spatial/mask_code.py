@@ -79,11 +79,12 @@ class MaskCounts:
         """
         width, room = labels.shape[1], _ROOM
         while True:
-            upper, edge = np.zeros(width + 2, np.uint16), np.zeros(-(-width // 8) * 8, np.uint8)
+            lines = np.zeros((2, width + 2), np.uint16)
+            edge = np.zeros(-(-width // 8) * 8, np.uint8)
             slots = np.full(2 * room, -1, np.int32)
             around, label = np.empty(room, np.uint64), np.empty(room, np.uint16)
             times = np.empty(room, np.int64)
-            found = count_labels(labels, p, upper, edge, slots, around, label, times)
+            found = count_labels(labels, p, lines, edge, slots, around, label, times)
             if found <= room:
                 return cls(around[:found], label[:found], times[:found])
             room *= 8
