@@ -143,6 +143,21 @@ def _count_keys(keys, raws, size, slots, around, label, times, found):  # type: 
     return found
 
 
+@inlined
+def list_marked(marked, eights, places):  # type: ignore[no-untyped-def]
+    """List where marked (8 n,) uint8 is 1, not 0; returns how many there are.
+
+    eights: its view as uint64; places: room for eight more than that. Few are, and side by side.
+    """
+    listed = 0
+    for eight in range(eights.size):
+        if eights[eight] != 0:
+            for x in range(8 * eight, 8 * eight + 8):
+                places[listed] = x
+                listed += marked[x]
+    return listed
+
+
 @in_order
 def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: ignore[no-untyped-def]
     """Count with which neighbours labels come, where these have not all the same label.
@@ -177,14 +192,8 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
             apart = (lower[x] != above[x]) | (lower[x] != right[x]) | (lower[x] != upper[x])
             edge[x] = apart | (here[x] != before[x])
         # Listed first, looked at next, counted last: short loops are faster than one long one.
-        listed = 0
-        for eight in range(eights.size):
-            if eights[eight] != 0:
-                for x in range(8 * eight, 8 * eight + 8):
-                    places[listed] = x
-                    listed += edge[x]
         size = 0
-        for n in range(listed):
+        for n in range(list_marked(edge, eights, places)):
             x = places[n]
             last = np.intp(x)
             while last > 0 and seen[last] == _NOWHERE:

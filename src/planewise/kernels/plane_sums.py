@@ -4,26 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled, inlined
+from planewise.kernels.jit import compiled
+from planewise.kernels.masks import list_marked
 
-_STEP = 16  # pixels that are compared with a run's label at a time
 _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
-
-
-@inlined
-def _end_of_run(row, start):  # type: ignore[no-untyped-def]
-    """First pixel after `start` in a row of labels that has another label."""
-    label, end = row[start], start + 1
-    while end + _STEP <= row.size:
-        apart = 0
-        for j in range(end, end + _STEP):
-            apart |= row[j] != label
-        if apart:
-            break
-        end += _STEP
-    while end < row.size and row[end] == label:
-        end += 1
-    return end
 
 
 @compiled
@@ -39,12 +23,19 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
     sums[:] = 0.0
     boxes[:, :2] = _FAR
     boxes[:, 2:] = 0
-    line = np.empty(labels.shape[1], y.dtype)
+    width = labels.shape[1]
+    line = np.empty(width, y.dtype)
+    # Last pixels of the runs of a row.
+    last, places = np.zeros(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.intp)
+    last[width - 1], eights = 1, last.view(np.uint64)
     for i in range(labels.shape[0]):
         row, stop = labels[i], 0
         line[:] = y[i, 0]
-        while stop < row.size:
-            start, stop = stop, _end_of_run(row, stop)
+        this, following = row[: width - 1], row[1:]
+        for k in range(width - 1):
+            last[k] = this[k] != following[k]
+        for n in range(list_marked(last, eights, places)):
+            start, stop = stop, places[n] + 1
             rank = place[row[start]]
             ranked[i, start:stop] = rank
             if rank == 0:
