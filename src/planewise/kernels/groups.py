@@ -21,6 +21,8 @@ BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
 NORM, CELL = PRODUCT, PRODUCT + 1
 NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block
 LAST = np.uint16(65535)
+# Unsigned indices spare the check for negative ones.
+_0, _1, _PRODUCT = np.uintp(0), np.uintp(1), np.uintp(PRODUCT)
 
 
 @internal
@@ -150,7 +152,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
     """
     height, width = labels.shape
     rows, columns = cell.shape
-    own = 1 if x.shape[0] > 1 else 0
+    own = _1 if x.shape[0] > 1 else _0
     names = np.empty(BLOCK * BLOCK, np.int32)
     sums = np.empty((names.size, NORM + 2))
     for k in range(names.size):
@@ -168,23 +170,26 @@ def sum_groups(  # type: ignore[no-untyped-def]
                 moments[COUNT, g] = 0.0
             if mine != SEVERAL:
                 continue
-            found = np.intp(0)
+            found = _0
             for a in range(3 * i, min(3 * i + 3, rows)):
                 for b in range(3 * j, min(3 * j + 3, columns)):
-                    if cell[a, b] >= 0:
-                        k = _place(names, found, cell[a, b])
-                        found = max(found, k + 1)
+                    r, c = np.uintp(a), np.uintp(b)
+                    one = cell[r, c]
+                    if one >= 0:
+                        k = _place(names, found, one)
+                        found = max(found, k + _1)
                         for e in range(NORM):
-                            sums[k, e] += cells[a, e, b]
-                        sums[k, NORM] += math.log(cells[a, PRODUCT, b])
-                    elif cell[a, b] == SEVERAL:
+                            sums[k, e] += cells[r, np.uintp(e), c]
+                        sums[k, NORM] += math.log(cells[r, _PRODUCT, c])
+                    elif one == SEVERAL:
                         for v in range(SIDE * a, min(SIDE * (a + 1), height)):
                             for u in range(SIDE * b, min(SIDE * (b + 1), width)):
-                                if p[v, u] > 0.0:
-                                    k = _place(names, found, np.int32(labels[v, u]))
-                                    found = max(found, k + 1)
-                                    across, down = x[own * v, u], y[v, own * u]
-                                    _add_reading(sums[k], p[v, u], across, down, w[v, u])
+                                r, c = np.uintp(v), np.uintp(u)
+                                if p[r, c] > 0.0:
+                                    k = _place(names, found, np.int32(labels[r, c]))
+                                    found = max(found, k + _1)
+                                    across, down = x[own * r, c], y[r, own * c]
+                                    _add_reading(sums[k], p[r, c], across, down, w[r, c])
                         for k in range(found):
                             sums[k, NORM] += math.log(sums[k, CELL])
                             sums[k, CELL] = 1.0
