@@ -5,6 +5,7 @@ on different planes. label (H, W): 0 for no plane. Planes, w, p, x, y and varian
 those of `kernels.labels`. A line is a row (d0, d1, d2, slope): d0 + d1 x + d2 y is the distance in
 pixels to where planes a < b intersect, positive on a's side; slope: how fast their w part, per
 pixel. crease (planes, planes): row of the line in which two planes meet, -1 where they do not.
+Unsigned indices spare the check for negative ones.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ BINS = 10  # places per pixel at which a crease may lie
 
 _IN_PART = np.uint8(255)  # state of pixels that may change sides; others: which side was tried
 _TRIED = 254  # sides that are told apart
-_1, _CHUNK = np.uintp(1), np.uintp(CHUNK)
+_0, _1, _CHUNK = np.uintp(0), np.uintp(1), np.uintp(CHUNK)
 _FEWEST = 8  # pixels of border between planes that meet
 _MAJORITY = 0.4  # of them that must agree
 _MOST = 8.0  # nats that a reading may say against a plane
@@ -68,26 +69,26 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
     passes in front of the other, neither. unit: pixels per unit of x and y. Writes crease and
     lines; returns the number of lines.
     """
-    height, width = label.shape
-    count, own = planes.shape[0], 1 if x.shape[0] > 1 else 0
+    height, width, most = np.uintp(label.shape[0]), np.uintp(label.shape[1]), np.uintp(reach)
+    count, own = planes.shape[0], _1 if x.shape[0] > 1 else _0
     votes, touching = np.empty((count, count), np.int32), np.empty((count, count), np.int32)
     for a in range(count):
         for b in range(count):
             votes[a, b] = touching[a, b] = 0
     for n in range(borders.shape[0]):
-        border = borders[n]
-        i, j, k = border[0], border[1], border[2]
-        row, column = i + k, j + 1 - k
+        i, j, down = np.uintp(borders[n, 0]), np.uintp(borders[n, 1]), np.uintp(borders[n, 2])
+        right = _1 - down
+        row, column = i + down, j + right
         here, there = label[i, j], label[row, column]
-        back = min(reach, i if k == 1 else j)
-        while p[i - k * back, j - (1 - k) * back] <= 0.0:
-            back -= 1
-        on = min(reach, height - 1 - row if k == 1 else width - 1 - column)
-        while p[row + k * on, column + (1 - k) * on] <= 0.0:
-            on -= 1
+        back = min(most, i if down == _1 else j)
+        while p[i - down * back, j - right * back] <= 0.0:
+            back -= _1
+        on = min(most, height - _1 - row if down == _1 else width - _1 - column)
+        while p[row + down * on, column + right * on] <= 0.0:
+            on -= _1
         # Differences of the two planes on this side and on the other.
-        ia, ja = i - k * back, j - (1 - k) * back
-        ib, jb = row + k * on, column + (1 - k) * on
+        ia, ja = i - down * back, j - right * back
+        ib, jb = row + down * on, column + right * on
         s, t = planes[here], planes[there]
         d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
         near = d0 + d1 * x[own * ia, ja] + d2 * y[ia, own * ja]
@@ -128,17 +129,16 @@ def crease_offsets(  # type: ignore[no-untyped-def]
     of the readings straight across the border, `reach` + 2 to either side as far as they belong to
     the pair. Writes offset (lines,).
     """
-    height, width = label.shape
-    last, own = variance.size - 1, 1 if x.shape[0] > 1 else 0
+    height, width = np.uintp(label.shape[0]), np.uintp(label.shape[1])
+    last, own = variance.size - 1, _1 if x.shape[0] > 1 else _0
     middle = reach * BINS
     histogram = np.empty((offset.size, 2 * middle + 1))
     for number in range(offset.size):
         for place in range(2 * middle + 1):
             histogram[number, place] = 0.0
     for n in range(borders.shape[0]):
-        border = borders[n]
-        i, j, k = border[0], border[1], border[2]
-        here, there = label[i, j], label[i + k, j + 1 - k]
+        i, j, k = np.uintp(borders[n, 0]), np.uintp(borders[n, 1]), np.uintp(borders[n, 2])
+        here, there = label[i, j], label[i + k, j + _1 - k]
         number = crease[here, there]
         if number < 0:
             continue
@@ -147,11 +147,11 @@ def crease_offsets(  # type: ignore[no-untyped-def]
         b0, b1, b2, vb = planes[b, 0], planes[b, 1], planes[b, 2], lateral[b]
         d0, d1, d2 = lines[number, 0], lines[number, 1], lines[number, 2]
         places = histogram[number]
-        for direction in range(2):
-            r, c = i + k * direction, j + (1 - k) * direction
-            down, right = (k, 1 - k) if direction == 1 else (-k, k - 1)
+        for direction in (_0, _1):
+            r, c = i + k * direction, j + (_1 - k) * direction
+            down, right = (k, _1 - k) if direction == _1 else (_0 - k, k - _1)
             for _ in range(reach + 2):
-                if r < 0 or c < 0 or r >= height or c >= width:
+                if r >= height or c >= width:  # or less than 0, for they wrap around
                     break
                 if label[r, c] != a and label[r, c] != b:
                     break
@@ -159,7 +159,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
                 xr, yr = np.float64(x[own * r, c]), np.float64(y[r, own * c])
                 place = int(np.rint((d0 + d1 * xr + d2 * yr) * BINS)) + middle
                 if 0 <= place < places.size:
-                    v = variance[min(int(per_metre / value + 0.5), last)]
+                    v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
                     ea, eb = value - a0 - a1 * xr - a2 * yr, value - b0 - b1 * xr - b2 * yr
                     cost_a = min(0.5 * ea * ea / (v + va), _MOST)
                     places[place] += cost_a - min(0.5 * eb * eb / (v + vb), _MOST)
@@ -186,19 +186,20 @@ def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):
     count, alike = crease.shape[0], x.shape[0] == 1
     found = 0
     for n in range(borders.shape[0]):
-        i, j, k = borders[n, 0], borders[n, 1], borders[n, 2]
-        r, c = i + k, j + 1 - k
-        number = crease[label[i, j], label[r, c]]
+        i, j, k = np.uintp(borders[n, 0]), np.uintp(borders[n, 1]), np.uintp(borders[n, 2])
+        r, c = i + k, j + _1 - k
+        here, there = label[i, j], label[r, c]
+        number = crease[here, there]
         if number < 0:
             continue
         for _ in range(2):
-            here, there = label[i, j], label[r, c]
             place = _place(lines[number], offset[number], x, y, i, j, alike)
             place *= 1.0 if there < here else -1.0
             if place > 0.0 and found < strays.shape[0]:
                 strays[found, 0], strays[found, 1], strays[found, 2] = i, j, there
                 found += 1
             i, j, r, c = r, c, i, j
+            here, there = there, here
     # Partners of every plane, one after the other.
     meets, partners = np.empty(count + 1, np.int64), np.empty(count * count, np.int64)
     meets[0] = 0
@@ -208,8 +209,9 @@ def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):
             partners[last] = b
             last += a > 0 and b > 0 and crease[a, b] >= 0
         meets[a + 1] = last
-    for i in range(step // 2, label.shape[0], step):
-        for j in range(step // 2, label.shape[1], step):
+    for row in range(step // 2, label.shape[0], step):
+        for column in range(step // 2, label.shape[1], step):
+            i, j = np.uintp(row), np.uintp(column)
             here = label[i, j]
             for m in range(meets[here], meets[here + 1]):
                 there = partners[m]
@@ -239,42 +241,44 @@ def put_creases(  # type: ignore[no-untyped-def]
     zeros of its shape; part: room for as many rows as pixels may change sides together.
     """
     last, alike = variance.size - 1, x.shape[0] == 1
+    own = _0 if alike else _1
     for n in range(strays.shape[0]):
-        i, j, there = strays[n, 0] + 1, strays[n, 1] + 1, strays[n, 2]
-        here, tried = label[i, j], np.uint8(1 + there % _TRIED)
+        i, j = np.uintp(strays[n, 0]) + _1, np.uintp(strays[n, 1]) + _1
+        here, there = label[i, j], strays[n, 2]
+        tried = np.uint8(1 + there % _TRIED)
         if here <= 0 or here == there or crease[here, there] < 0 or state[i, j] == tried:
             continue
         number = crease[here, there]
         line, shift, side = lines[number], offset[number], 1.0 if there < here else -1.0
-        place = side * _place(line, shift, x, y, i - 1, j - 1, alike)
-        depth = min(int(per_metre / np.float64(w[i - 1, j - 1]) + 0.5), last)
+        place = side * _place(line, shift, x, y, i - _1, j - _1, alike)
+        depth = min(int(per_metre / np.float64(w[i - _1, j - _1]) + 0.5), last)
         if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
             continue
         s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
         part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
         size, done, excess = 1, 0, 0.0
         while done < size and excess < most:
-            i, j = part[done, 0], part[done, 1]
+            i, j = np.uintp(part[done, 0]), np.uintp(part[done, 1])
             done += 1
-            value = np.float64(w[i - 1, j - 1])
-            xj, yj = x[0 if alike else i - 1, j - 1], y[i - 1, 0 if alike else j - 1]
+            value = np.float64(w[i - _1, j - _1])
+            xj, yj = x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)]
             v = variance[min(int(per_metre / value + 0.5), last)]
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
             excess += min(0.5 * et * et / (v + vt), _MOST)
             excess -= min(0.5 * es * es / (v + vs), _MOST)
-            for down, right in ((0, 1), (0, -1), (1, 0), (-1, 0)):
+            for down, right in ((_0, _1), (_0, ~_0), (_1, _0), (~_0, _0)):  # they wrap around
                 r, c = i + down, j + right
                 if label[r, c] == there:
                     excess -= price
                 elif label[r, c] == here and state[r, c] != _IN_PART:
-                    place = side * _place(line, shift, x, y, r - 1, c - 1, alike)
+                    place = side * _place(line, shift, x, y, r - _1, c - _1, alike)
                     if 0.0 < place < far and size < part.shape[0]:
                         part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
                         size += 1
                     elif place > 0.0:
                         excess += price
         for m in range(size):
-            i, j = part[m, 0], part[m, 1]
+            i, j = np.uintp(part[m, 0]), np.uintp(part[m, 1])
             state[i, j] = tried
             if excess < 0.0:
                 label[i, j], state[i, j] = there, 0
@@ -283,5 +287,5 @@ def put_creases(  # type: ignore[no-untyped-def]
 @inlined
 def _place(line, offset, x, y, i, j, alike):  # type: ignore[no-untyped-def]
     """Distance of a pixel from the border along a line, positive on the side of the lower label."""
-    own = 0 if alike else 1
+    own = _0 if alike else _1
     return line[0] - offset + line[1] * x[own * i, j] + line[2] * y[i, own * j]
