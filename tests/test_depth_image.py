@@ -45,7 +45,7 @@ def test_which_levels_occur_and_how_often(low, high):
     raw = np.random.default_rng(0).integers(0, 65_536, (150, 170)).astype(np.uint16)
     raw[40:60, 20:] = 0
     seen = np.zeros(65_536, np.bool_)
-    count, present = mark_levels(raw, low, high, seen)
+    count, present = mark_levels(raw.reshape(-1), low, high, seen)
     assert_array_equal(np.flatnonzero(seen), np.unique(raw))
     assert count == ((low <= raw) & (raw <= high)).sum()
     assert present == np.count_nonzero(raw)

@@ -116,7 +116,7 @@ class DepthImage:
         from planewise.kernels import images as kernels  # loads Numba
 
         seen = np.zeros(_MOST_UNITS + 1, np.bool_)
-        count, present = kernels.mark_levels(values, low, high, seen)
+        count, present = kernels.mark_levels(values.reshape(-1), low, high, seen)
         levels = low + np.flatnonzero(seen[low : high + 1])
         return cls(
             values=values,

@@ -14,15 +14,14 @@ _STRIP = 8192  # pixels that a 16-bit number can count
 
 @in_order
 def mark_levels(raw, low, high, seen):  # type: ignore[no-untyped-def]
-    """seen[v] = True for every value v of raw (H, W) uint16; seen (65536,) bool.
+    """seen[v] = True for every value v of raw (pixels,) uint16; seen (65536,) bool.
 
     Returns how many values are low <= v <= high, and how many are not zero; 0 < low, high < 65536.
     """
     count = present = 0
     least, most = np.uint16(min(low, high)), np.uint16(high)
-    pixels = raw.reshape(-1)
-    for start in range(0, pixels.size, _STRIP):
-        strip = pixels[start : start + _STRIP]
+    for start in range(0, raw.size, _STRIP):
+        strip = raw[start : start + _STRIP]
         inside = there = np.uint16(0)  # narrow counts are narrow lanes
         for j in range(strip.size):
             there = np.uint16(there + (strip[j] > 0))

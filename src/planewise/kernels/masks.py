@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.jit import in_order, inlined
+from planewise.kernels.jit import in_order, inlined, internal
 
 NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
@@ -25,6 +25,7 @@ CODES = SYMBOLS * CONTEXTS
 ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on none
 _16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
 _LOW = np.uint64(0xFFFF)
+_1, _2 = np.uintp(1), np.uintp(2)
 _NOWHERE = np.uint16(0xFFFF)  # instead of a label where there is no reading
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)  # odd: 2^64 over the golden ratio
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
@@ -143,13 +144,13 @@ def _count_keys(keys, raws, size, slots, around, label, times, found):  # type: 
     return found
 
 
-@inlined
-def list_marked(marked, eights, places):  # type: ignore[no-untyped-def]
+@internal
+def list_marked(marked, places):  # type: ignore[no-untyped-def]
     """List where marked (8 n,) uint8 is 1, not 0; returns how many there are.
 
-    eights: its view as uint64; places: room for eight more than that. Few are, and side by side.
+    places: room for eight more than that. Few are, and side by side.
     """
-    listed = 0
+    eights, listed = marked.view(np.uint64), 0
     for eight in range(eights.size):
         if eights[eight] != 0:
             for x in range(8 * eight, 8 * eight + 8):
@@ -171,38 +172,38 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
     """
     height, width = labels.shape
     keys, raws = np.empty(width, np.uint64), np.empty(width, np.uint16)
-    places, eights = np.empty(width + 8, np.uintp), edge.view(np.uint64)
+    places = np.empty(width + 8, np.uintp)
     seen = np.empty(width + 1, np.uint16)  # labels in a row, one column of margin
     seen[0] = _NOWHERE
-    here, before = seen[1:], seen[:width]
     found = 0
     for y in range(height):
         row, weight = labels[y], p[y]
         # The last label of each column, here and in the row above, one column of margin.
-        upper, lower = lines[y % 2], lines[1 - y % 2, 1 : width + 1]
-        above, right = upper[1 : width + 1], upper[2:]
+        upper, lower = lines[y % 2], lines[1 - y % 2]
         # Unconditional loads and few arrays a loop: each of these is one vector expression.
         for x in range(width):
             coded = row[x]
-            here[x] = coded if weight[x] > 0.0 else _NOWHERE
+            seen[x + 1] = coded if weight[x] > 0.0 else _NOWHERE
         for x in range(width):
-            kept, coded = above[x], here[x]
-            lower[x] = coded if coded != _NOWHERE else kept
+            kept, coded = upper[x + 1], seen[x + 1]
+            lower[x + 1] = coded if coded != _NOWHERE else kept
         for x in range(width):
-            apart = (lower[x] != above[x]) | (lower[x] != right[x]) | (lower[x] != upper[x])
-            edge[x] = apart | (here[x] != before[x])
+            coded = lower[x + 1]
+            apart = (coded != upper[x + 1]) | (coded != upper[x + 2]) | (coded != upper[x])
+            edge[x] = apart | (seen[x + 1] != seen[x])
         # Listed first, looked at next, counted last: short loops are faster than one long one.
         size = 0
-        for n in range(list_marked(edge, eights, places)):
+        for n in range(list_marked(edge, places)):
             x = places[n]
             last = np.intp(x)
             while last > 0 and seen[last] == _NOWHERE:
                 last -= 1
-            raw, beside = here[x], seen[last] if last > 0 else above[0]
-            key = (np.uint64(beside) << _16) | np.uint64(above[x])
-            key = (((key << _16) | np.uint64(right[x])) << _16) | np.uint64(upper[x])
+            above, right, corner = upper[x + _1], upper[x + _2], upper[x]
+            raw, beside = seen[x + _1], seen[last] if last > 0 else upper[1]
+            key = (np.uint64(beside) << _16) | np.uint64(above)
+            key = (((key << _16) | np.uint64(right)) << _16) | np.uint64(corner)
             keys[size], raws[size] = key, raw
-            alike = (beside == raw) & (above[x] == raw) & (right[x] == raw) & (upper[x] == raw)
+            alike = (beside == raw) & (above == raw) & (right == raw) & (corner == raw)
             size += (raw != _NOWHERE) & (not alike)
         found = _count_keys(keys, raws, size, slots, around, label, times, found)
         if found > times.size:

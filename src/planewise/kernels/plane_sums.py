@@ -26,16 +26,16 @@ def plane_sums(labels, place, w, x, y, straight, planes, solid, ranked, sums, bo
     width = labels.shape[1]
     line = np.empty(width, y.dtype)
     # Last pixels of the runs of a row.
-    last, places = np.zeros(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.intp)
-    last[width - 1], eights = 1, last.view(np.uint64)
+    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
+    for k in range(last.size):
+        last[k] = k == width - 1
     for i in range(labels.shape[0]):
         row, stop = labels[i], 0
         line[:] = y[i, 0]
-        this, following = row[: width - 1], row[1:]
         for k in range(width - 1):
-            last[k] = this[k] != following[k]
-        for n in range(list_marked(last, eights, places)):
-            start, stop = stop, places[n] + 1
+            last[k] = row[k] != row[k + 1]
+        for n in range(list_marked(last, places)):
+            start, stop = stop, int(places[n]) + 1
             rank = place[row[start]]
             ranked[i, start:stop] = rank
             if rank == 0:
