@@ -139,8 +139,8 @@ def test_the_judge_of_the_spatial_objective_refuses_what_it_cannot_judge(roof, c
     observation = pw.observe(depth, camera, pw.Sensor(noise=0.01))
     with pytest.raises(ValueError, match="passes through the sensor"):
         pw.information(observation, [[0, 1.0, 0, 0]], labels * 0, objective="spatial")
-    with pytest.raises(ValueError, match="at most 65535"):
-        pw.information(observation, np.tile(planes[:1], (65536, 1)), labels, objective="spatial")
+    with pytest.raises(ValueError, match="at most 65534"):
+        pw.information(observation, np.tile(planes[:1], (65535, 1)), labels, objective="spatial")
     with pytest.raises(ValueError, match="objective must be 'paper' or 'spatial', got 'best'"):
         pw.information(observation, planes, labels, objective="best")
     points = pw.observe_points(np.eye(3), pw.Sensor())

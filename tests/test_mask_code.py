@@ -86,3 +86,13 @@ def test_surfaces_are_cheap_and_white_noise_is_no_cheaper_than_uniform():
     planes = len(scene.planes)
     spatial = spatial_mask_information(scene.labels.astype(int), scene.depth > 0, planes)
     assert spatial < 0.03 * mask_information(scene.labels.size, planes)
+
+
+def test_the_largest_labels():
+    there = np.ones((9, 9), bool)
+    low, high = np.ones((9, 9), int), np.full((9, 9), 65_534)
+    assert spatial_mask_information(high, there, 65_534) == pytest.approx(
+        spatial_mask_information(low, there, 65_534)
+    )
+    with pytest.raises(ValueError, match="fewer than 65535 are told apart"):
+        spatial_mask_information(high, there, 65_535)

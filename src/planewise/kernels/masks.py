@@ -26,7 +26,7 @@ ALIKE = SYMBOLS  # code of a label on a plane whose neighbours all have it; 0 on
 _16, _32, _48, _ONE = np.uint64(16), np.uint64(32), np.uint64(48), np.uint64(1)
 _LOW = np.uint64(0xFFFF)
 _1, _2 = np.uintp(1), np.uintp(2)
-_NOWHERE = np.uint16(0xFFFF)  # instead of a label where there is no reading
+NOWHERE = np.uint16(0xFFFF)  # instead of a label where there is no reading
 _SPREAD = np.uint64(0x9E3779B97F4A7C15)  # odd: 2^64 over the golden ratio
 PRIOR = 0.5  # of each symbol's count: Krichevsky and Trofimov's estimate
 _UNSEEN = np.array([math.lgamma(PRIOR * symbols) for symbols in range(1, SYMBOLS + 1)])
@@ -174,7 +174,7 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
     keys, raws = np.empty(width, np.uint64), np.empty(width, np.uint16)
     places = np.empty(width + 8, np.uintp)
     seen = np.empty(width + 1, np.uint16)  # labels in a row, one column of margin
-    seen[0] = _NOWHERE
+    seen[0] = NOWHERE
     found = 0
     for y in range(height):
         row, weight = labels[y], p[y]
@@ -183,10 +183,10 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
         # Unconditional loads and few arrays a loop: each of these is one vector expression.
         for x in range(width):
             coded = row[x]
-            seen[x + 1] = coded if weight[x] > 0.0 else _NOWHERE
+            seen[x + 1] = coded if weight[x] > 0.0 else NOWHERE
         for x in range(width):
             kept, coded = upper[x + 1], seen[x + 1]
-            lower[x + 1] = coded if coded != _NOWHERE else kept
+            lower[x + 1] = coded if coded != NOWHERE else kept
         for x in range(width):
             coded = lower[x + 1]
             apart = (coded != upper[x + 1]) | (coded != upper[x + 2]) | (coded != upper[x])
@@ -196,7 +196,7 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
         for n in range(list_marked(edge, places)):
             x = places[n]
             last = np.intp(x)
-            while last > 0 and seen[last] == _NOWHERE:
+            while last > 0 and seen[last] == NOWHERE:
                 last -= 1
             above, right, corner = upper[x + _1], upper[x + _2], upper[x]
             raw, beside = seen[x + _1], seen[last] if last > 0 else upper[1]
@@ -204,7 +204,7 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
             key = (((key << _16) | np.uint64(right)) << _16) | np.uint64(corner)
             keys[size], raws[size] = key, raw
             alike = (beside == raw) & (above == raw) & (right == raw) & (corner == raw)
-            size += (raw != _NOWHERE) & (not alike)
+            size += (raw != NOWHERE) & (not alike)
         found = _count_keys(keys, raws, size, slots, around, label, times, found)
         if found > times.size:
             break

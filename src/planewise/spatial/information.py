@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
-_MOST_LABELS = np.iinfo(np.uint16).max
+_MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
 
 @dataclass(frozen=True)

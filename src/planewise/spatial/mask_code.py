@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels.masks import CODES, count_labels, mask_lengths
+from planewise.kernels.masks import CODES, NOWHERE, count_labels, mask_lengths
 
 _ROOM = 2048  # different ones that a frame has, as a rule fewer
 
@@ -27,12 +27,17 @@ def spatial_mask_information(
     there : ndarray of bool, shape (H, W)
         Where there is a reading; other pixels are known to have no label and cost nothing.
     planes : int
-        N, the largest label there may be; larger ones count as 0.
+        N < 65,535, the largest label there may be; larger ones count as 0.
 
     Returns
     -------
     float
         Nats.
+
+    Raises
+    ------
+    ValueError
+        If there are too many planes.
 
     Examples
     --------
@@ -42,6 +47,8 @@ def spatial_mask_information(
     >>> round(spatial_mask_information(halves, there, 1)), round(1e4 * np.log(2))
     (30, 6931)
     """
+    if planes >= NOWHERE:
+        raise ValueError(f"planes: fewer than {NOWHERE} are told apart, got {planes}")
     kept = np.where(there & (labels <= planes), labels, 0).astype(np.uint16)
     readings = np.bincount(kept[there], minlength=planes + 1)
     place = np.arange(planes + 1, dtype=np.uint16)
@@ -73,7 +80,7 @@ class MaskCounts:
         Parameters
         ----------
         labels : ndarray of uint16, shape (H, W)
-            0 for no plane, j for the j-th.
+            0 for no plane, j < 65,535 for the j-th.
         p : ndarray of float32, shape (H, W)
             More than 0 where there is a reading.
         """
