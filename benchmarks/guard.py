@@ -32,10 +32,10 @@ from benchmarks.reference_work import reference
 from benchmarks.rivals import Method
 from benchmarks.timing import interleaved, one_core
 from planewise.machine import describe_machine
+from planewise.memory import keep_freed
 
 RECORD = Path(__file__).with_name("guard.json")
 _ATTEMPTS = 3
-_LARGEST_KEPT = 31 << 20  # bytes; the limit of glibc is 32 MiB
 
 
 @dataclass(frozen=True)
@@ -74,22 +74,13 @@ class Guarded:
 def _call(method: Method, share: int, frame: Frame, runs: int) -> float:
     """Median ratio of a method's processor time to that of the fixed work."""
     depth = np.asarray(frame.depth, np.uint16)
-    _keep_memory()
+    keep_freed()  # of the fixed work, too, whatever was called before
     with one_core():
         detect = method.prepare(frame, False).detect
         ours, fixed = interleaved(
             detect, partial(reference, depth), max(3, runs // share), clock=time.process_time
         )
     return float(np.median(ours / fixed))
-
-
-def _keep_memory() -> None:
-    """Let arrays of megabytes come from memory that the process keeps.
-
-    The C library of Linux gets blocks from the system, and gives them back, unless larger ones were
-    freed before: then fixed work after one method takes half as long again as after another.
-    """
-    np.empty(_LARGEST_KEPT, np.uint8)
 
 
 def call_once(frame: Frame) -> None:
