@@ -78,9 +78,9 @@ def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: 
 
     Many rays of a LiDAR graze the ground: distances along them say little.
     """
-    mine = np.vstack((np.zeros((1, 4)), rows))[labels]
-    facing = np.einsum("ik,ki->k", direction, mine[:, :3])
-    return np.asarray((ranges * facing + mine[:, 3]) ** 2)
+    x, y, z, distance = np.vstack((np.zeros((1, 4)), rows)).T.copy()
+    facing = x[labels] * direction[0] + y[labels] * direction[1] + z[labels] * direction[2]
+    return np.asarray(np.square(ranges * facing + distance[labels]))
 
 
 def _around(
