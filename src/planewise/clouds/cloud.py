@@ -308,13 +308,26 @@ def side_for(
     Between its doubles the logarithm of the number is interpolated. centre, reach: of the grid;
     memory: where the points lie.
     """
-    grid, before = Grid.reaching(centre, reach, least), 0.0
-    while grid.side < 2.0 * reach:
-        now = math.log(held_by(points, grid, workers, memory or Memory()) / held)
-        if now >= 0.0:
-            return float(grid.side * 2.0 ** (now / (before - now) if before else 0.0))
-        grid, before = Grid.reaching(centre, reach, 2.0 * grid.side), now
-    return grid.side
+    first, known = Grid.reaching(centre, reach, least).side, dict[int, float]()
+    doublings = max(0, math.ceil(math.log2(2.0 * reach / first)))  # one cube is enough for all
+
+    def excess(power: int) -> float:  # grows with the side
+        if power not in known:
+            grid = Grid.reaching(centre, reach, first * 2.0**power)
+            known[power] = math.log(held_by(points, grid, workers, memory or Memory()) / held)
+        return known[power]
+
+    low, high = -1, 0
+    while high < doublings and excess(high) < 0.0:
+        low, high = high, max(high + 1, 2 * high)  # as a rule few doublings do
+    high = min(high, doublings)
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
+    if high in (0, doublings):
+        return float(first * 2.0**high)
+    now, before = excess(high), excess(high - 1)
+    return float(first * 2.0**high * 2.0 ** (now / (before - now)))
 
 
 def _is_constant(sensor: Sensor) -> bool:
