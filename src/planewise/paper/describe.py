@@ -96,7 +96,7 @@ def _around(
     those from `width` on are the first ones of the image.
     """
     there = np.zeros((planes + 1, width), bool)
-    there[labels, index % width] = True
+    there.reshape(-1)[labels.astype(np.intp) * width + index % width] = True
     out = box.copy()
     for j in range(planes):
         columns = np.flatnonzero(there[j + 1])
