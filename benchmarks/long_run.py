@@ -41,13 +41,14 @@ _OTHERS = 8  # restarts whose planes are tried
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (spatial, "_SAME", 0.5),
     (cells, "_SPLIT", 0.7),
-    (cells, "_HOPELESS", 0.5),
     (cells, "_SATURATION", 0.7),
     (frame_error, "_DISTORTED", 0.7),
     (spatial_labels, "_DIFFERING", 0.5),
     (spatial_labels, "_PIXEL_DRIFT", 0.5),
 )
-_PRICES: tuple[tuple[ModuleType, str, float | tuple[float, ...]], ...] = (
+_PAIRS: tuple[tuple[ModuleType, str, float | tuple[float, ...]], ...] = (
+    (cells, "_HOPELESS", 0.5),
+    (spatial, "_TAILS", 0.3),
     (spatial, "_PLANE_COST", 0.7),
     (spatial_solution, "_LEAST", 1.5),
     (spatial, "_MERGE_BORDER", (0.5, 0.5, 0.3)),
@@ -100,10 +101,10 @@ def restart(judge: Judge, rng: np.random.Generator) -> Solution:
         for module, name, spread in _SCALED:
             value = getattr(module, name) * np.exp(spread * rng.standard_normal())
             stack.enter_context(patch.object(module, name, float(value)))
-        for module, name, spreads in _PRICES:
+        for module, name, spreads in _PAIRS:
             drawn = np.exp(spreads * rng.standard_normal(np.shape(spreads)))
             both = tuple((price * drawn).tolist() for price in np.array(getattr(module, name)))
-            stack.enter_context(patch.object(module, name, both))  # white, and drifting
+            stack.enter_context(patch.object(module, name, both))
         for module, name, values in _PICKED:
             stack.enter_context(patch.object(module, name, values[rng.integers(len(values))]))
         least = _SIGNIFICANCE[rng.integers(len(_SIGNIFICANCE))]

@@ -170,7 +170,7 @@ def border_discords(grid, rows, drift):
     return out
 
 
-def join_blocks(grid, whole, rows, drift, limit, levels):
+def join_blocks(grid, whole, rows, drift, limit, levels, tails):
     """Root of every unit, and the rows of the segments."""
     rows, drift, root = rows.copy(), drift.copy(), np.arange(len(rows))
     level = np.where(whole, 1, 0)
@@ -191,8 +191,8 @@ def join_blocks(grid, whole, rows, drift, limit, levels):
             both = between(rows[a] + rows[b], rows[c] + rows[d], slow)
             if max(upper, lower, both) > limit:
                 continue
-            misfit = tempered(upper, rows[b, 10]) + tempered(lower, rows[d, 10])
-            misfit += tempered(both, rows[c, 10] + rows[d, 10])
+            misfit = tempered(upper, rows[b, 10], tails) + tempered(lower, rows[d, 10], tails)
+            misfit += tempered(both, rows[c, 10] + rows[d, 10], tails)
             members = [a, b, c, d]
             drift[a] = np.average(drift[members], weights=rows[members, 10])
             rows[a] = rows[members].sum(axis=0)
@@ -238,13 +238,13 @@ def find_planes(rows, drift, slope_prior, gap_offset, planes):
     return out
 
 
-def tempered(discord, count):
-    nu = 4 * max(1.0, count / 36)
+def tempered(discord, count, tails):
+    nu = tails * max(1.0, count / 36)
     return (nu + 3) * math.log(1 + discord / nu)
 
 
 def agglomerate(
-    grid, border, rows, drift, offset_prior, slope_prior, most, longest=np.inf, lazy=False
+    grid, border, rows, drift, offset_prior, slope_prior, most, longest=np.inf, tails=4, lazy=False
 ):
     """Merge the pair of neighbours whose misfit takes the least share of what it saves.
 
@@ -267,7 +267,7 @@ def agglomerate(
         discord, evidence = compare(
             rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
         )
-        cost = tempered(discord, rows[small, 10])
+        cost = tempered(discord, rows[small, 10], tails)
         saved = min(evidence, most) + min(boundary[pair], longest)
         gain = saved - 0.5 * cost
         return (gain / saved if gain > 0 else gain), cost

@@ -21,8 +21,10 @@ from planewise.kernels.cells import (
     SIDE,
     UNIT,
 )
+from planewise.kernels.segments import tempered
 from planewise.spatial import cells, frame_error, search
 from planewise.spatial.frame import frame_of
+from planewise.spatial.frame_error import FrameError
 
 POINTS = 12  # to a side of a square
 NEARER = 0.45  # of the smaller side: from its centre to where two planes are compared
@@ -235,3 +237,36 @@ def test_distortion_forgives_misfit_of_wide_planes():
     charges = search.Charges(plane=0.0, border=(0.0, 0.0, 1.0), distorted=1000.0)
     assert_allclose(charges.misfit(rows), [20, 10])
     assert_allclose(replace(charges, distorted=np.inf).misfit(rows), 40)
+
+
+def test_cells_err_by_more_where_readings_err_across_the_image():
+    """Those near edges: the tails of their error are heavier, up to a limit."""
+    tails = [search._tails(FrameError(lateral=lateral)) for lateral in (0.0, 0.2, 0.4, 1.5)]
+    assert_allclose(tails, [4.0, 3.25, 2.5, 2.5])
+    discord = tempered.py_func
+    assert np.all(np.diff([discord(100.0, 36.0, each) for each in tails[:3]]) < 0)
+    # Of an average over many cells little is left of them.
+    assert_allclose(discord(10.0, 3.6e6, 2.5), discord(10.0, 3.6e6, 4.0), rtol=1e-3)
+
+
+def test_cells_without_planes_are_those_across_edges(monkeypatch):
+    """The limit of chi^2 falls with the pixels of an image, and is low in range images."""
+
+    def limit(camera, shape):
+        frame = frame_of(pw.observe(np.full(shape, 2.0), camera, pw.Sensor(noise=0.01)))
+        return cells._hopeless(frame.sectors)
+
+    camera = pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240)
+    assert_allclose(limit(camera, (480, 640)), 100)
+    assert_allclose(limit(camera, (256, 256)), 62.5)
+    sweep = pw.SphericalCamera.spinning(elevation=np.linspace(15, -15, 16), columns=360)
+    assert_allclose(limit(sweep, (16, 360)), 25)
+
+    room = scenes.room(3)
+    frame = frame_of(pw.observe(room.depth, room.camera, room.sensor))
+    counts = []
+    for high in (25.0, 100.0):
+        monkeypatch.setattr(cells, "_HOPELESS", (25.0, high))
+        found = cells.cells_of(frame, room.camera.pixel_size)
+        counts.append(int((found.grid >= 0).sum()))
+    assert counts[0] < counts[1] < 1.1 * counts[0]

@@ -343,7 +343,9 @@ def discords_of(rng, grid):
     return discords, 3 * (low + over)
 
 
-def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=False, longest=np.inf):
+def agglomerated(
+    frame, discords, price, most, home=None, turns=None, wraps=False, longest=np.inf, tails=4.0
+):
     grid, rows, drift, *priors = frame
     rows, drift = rows.copy(), drift.copy()
     home = np.zeros(len(rows), np.int32) if home is None else home
@@ -354,7 +356,7 @@ def agglomerated(frame, discords, price, most, home=None, turns=None, wraps=Fals
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
     sectors = home, turns, wraps
     segments.agglomerate(
-        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, root, *work
+        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, tails, root, *work
     )
     assert_allclose(of[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
@@ -370,7 +372,7 @@ def test_join_blocks(seed, limit):
     rows = segment_rows(units, np.full(len(units), 0.1 * DRIFT), np.full(len(units), 4 * DRIFT))
     rows[:, 12] = rng.uniform(1, 3, len(units))
     drift = DRIFT * rng.uniform(0.5, 2, len(units))
-    exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3)
+    exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3, 2.5)
     count, of = len(rows), forms_of(rows, drift)
     root, square = np.empty(count, np.int32), np.empty(count, np.int32)
     joined = np.empty((count // 4, 13)), np.empty((count // 4, forms.FORM))
@@ -378,7 +380,7 @@ def test_join_blocks(seed, limit):
     free, rows[:, 12] = rows[:, 12].copy(), 0
     told, known = drift.copy(), (rows.copy(), of.copy())
     left = squares.join_blocks(
-        grid, size == 2, right, rows, of, free, drift, limit, 3, root, square, *joined
+        grid, size == 2, right, rows, of, free, drift, limit, 3, 2.5, root, square, *joined
     )
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
@@ -525,14 +527,17 @@ def test_find_planes(seed):
     assert_array_equal(of[plane[plane >= 0]], of[3:][plane >= 0])
 
 
+@pytest.mark.parametrize("tails", [4.0, 2.5])
 @pytest.mark.parametrize("longest", [np.inf, 4.0])
 @pytest.mark.parametrize("seed", range(8))
-def test_agglomerate(seed, longest):
+def test_agglomerate(seed, longest, tails):
     frame = random_segments(10 + seed, planes=2 + seed % 2)
     grid = frame[0]
     discords, border = discords_of(np.random.default_rng(seed), grid)
-    root, rows = agglomerated(frame, discords, PRICE, 25.0, longest=longest)
-    exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0, longest, lazy=True)
+    root, rows = agglomerated(frame, discords, PRICE, 25.0, longest=longest, tails=tails)
+    exact_root, exact_rows = oracles.agglomerate(
+        grid, border, *frame[1:], 25.0, longest, tails, lazy=True
+    )
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)

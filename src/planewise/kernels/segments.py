@@ -20,19 +20,18 @@ from planewise.kernels.forms import (
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, inlined, internal
 
-_TAILS = 4.0  # degrees of freedom of the error of one cell of 6 x 6 pixels
 _CELL = 36.0
 _BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
 
 
 @internal
-def tempered(discord, count):  # type: ignore[no-untyped-def]
+def tempered(discord, count, tails):  # type: ignore[no-untyped-def]
     """Discord with the tails of Student's t: (nu + 3) ln(1 + discord / nu), nu growing with pixels.
 
     The size of a cell's error is uncertain, so that a cell on a rounded edge costs little; an
-    average over many cells is normal.
+    average over many cells is normal. tails: nu of one cell of 6 x 6 pixels.
     """
-    nu = _TAILS * max(1.0, count / _CELL)
+    nu = tails * max(1.0, count / _CELL)
     return (nu + 3.0) * np.log(1.0 + discord / nu)
 
 
@@ -75,7 +74,19 @@ def _share_left(evidence, boundary, misfit, most, longest):  # type: ignore[no-u
 
 @internal
 def _merge_value(  # type: ignore[no-untyped-def]
-    segments, forms, home, turns, drift, u, v, boundary, offset_prior, slope_prior, most, longest
+    segments,
+    forms,
+    home,
+    turns,
+    drift,
+    u,
+    v,
+    boundary,
+    offset_prior,
+    slope_prior,
+    most,
+    longest,
+    tails,
 ):
     """`_share_left` by joining two segments, and the misfit of the join."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
@@ -87,7 +98,7 @@ def _merge_value(  # type: ignore[no-untyped-def]
         discord, evidence = _across(
             segments, forms, home, turns, drift, small, large, offset, slope
         )
-    misfit = tempered(discord, segments[small, COUNT])
+    misfit = tempered(discord, segments[small, COUNT], tails)
     return _share_left(evidence, boundary, misfit, most, longest), misfit
 
 
@@ -104,6 +115,7 @@ def _first_values(  # type: ignore[no-untyped-def]
     slope_prior,
     most,
     longest,
+    tails,
     current,
     misfit,
 ):
@@ -118,12 +130,13 @@ def _first_values(  # type: ignore[no-untyped-def]
     for edge in range(misfit.size):
         u, v = ends[edge, 0], ends[edge, 1]
         if home[u] == home[v]:
-            misfit[edge] = tempered(discord[edge], min(segments[u, COUNT], segments[v, COUNT]))
+            pixels = min(segments[u, COUNT], segments[v, COUNT])
+            misfit[edge] = tempered(discord[edge], pixels, tails)
             current[edge] = _share_left(evidence[edge], boundary[edge], misfit[edge], most, longest)
         else:
             current[edge], misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                slope_prior, most, longest,
+                slope_prior, most, longest, tails,
             )  # fmt: skip
 
 
@@ -213,6 +226,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     wraps,
     most,
     longest,
+    tails,
     root,
     ints,
     floats,
@@ -227,8 +241,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
     nats that a merge saves there. segments, their forms and drift are changed in place: the row of
     a root holds its whole segment. home (n,): the sector in whose coordinates each is; turns (K, K,
     3, 3): what `turn_row` takes from the first to the second; wraps: whether the last column is
-    beside the first. Writes the root of every segment. ints, floats: room to work in,
-    `room` of so many sides and segments.
+    beside the first; most, longest: as `_share_left` takes them, tails as `tempered`. Writes the
+    root of every segment. ints, floats: room to work in, `room` of so many sides and segments.
 
     Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
     one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
@@ -259,7 +273,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         stop = min(start + _BATCH, int(edges))
         _first_values(
             segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
-            offset_prior, slope_prior, most, longest, gains, misfit[start:stop],
+            offset_prior, slope_prior, most, longest, tails, gains, misfit[start:stop],
         )  # fmt: skip
         for edge in range(start, stop):
             degree[ends[edge, 0]] += 1
@@ -281,7 +295,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             valued[edge] = version[u] + version[v]
             gain, misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
-                slope_prior, most, longest,
+                slope_prior, most, longest, tails,
             )  # fmt: skip
         size = update(keys, items, place, size, edge, gain)
         if old:
@@ -315,7 +329,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     valued[kept] = version[u] + version[other]
                     gain, misfit[kept] = _merge_value(
                         segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
-                        slope_prior, most, longest,
+                        slope_prior, most, longest, tails,
                     )  # fmt: skip
                     size = update(keys, items, place, size, moved, 0.0)
                     size = update(keys, items, place, size, kept, gain)

@@ -16,7 +16,7 @@ from planewise.kernels.segments import mix_drift, tempered
 
 @compiled
 def join_blocks(  # type: ignore[no-untyped-def]
-    unit, whole, right, rows, forms, free, drift, limit, levels, root, square, joined, shapes
+    unit, whole, right, rows, forms, free, drift, limit, levels, tails, root, square, joined, shapes
 ):
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
@@ -24,8 +24,9 @@ def join_blocks(  # type: ignore[no-untyped-def]
     first level joins, and right: discords of those side by side (`forms.square_discords`). Squares
     are joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
     forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
-    in place. Writes root (n,): the unit that each is part of, the upper left one of its square;
-    square (n,): where its joined row and form (n / 4, .) are, if any. Returns the number of roots.
+    in place; tails: as `segments.tempered` takes them. Writes root (n,): the unit that each is part
+    of, the upper left one of its square; square (n,): where its joined row and form (n / 4, .) are,
+    if any. Returns the number of roots.
     """
     level = np.empty(root.size, np.int8)
     for k in range(root.size):
@@ -66,9 +67,9 @@ def join_blocks(  # type: ignore[no-untyped-def]
                 both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
                 if both > limit:
                     continue
-                misfit = tempered(both, halves[1, COUNT])
-                misfit += tempered(upper, of[n, COUNT])
-                misfit += tempered(lower, of[p, COUNT])
+                misfit = tempered(both, halves[1, COUNT], tails)
+                misfit += tempered(upper, of[n, COUNT], tails)
+                misfit += tempered(lower, of[p, COUNT], tails)
                 mix_drift(drift, c, d, of[o, COUNT], of[p, COUNT])
                 mix_drift(drift, a, b, of[m, COUNT], of[n, COUNT])
                 mix_drift(drift, a, c, halves[0, COUNT], halves[1, COUNT])

@@ -14,6 +14,7 @@ from planewise.density import LEAST_READINGS, usual_count
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import COUNT, SIDE
+from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     FrameError,
@@ -31,7 +32,7 @@ Array = NDArray[np.float64]
 
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
-_HOPELESS = 25.0  # chi^2 per degree of freedom above which a cell has no plane
+_HOPELESS = 25.0, 100.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
 _FEWEST = 100  # whole cells that can tell white noise
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
@@ -153,7 +154,7 @@ def cells_of(
             together,
             white,
             _SPLIT,
-            _HOPELESS,
+            _hopeless(frame.sectors),
             filled,
             grid,
             units,
@@ -186,6 +187,15 @@ def cells_of(
         error=error,
         thinned=usual < 4 * SIDE * SIDE,
     )
+
+
+def _hopeless(sectors: Sectors) -> float:
+    """chi^2 per degree of freedom above which a cell has no plane, for it lies across an edge.
+
+    So do more of them in coarse images and in range images, whose cells are wide far off.
+    """
+    low, high = _HOPELESS
+    return low + (sectors.fineness if sectors.count == 1 else 0.0) * (high - low)
 
 
 def _without_shared_error(
@@ -228,21 +238,23 @@ def _without_shared_error(
         if quiet < 1.0:
             errors[:3] *= quiet
         offset, tilt, described, _, inflation = errors
-        # Cells of 2 x 2 stand for the frame.
-        factor = drift_factor(squares, planes, inflation, described, workspace)
+        # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
+        rough = inflation > _HOPELESS[0]
+        calm = np.where(rough.take(squares), np.int32(-1), squares)
+        factor = drift_factor(calm, planes, inflation, described, workspace)
         factor, own = factor if factor is not None and np.isfinite(factor) else 1.0, 0.0
         if frame.known:
             factor = min(factor, 1.0)
         local = factor
         if not frame.known:
-            factor, own = walk_and_shared(squares, planes, inflation, described, local, workspace)
+            factor, own = walk_and_shared(calm, planes, inflation, described, local, workspace)
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
         np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
-        near, bent = shared_factors(squares, planes, inflation, drift, offset, tilt, workspace)
+        near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
         near = max(near, own)
         offset *= near
         tilt *= bent

@@ -51,6 +51,8 @@ _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
+_TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
+_ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
 _LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
 _UNIT = 2 * SIDE  # pixels to a side of most units
@@ -278,6 +280,7 @@ def _agglomerate(
             beside.wraps,
             cost,
             longest,
+            _tails(cells.error),
             root,
             workspace.empty(ints, np.int32),
             workspace.empty(floats),
@@ -308,8 +311,8 @@ def _joined_squares(
     root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
     joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
     left = squares.join_blocks(
-        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS, root, square,
-        *joined,
+        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS,
+        _tails(cells.error), root, square, *joined,
     )  # fmt: skip
     home = np.zeros(left, np.int32)
     if sectors.count > 1:
@@ -341,6 +344,16 @@ def price_of_planes(
     white, drifting = factors
     share = error.drifting if sectors.count == 1 else _AS_DRIFTING
     return sectors.price(white + share * (drifting - white), cost)
+
+
+def _tails(error: FrameError) -> float:
+    """Degrees of freedom of the error of one cell.
+
+    A sensor that errs across the image as well, as one that matches windows does, mixes what is
+    near an edge or a crease: the cells there lie far off their plane.
+    """
+    usual, fewest = _TAILS
+    return usual + min(1.0, error.lateral / _ACROSS) * (fewest - usual)
 
 
 def _between(prices: tuple[Border, Border], drifting: float) -> Border:
