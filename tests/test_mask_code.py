@@ -67,6 +67,20 @@ def test_all_shorter_lists_of_planes_in_one_pass(seed, height, width, planes, sh
     check_prefixes(labels, rng.random(labels.shape) < share, planes, rng)
 
 
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10**6), planes=st.integers(1, 6), size=st.integers(1, 5))
+def test_labels_that_become_one_need_no_second_count(seed, planes, size):
+    rng = np.random.default_rng(seed)
+    labels = rng.integers(0, planes + 1, (9, 14)).repeat(size, 0).repeat(size, 1).astype(np.uint16)
+    there = (rng.random(labels.shape) < 0.9).astype(np.float32)
+    place = np.append(0, rng.integers(1, planes + 1, planes)).astype(np.uint16)
+    order = np.append(0, 1 + rng.permutation(planes)).astype(np.uint16)
+    readings = np.bincount(place[labels][there > 0], minlength=planes + 1)
+    again = MaskCounts.of(place[labels], there).lengths(readings, order)
+    counts = MaskCounts.of(labels, there).renamed(place)
+    assert_array_equal(counts.lengths(readings, order), again)
+
+
 def test_all_shorter_lists_of_planes_of_a_room():
     scene = scenes.room(2, size=(90, 120))
     check_prefixes(scene.labels, scene.depth > 0, len(scene.planes), np.random.default_rng(0))

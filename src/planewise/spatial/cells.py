@@ -32,7 +32,7 @@ Array = NDArray[np.float64]
 
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
-_HOPELESS = 25.0, 100.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
+_HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
 _FEWEST = 100  # whole cells that can tell white noise
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...

@@ -25,7 +25,7 @@ _FAR = 40.0  # times its parameters, by the information on it: no plane is anoth
 
 def joined(
     groups: Groups, found: Segmentation, data: GroupData, price: float
-) -> tuple[Groups, Segmentation, GroupData]:
+) -> tuple[Groups, Segmentation, GroupData, NDArray[np.uint16] | None]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
     Parameters
@@ -45,6 +45,8 @@ def joined(
     Segmentation
     GroupData
         The same objects where all planes stand apart.
+    ndarray of uint16, shape (N K + 1,), optional
+        What every label has become, ``None`` where all planes stand apart.
     """
     count, planes = groups.sectors.count, len(found.information)
     nearest, far = np.empty(planes, np.intp), np.empty(planes)
@@ -52,12 +54,12 @@ def joined(
     nearest_planes(first, found.information, nearest, far)
     near = np.flatnonzero(far < _FAR * price)
     if not len(near):
-        return groups, found, data
+        return groups, found, data, None
     more = np.full((planes, planes), np.inf)
     elsewhere = _worth_on(groups, found.affine, near, nearest[near])
     more[near, nearest[near]] = elsewhere - data.worth[near] - price
     if more.min() >= 0.0:
-        return groups, found, data
+        return groups, found, data, None
     alive, part = np.unique(_parts(more), return_inverse=True)
     named = 1 + count * part[:, None] + np.arange(count)
     place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
@@ -76,7 +78,7 @@ def joined(
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
     groups = replace(groups, readings=readings)
-    return groups, one, groups.data(one.affine)
+    return groups, one, groups.data(one.affine), place
 
 
 def _worth_on(

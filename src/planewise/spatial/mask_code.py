@@ -96,6 +96,18 @@ class MaskCounts:
                 return cls(around[:found], label[:found], times[:found])
             room *= 8
 
+    def renamed(self, place: NDArray[np.uint16]) -> MaskCounts:
+        """Counts of the same image with label `place[j]` in place of j; it may be that of several.
+
+        Neighbours may then have all the label, which adds nothing, and rows may be alike.
+        """
+        left, above, right, corner = (
+            place[(self.around >> np.uint64(shift)) & np.uint64(0xFFFF)].astype(np.uint64)
+            for shift in (48, 32, 16, 0)
+        )
+        around = ((left << 16 | above) << 16 | right) << 16 | corner
+        return MaskCounts(around, place[self.label], self.times)
+
     def lengths(
         self, readings: NDArray[np.int64], place: NDArray[np.uint16]
     ) -> NDArray[np.float64]:

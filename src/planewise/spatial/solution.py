@@ -180,30 +180,30 @@ def judged(
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes, labels = len(found.affine), found.labels
     masks: list[MaskCounts] = []
-    inside: list[NDArray[np.int32]] = []
-
-    def aside() -> None:
-        masks.append(mask_of(frame, labels))
-        if cells is not None:
-            inside.append(units_inside(frame, cells, labels))
-
-    with threads.beside(aside):
+    with threads.beside(lambda: masks.append(mask_of(frame, labels))):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
         data = groups.data(found.affine)
+        place = None
         if join:
-            groups, found, data = joined(groups, found, data, plane_information(3, *limits))
+            cost = plane_information(3, *limits)
+            groups, found, data, place = joined(groups, found, data, cost)
         affine, data = refitted(groups, found.affine, data)
-    if found.labels is not labels:
-        labels = found.labels
-        aside()  # once more, for these
-    if cells is not None:
-        correlation = residual_correlation(cells, inside[-1], affine, frame.sectors)
-        found = replace(found, residual_correlation=correlation)
-    error = FrameError() if cells is None else cells.error
-    least = price_of_planes(_LEAST, error, frame.sectors, plane_information(3, *limits))
-    pays = _paying(groups, data, masks[-1], *limits, least)
-    order = np.lexsort((data.saved, ~pays))
-    book = book_of(groups, data, masks[-1], *limits, order)
+    mask = masks[0] if place is None else masks[0].renamed(place)
+    correlation: list[Array] = []
+
+    def correlate() -> None:
+        if cells is not None:
+            inside = units_inside(frame, cells, found.labels)
+            correlation.append(residual_correlation(cells, inside, affine, frame.sectors))
+
+    with threads.beside(correlate):
+        error = FrameError() if cells is None else cells.error
+        least = price_of_planes(_LEAST, error, frame.sectors, plane_information(3, *limits))
+        pays = _paying(groups, data, mask, *limits, least)
+        order = np.lexsort((data.saved, ~pays))
+        book = book_of(groups, data, mask, *limits, order)
+    if correlation:
+        found = replace(found, residual_correlation=correlation[0])
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
     best = int(np.argmin(curve))
