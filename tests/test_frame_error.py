@@ -23,7 +23,7 @@ from planewise.kernels.cells import (
 )
 from planewise.kernels.segments import tempered
 from planewise.spatial import cells, frame_error, search
-from planewise.spatial.frame import frame_of
+from planewise.spatial.frame import ErrorTable, frame_of
 from planewise.spatial.frame_error import FrameError
 
 POINTS = 12  # to a side of a square
@@ -237,6 +237,24 @@ def test_distortion_forgives_misfit_of_wide_planes():
     charges = search.Charges(plane=0.0, border=(0.0, 0.0, 1.0), distorted=1000.0)
     assert_allclose(charges.misfit(rows), [20, 10])
     assert_allclose(replace(charges, distorted=np.inf).misfit(rows), 40)
+
+
+def test_steps_that_noise_dithers_are_random():
+    """Against them drift counts for less; steps that are wider than noise repeat themselves."""
+    camera = pw.PinholeCamera(fx=500, fy=400, cx=20, cy=15)
+    sectors = camera.sectors((30, 40))
+
+    def drifting(white, step, drift=1e-4, factor=1.0):
+        table = ErrorTable(1000.0, 1, *(np.full(4000, v) for v in (white, 0.0, drift, step)))
+        return frame_error.drift_and_distortion(factor, 1.0, 0.5, table, sectors)[0]
+
+    assert_allclose(drifting(1e-3, 0.0), 0.1)
+    assert_allclose(drifting(1e-3, 1e-3), 0.05, rtol=0.05)  # all of it but a thirtieth
+    assert_allclose(drifting(1e-3, 0.1), 0.1 / 4.27, rtol=0.01)  # x 1 + 100 (1 - exp(-pi^2 / 300))
+    assert_allclose(drifting(0.0, 0.1), 1.0)
+    # A frame that errs by more than described errs by noise.
+    assert_allclose(drifting(1e-3, 1e-3, factor=2.0), 0.1 / 4, rtol=0.01)
+    assert_allclose(drifting(1e-3, 1e-3, factor=0.4), 0.1 / 1.13, rtol=0.02)
 
 
 def test_cells_err_by_more_where_readings_err_across_the_image():

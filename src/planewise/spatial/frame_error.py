@@ -67,7 +67,8 @@ class FrameError:
     near, bent : float
         Of the shared part: as offsets and as slopes of cells.
     drifting : float
-        Drift between segments over 100 pixels against the white part, at most 1.
+        Drift between segments over 100 pixels against what is random, at most 1: the white part, and
+        what it dithers of steps.
     distorted : float
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
     turning : float
@@ -94,9 +95,12 @@ def drift_and_distortion(
     A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
     nor are readings that stray farther than those of cameras do, as of leaves.
     """
-    described, _, wandering, _ = (float(part) for part in table.at(np.array(w)))
-    white, drift = white * described, drift * wandering
-    drifting = min(1.0, drift / white) if white else 1.0
+    described, _, wandering, step = (float(part) for part in table.at(np.array(w)))
+    total, white, drift = white * (described + step), white * described, drift * wandering
+    random = max(total - step, white)
+    if step:  # what noise dithers of steps is random, too (`kernels.frame_error.unit_errors`)
+        random -= step * math.expm1(-(math.pi**2) * random / (3 * step))
+    drifting = min(1.0, drift / random) if random else 1.0
     distorted, turning = math.inf, 0.0
     if sectors.count == 1 and white:
         # The slope dw/dx of n x n pixels has 12 / (n^2 (n^2 - 1)) of the variance of a reading.
