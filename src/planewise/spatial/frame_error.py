@@ -67,8 +67,8 @@ class FrameError:
     near, bent : float
         Of the shared part: as offsets and as slopes of cells.
     drifting : float
-        Drift between segments over 100 pixels against what is random, at most 1: the white part, and
-        what it dithers of steps.
+        Drift between segments over 100 pixels against what is random, at most 1: the white part,
+        and what it dithers of steps.
     distorted : float
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
     turning : float
