@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from benchmarks.simulated import random_walk
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter
 
 import planewise as pw
 from planewise import scenes
@@ -231,3 +233,29 @@ def test_precise_readings_of_a_cylinder_are_no_fan_of_planes(monkeypatch, seed, 
     assert more_facets >= 3
     assert row["precision@0.5"] > 0.95
     assert row["recall@0.5"] == row_of_more["recall@0.5"]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_board_with_blurred_edges_is_no_part_of_the_wall_behind(monkeypatch, seed):
+    """15 cm before it, at 3 m. Around it the surface goes on, as where holes were painted in."""
+    shape, board = (480, 640), (slice(150, 240), slice(200, 290))
+    w = np.full(shape, 1 / 3.0)
+    w[board] = 1 / 2.85
+    w = gaussian_filter(w, 8.0)
+    noise = np.random.default_rng(seed).standard_normal(shape)
+    depth = 1 / w + 0.7 * pw.sensors.KINECT_V1.sigma(1 / w) * noise
+    depth = 1000 / (1 / depth + random_walk(shape, 0.004, seed))
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+
+    def planes():
+        model = detect(np.round(depth).astype(np.uint16), camera, pw.sensors.KINECT_V1)
+        inner = model.labels[160:230, 210:280]
+        return len(model), np.bincount(model.labels.ravel()).argmax(), inner
+
+    count, wall, inner = planes()
+    assert count == 2
+    assert np.mean((inner != wall) & (inner > 0)) > 0.6
+    monkeypatch.setattr(search, "_FEWEST_OFF", 10**9)
+    count, wall, inner = planes()
+    assert count == 1
+    assert np.mean(inner == wall) > 0.9

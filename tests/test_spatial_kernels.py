@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy import ndimage
 
 from planewise.kernels import borders, cells, forms, gaps, segments, squares
 from planewise.spatial.segments import Segments
@@ -542,6 +543,49 @@ def test_agglomerate(seed, longest, tails):
     ids = np.unique(root)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
     assert 1 < len(ids) < len(root)
+
+
+def test_units_far_off_the_plane_of_their_segment():
+    _, rows, _, *_ = random_segments(5, planes=1)
+    rng, count = np.random.default_rng(5), len(rows)
+    segment = rng.integers(0, 6, count).astype(np.int32)
+    place = np.array([0, -1, 1, 2, -1, 3], np.int32)
+    own = np.array([np.linalg.solve(information_of(row), row[6:9]) for row in rows])
+    x, y = rows[:, 1] / rows[:, 0], rows[:, 2] / rows[:, 0]
+    drift = rng.uniform(0.5, 2, count) / rows[:, 0]
+    scale = np.sqrt(1 / rows[:, 0] + drift)
+    shift = np.where(rng.random(count) < 0.3, rng.uniform(4, 16, count), rng.uniform(0, 3, count))
+    planes = np.tile(own.mean(axis=0), (4, 1))
+    planes[3, 0] += 50 * scale.max()  # whose units are all off it
+    here = own[:, 0] + own[:, 1] * x + own[:, 2] * y
+    wanted = planes[0, 0] + planes[0, 1] * x + planes[0, 2] * y + shift * scale
+    rows[:, 6] += rows[:, 0] * (wanted - here)
+    off = np.empty(count, np.bool_)
+    found = segments.far_off(rows, drift, segment, place, planes, 64.0, off)
+    expected = (shift > 8) & np.isin(place[segment], [0, 1, 2])
+    assert_array_equal(off, expected)
+    assert found == expected.sum() > 3
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_marked_units_that_are_connected(seed):
+    """As many as there are of a size, with all their cells inside their boxes."""
+    rng = np.random.default_rng(seed)
+    grid = random_segments(seed, planes=2)[0].astype(np.int32)
+    off = rng.random(grid.max() + 1) < 0.5
+    marked = np.append(off, False)[grid]
+    numbers, count = ndimage.label(marked)
+    members = [np.unique(grid[numbers == k + 1]) for k in range(count)]
+    members = [each for each in members if len(each) >= 5]
+    queue, piece = np.empty(4 * off.sum(), int), np.empty(len(off), np.int32)
+    boxes = np.empty((off.sum() // 5, 4), np.int64)
+    found = segments.connected(grid, off, 5, queue, piece, boxes)
+    assert found == len(members) > 0
+    for k, each in enumerate(members):
+        assert_array_equal(np.flatnonzero(piece == k), each)
+        rows, columns = np.nonzero(np.isin(grid, each))
+        assert_array_equal(boxes[k], [rows.min(), columns.min(), rows.max(), columns.max()])
+    assert (piece >= 0).sum() == sum(map(len, members))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -339,3 +339,75 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     append_half(u, half, head, tail, following)
             half = after
     write_roots(root)
+
+
+@compiled
+def far_off(rows, drift, segment, place, planes, limit, off):  # type: ignore[no-untyped-def]
+    """Mark the units that lie far off the plane of their segment; returns how many.
+
+    rows (n, 13), drift (n,), segment (n,): of every unit; place (segments,): its plane among planes
+    (., 3), -1 for none; limit: of the square of the offset against its variance, the unit's own and
+    that of a drift over 100 pixels. None of a segment that has no more than half of them near it.
+    """
+    count = np.zeros((2, planes.shape[0]), np.int64)
+    for u in range(off.size):
+        k = place[segment[u]]
+        off[u] = False
+        if k >= 0:
+            row, precision = rows[u], rows[u, 0]
+            offset = (
+                row[6] - precision * planes[k, 0] - row[1] * planes[k, 1] - row[2] * planes[k, 2]
+            )
+            off[u] = offset * offset > limit * precision * (1.0 + precision * drift[u])
+            count[1 if off[u] else 0, k] += 1
+    found = 0
+    for u in range(off.size):
+        if off[u]:
+            k = place[segment[u]]
+            off[u] = count[0, k] > count[1, k]
+            found += off[u]
+    return found
+
+
+@compiled
+def connected(unit, off, fewest, queue, piece, boxes):  # type: ignore[no-untyped-def]
+    """Number connected units that are marked, where there are at least `fewest` of them.
+
+    unit (rows, columns): of every cell, or -1; off (n,); queue: room for the cells of all that are
+    marked. Writes piece (n,): number of each, from 0, or -1; boxes (., 4): its first row and
+    column, and the last ones. Returns how many there are, at most as many as boxes has room for.
+    """
+    rows, columns = unit.shape
+    seen = np.zeros((rows, columns), np.bool_)
+    for u in range(piece.size):
+        piece[u] = -1
+    found = 0
+    for i in range(rows):
+        for j in range(columns):
+            if unit[i, j] < 0 or seen[i, j] or not off[unit[i, j]] or found == boxes.shape[0]:
+                continue
+            box, members, end = boxes[found], 0, 1
+            box[0], box[1], box[2], box[3] = i, j, i, j
+            queue[0], seen[i, j] = i * columns + j, True
+            at = 0
+            while at < end:
+                row, column = queue[at] // columns, queue[at] % columns
+                at += 1
+                u = unit[row, column]
+                members += piece[u] != found
+                piece[u] = found
+                box[0], box[1] = min(box[0], row), min(box[1], column)
+                box[2], box[3] = max(box[2], row), max(box[3], column)
+                for k in range(4):
+                    r, c = row + (k == 0) - (k == 1), column + (k == 2) - (k == 3)
+                    if r < 0 or c < 0 or r >= rows or c >= columns or seen[r, c]:
+                        continue
+                    if unit[r, c] >= 0 and off[unit[r, c]]:
+                        queue[end], seen[r, c] = r * columns + c, True
+                        end += 1
+            if members >= fewest:
+                found += 1
+            else:
+                for k in range(end):
+                    piece[unit[queue[k] // columns, queue[k] % columns]] = -1
+    return found

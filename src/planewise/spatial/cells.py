@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,38 @@ class Cells:
     def bends_more_than_told(self) -> bool:
         """Whether planes are allowed to bend more than the readings tell."""
         return bool((self.told_drift < self.drift).any())
+
+    def cropped(
+        self, top: int, left: int, bottom: int, right: int
+    ) -> tuple[Cells, NDArray[np.intp], tuple[int, int, int, int]]:
+        """Cells of these rows and columns, the last ones included, and of what is beside them.
+
+        Returns
+        -------
+        Cells
+        ndarray of int, shape (units,)
+            Which units these are.
+        (int, int, int, int)
+            First row and column, and the ones behind the last.
+        """
+        # Units of 2 x 2 cells begin at even rows and columns.
+        top, left = max(0, top - 1) // 2 * 2, max(0, left - 1) // 2 * 2
+        bottom, right = (bottom + 3) // 2 * 2, (right + 3) // 2 * 2
+        grid = self.grid[top:bottom, left:right]
+        units = np.unique(grid[grid >= 0]).astype(np.intp)
+        place = np.full(len(self.rows) + 1, -1, np.int32)
+        place[units] = np.arange(len(units))
+        part = replace(
+            self,
+            grid=place[grid],
+            rows=self.rows[units],
+            whole=self.whole[units],
+            squares=place[self.squares[top // 2 : bottom // 2, left // 2 : right // 2]],
+            drift=self.drift[units],
+            offset_prior=self.offset_prior[units],
+            slope_prior=self.slope_prior[units],
+        )
+        return part, units, (top, left, bottom, right)
 
 
 def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:

@@ -117,10 +117,9 @@ class _Mover:
             return
         grid, there = self.cells.grid, self.frame.p > 0
         rows, columns = np.nonzero(np.append(units, False)[grid])
-        # With what is beside them. Units of 2 x 2 cells begin at even rows and columns.
-        top, left = max(0, rows.min() - 1) // 2 * 2, max(0, columns.min() - 1) // 2 * 2
-        bottom, right = (rows.max() + 3) // 2 * 2, (columns.max() + 3) // 2 * 2
-        part, chosen = _cropped(self.cells, top, left, bottom, right)
+        part, chosen, (top, left, bottom, right) = self.cells.cropped(
+            int(rows.min()), int(columns.min()), int(rows.max()), int(columns.max())
+        )
         cost = plane_information(3, self.observation.range, self.observation.resolution)
         with self.workspace.stage():
             found = planes_within(
@@ -198,24 +197,3 @@ def _pixels(cells: Cells, shape: tuple[int, int]) -> Pixels:
     )
     out[units] = y * shape[1] + x
     return out
-
-
-def _cropped(
-    cells: Cells, top: int, left: int, bottom: int, right: int
-) -> tuple[Cells, NDArray[np.intp]]:
-    """Cells of a rectangle of the grid, its edges even, and which units these are."""
-    grid = cells.grid[top:bottom, left:right]
-    units = np.unique(grid[grid >= 0]).astype(np.intp)
-    place = np.full(len(cells.rows) + 1, -1, np.int32)
-    place[units] = np.arange(len(units))
-    part = replace(
-        cells,
-        grid=place[grid],
-        rows=cells.rows[units],
-        whole=cells.whole[units],
-        squares=place[cells.squares[top // 2 : bottom // 2, left // 2 : right // 2]],
-        drift=cells.drift[units],
-        offset_prior=cells.offset_prior[units],
-        slope_prior=cells.slope_prior[units],
-    )
-    return part, units

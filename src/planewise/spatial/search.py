@@ -53,6 +53,8 @@ _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about the
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
 _ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
+_OFF = 64.0  # squared offset of a cell against its variance: so far off, it is on no such plane
+_FEWEST_OFF = 12  # cells side by side that might be a plane of their own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
 _LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
 _UNIT = 2 * SIDE  # pixels to a side of most units
@@ -167,6 +169,10 @@ def segment(
         worth, accepted = _accept(
             cells, frame.sectors, beside, segments, charges, significance, workspace
         )
+        if frame.sectors.count == 1:
+            segments, worth, accepted = _looked_at_again(
+                cells, frame.sectors, segments, worth, accepted, cost, significance, workspace
+            )
         chosen, owner, planes = join_through_gaps(
             segments, worth, accepted, frame.sectors, instances
         )
@@ -219,15 +225,9 @@ def planes_within(
     list of (units, plane, worth)
         Units of a plane, its (t0, t1, t2), and what it saves in nats; the best first.
     """
-    grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
-    segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
-    charges, beside = Charges.of(cells, sectors, cost), replace(beside, grid=cells.grid)
-    worth, accepted = _accept(
-        cells, sectors, beside, segments, charges, significance, workspace, settled & ~inside
+    segments, worth, chosen = _within(
+        cells, sectors, inside, settled, cost, significance, workspace
     )
-    mine = np.zeros(len(worth), np.bool_)
-    mine[segments.of_unit[inside]] = True
-    chosen = np.flatnonzero(mine & accepted)
     return [
         (
             np.flatnonzero(segments.of_unit == k),
@@ -236,6 +236,65 @@ def planes_within(
         )
         for k in chosen[np.argsort(-worth[chosen], kind="stable")]
     ]
+
+
+def _within(
+    cells: Cells,
+    sectors: Sectors,
+    inside: NDArray[np.bool_],
+    settled: NDArray[np.bool_],
+    cost: float,
+    significance: float,
+    workspace: Workspace,
+) -> tuple[Segments, Array, NDArray[np.intp]]:
+    """Segments of units, what each saves, and those inside that are planes (`planes_within`)."""
+    grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
+    segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
+    charges, beside = Charges.of(cells, sectors, cost), replace(beside, grid=cells.grid)
+    worth, accepted = _accept(
+        cells, sectors, beside, segments, charges, significance, workspace, settled & ~inside
+    )
+    mine = np.zeros(len(worth), np.bool_)
+    mine[segments.of_unit[inside]] = True
+    return segments, worth, np.flatnonzero(mine & accepted)
+
+
+def _looked_at_again(
+    cells: Cells,
+    sectors: Sectors,
+    segments: Segments,
+    worth: Array,
+    accepted: NDArray[np.bool_],
+    cost: float,
+    significance: float,
+    workspace: Workspace,
+) -> tuple[Segments, Array, NDArray[np.bool_]]:
+    """Segments, what they save and which are planes, with planes among cells far off their own.
+
+    A long border that goes on, as in-painting and smoothing leave one about what stands before a
+    wall, is worth more to a merge than all the discord of a screen 20 cm before it. Such cells save
+    nothing as part of the wall, whose worth stays as it is.
+    """
+    planes, place = np.flatnonzero(accepted), np.full(len(accepted), -1, np.int32)
+    place[planes] = np.arange(len(planes))
+    affine, off = affine_planes(segments.rows[planes]), np.empty(len(cells.rows), np.bool_)
+    far = merging.far_off(cells.rows, cells.drift, segments.of_unit, place, affine, _OFF, off)
+    if far < _FEWEST_OFF:
+        return segments, worth, accepted
+    piece, boxes = np.empty(len(off), np.int32), np.empty((far // _FEWEST_OFF, 4), np.int64)
+    found = merging.connected(cells.grid, off, _FEWEST_OFF, np.empty(4 * far, int), piece, boxes)
+    settled = accepted[segments.of_unit]
+    for number, box in enumerate(boxes[:found].tolist()):
+        part, units, _ = cells.cropped(*box)
+        inside = piece[units] == number
+        with workspace.stage():
+            pieces, saved, chosen = _within(
+                part, sectors, inside, settled[units], cost, significance, workspace
+            )
+        if len(chosen):
+            segments = segments.divided(pieces, chosen, units, cells.rows)
+            worth = np.concatenate((worth, saved[chosen]))
+    return segments, worth, np.append(accepted, np.ones(len(worth) - len(accepted), np.bool_))
 
 
 def _agglomerate(

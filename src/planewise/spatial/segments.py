@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import borders
+from planewise.kernels.cells import MISFIT
+from planewise.kernels.forms import FORM, write_forms
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -50,6 +52,32 @@ class Segments:
             slope_prior=self.slope_prior.take(alive),
             home=self.home.take(alive),
             of_unit=place.take(root).take(self.of_unit),
+        )
+
+    def divided(
+        self, pieces: Segments, chosen: NDArray[np.intp], units: NDArray[np.intp], rows: Array
+    ) -> Segments:
+        """With some of their units segments of their own, behind all that there were.
+
+        pieces: segments of `units`, of which the chosen ones count; rows (., 13): of all units.
+        """
+        of_unit, mine = self.of_unit.copy(), self.rows.copy()
+        for number, piece in enumerate(chosen, len(mine)):
+            taken = units[pieces.of_unit == piece]
+            np.subtract.at(mine[:, :MISFIT], of_unit[taken], rows[taken, :MISFIT])
+            of_unit[taken] = number
+        mine = np.concatenate((mine, pieces.rows[chosen]))
+        drift = np.concatenate((self.drift, pieces.drift[chosen]))
+        forms = np.empty((len(mine), FORM))
+        write_forms(mine, drift, forms)
+        return Segments(
+            rows=mine,
+            forms=forms,
+            drift=drift,
+            offset_prior=np.concatenate((self.offset_prior, pieces.offset_prior[chosen])),
+            slope_prior=np.concatenate((self.slope_prior, pieces.slope_prior[chosen])),
+            home=np.concatenate((self.home, pieces.home[chosen])),
+            of_unit=of_unit,
         )
 
     def of_cell(self, grid: NDArray[np.int32], workspace: Workspace) -> NDArray[np.int32]:
