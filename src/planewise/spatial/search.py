@@ -53,7 +53,7 @@ _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about the
 _WHOLE = 64.0  # pixels of a cell whose error is its own
 _TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
 _ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
-_OFF = 64.0  # squared offset of a cell against its variance: so far off, it is on no such plane
+_OFF = 64.0  # squared offset of a cell against its variance, where error drifts: too far off
 _FEWEST_OFF = 12  # cells side by side that might be a plane of their own
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
 _LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
@@ -169,7 +169,7 @@ def segment(
         worth, accepted = _accept(
             cells, frame.sectors, beside, segments, charges, significance, workspace
         )
-        if frame.sectors.count == 1:
+        if frame.sectors.count == 1 and cells.error.drifting:
             segments, worth, accepted = _looked_at_again(
                 cells, frame.sectors, segments, worth, accepted, cost, significance, workspace
             )
@@ -273,12 +273,14 @@ def _looked_at_again(
 
     A long border that goes on, as in-painting and smoothing leave one about what stands before a
     wall, is worth more to a merge than all the discord of a screen 20 cm before it. Such cells save
-    nothing as part of the wall, whose worth stays as it is.
+    nothing as part of the wall, whose worth stays as it is. The less the error drifts the farther
+    off they have to be: no such merge is forgiven, and what lies off a wall is distortion.
     """
     planes, place = np.flatnonzero(accepted), np.full(len(accepted), -1, np.int32)
     place[planes] = np.arange(len(planes))
     affine, off = affine_planes(segments.rows[planes]), np.empty(len(cells.rows), np.bool_)
-    far = merging.far_off(cells.rows, cells.drift, segments.of_unit, place, affine, _OFF, off)
+    limit = _OFF / cells.error.drifting
+    far = merging.far_off(cells.rows, cells.drift, segments.of_unit, place, affine, limit, off)
     if far < _FEWEST_OFF:
         return segments, worth, accepted
     piece, boxes = np.empty(len(off), np.int32), np.empty((far // _FEWEST_OFF, 4), np.int64)
