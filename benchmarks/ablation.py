@@ -9,6 +9,7 @@ Prints two Markdown tables; every row is one configuration for all sets. Columns
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -117,6 +118,7 @@ def uniform_null() -> Iterator[None]:
     with (
         patch.object(spatial_solution, "segment", segment_of),
         patch.object(spatial, "_agglomerate", agglomerate_all),
+        patch.object(spatial, "_FEWEST_OFF", sys.maxsize),  # which knows parts of frames only
         patch.object(spatial_information, "_SURFACE", np.inf),
     ):
         yield
