@@ -27,7 +27,7 @@ from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise
 from planewise.information import mask_information
 from planewise.kernels.cells import FREE, SIDE
-from planewise.spatial import frame_error
+from planewise.spatial import frame_error, merging
 from planewise.spatial import information as spatial_information
 from planewise.spatial import search as spatial
 from planewise.spatial import solution as spatial_solution
@@ -53,7 +53,7 @@ def free_borders() -> Iterator[None]:
     """A border costs nothing, neither in merges nor for planes."""
     free = ((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
     with (
-        patch.object(spatial, "_MERGE_BORDER", free),
+        patch.object(merging, "_MERGE_BORDER", free),
         patch.object(spatial, "_PLANE_BORDER", free),
     ):
         yield
@@ -70,7 +70,7 @@ def no_distortion() -> Iterator[None]:
 def no_extra_prices() -> Iterator[None]:
     """Borders and planes cost as much where error drifts as where it is white."""
     with (
-        patch.object(spatial, "_MERGE_BORDER", 2 * spatial._MERGE_BORDER[:1]),
+        patch.object(merging, "_MERGE_BORDER", 2 * merging._MERGE_BORDER[:1]),
         patch.object(spatial, "_PLANE_BORDER", 2 * spatial._PLANE_BORDER[:1]),
         patch.object(spatial, "_PLANE_COST", 2 * spatial._PLANE_COST[:1]),
         patch.object(spatial_solution, "_LEAST", 2 * spatial_solution._LEAST[:1]),
@@ -93,7 +93,7 @@ def uniform_mask() -> Iterator[None]:
 @contextmanager
 def uniform_null() -> Iterator[None]:
     """A reading on no plane takes ln(R / eps), however smooth the surface."""
-    segment, agglomerate = spatial.segment, spatial._agglomerate
+    segment, agglomerate = spatial.segment, merging.merged
     saved: NDArray[np.float64] = np.empty(0)
 
     def segment_of(observation: Any, frame: Any, cells: Any, **options: Any) -> Any:
@@ -117,7 +117,7 @@ def uniform_null() -> Iterator[None]:
 
     with (
         patch.object(spatial_solution, "segment", segment_of),
-        patch.object(spatial, "_agglomerate", agglomerate_all),
+        patch.object(spatial, "merged", agglomerate_all),
         patch.object(spatial, "_FEWEST_OFF", sys.maxsize),  # which knows parts of frames only
         patch.object(spatial_information, "_SURFACE", np.inf),
     ):

@@ -27,7 +27,7 @@ from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
 from planewise.metrics import evaluate
-from planewise.spatial import cells, frame_error
+from planewise.spatial import cells, frame_error, merging
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial import search as spatial
 from planewise.spatial import solution as spatial_solution
@@ -39,7 +39,7 @@ _OTHERS = 8  # restarts whose planes are tried
 
 # What restarts draw. Factors are log-normal with this deviation; the rest is picked.
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
-    (spatial, "_SAME", 0.5),
+    (merging, "_SAME", 0.5),
     (cells, "_SPLIT", 0.7),
     (cells, "_SATURATION", 0.7),
     (frame_error, "_DISTORTED", 0.7),
@@ -48,15 +48,15 @@ _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
 )
 _PAIRS: tuple[tuple[ModuleType, str, float | tuple[float, ...]], ...] = (
     (cells, "_HOPELESS", 0.5),
-    (spatial, "_TAILS", 0.3),
+    (merging, "_TAILS", 0.3),
     (spatial, "_PLANE_COST", 0.7),
     (spatial_solution, "_LEAST", 1.5),
-    (spatial, "_MERGE_BORDER", (0.5, 0.5, 0.3)),
+    (merging, "_MERGE_BORDER", (0.5, 0.5, 0.3)),
     (spatial, "_PLANE_BORDER", (0.5, 0.5, 0.3)),
 )
 _PICKED: tuple[tuple[ModuleType, str, tuple[float, ...]], ...] = (
-    (spatial, "_LEVELS", (0, 1, 2, 3)),
-    (spatial, "_SHARE_POWER", (0.0, 0.125, 0.25, 0.5)),
+    (merging, "_LEVELS", (0, 1, 2, 3)),
+    (merging, "_SHARE_POWER", (0.0, 0.125, 0.25, 0.5)),
 )
 _SIGNIFICANCE = (0.0, 0.0, 30.0, 100.0)
 

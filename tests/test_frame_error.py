@@ -22,7 +22,7 @@ from planewise.kernels.cells import (
     UNIT,
 )
 from planewise.kernels.segments import tempered
-from planewise.spatial import cells, frame_error, search
+from planewise.spatial import cells, frame_error, merging, search
 from planewise.spatial.frame import ErrorTable, frame_of
 from planewise.spatial.frame_error import FrameError
 
@@ -226,9 +226,9 @@ def test_turning_is_the_discord_of_cells_on_a_surface_that_turns(z):
 
 def test_borders_cost_more_the_more_error_drifts():
     white, drifting = (1.0, 2.0, 3.0), (3.0, 2.0, 5.0)
-    assert search._between((white, drifting), 0.0) == white
-    assert search._between((white, drifting), 1.0) == drifting
-    assert search._between((white, drifting), 0.25) == (1.5, 2.0, 3.5)
+    assert merging.between((white, drifting), 0.0) == white
+    assert merging.between((white, drifting), 1.0) == drifting
+    assert merging.between((white, drifting), 0.25) == (1.5, 2.0, 3.5)
 
 
 def test_distortion_forgives_misfit_of_wide_planes():
@@ -259,7 +259,7 @@ def test_steps_that_noise_dithers_are_random():
 
 def test_cells_err_by_more_where_readings_err_across_the_image():
     """Those near edges: the tails of their error are heavier, up to a limit."""
-    tails = [search._tails(FrameError(lateral=lateral)) for lateral in (0.0, 0.2, 0.4, 1.5)]
+    tails = [merging._tails(FrameError(lateral=lateral)) for lateral in (0.0, 0.2, 0.4, 1.5)]
     assert_allclose(tails, [4.0, 3.25, 2.5, 2.5])
     discord = tempered.py_func
     assert np.all(np.diff([discord(100.0, 36.0, each) for each in tails[:3]]) < 0)

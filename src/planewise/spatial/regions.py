@@ -22,6 +22,7 @@ from planewise.partition.regions import Regions
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.labels import (
+    affine_planes,
     misfits,
     pure_information,
     relabelled,
@@ -122,7 +123,7 @@ class _Mover:
         )
         cost = plane_information(3, self.observation.range, self.observation.resolution)
         with self.workspace.stage():
-            found = planes_within(
+            segments, saved, planes = planes_within(
                 part,
                 self.frame.sectors,
                 units[chosen],
@@ -131,9 +132,9 @@ class _Mover:
                 significance,
                 self.workspace,
             )
-        for members, plane, worth in found:
-            mine = np.zeros(len(part.rows) + 1, np.bool_)
-            mine[members] = True
+        for k in planes[np.argsort(-saved[planes], kind="stable")]:
+            mine = np.append(segments.of_unit == k, False)
+            plane, worth = affine_planes(segments.rows[k : k + 1])[0], float(saved[k])
             inside = np.zeros(grid.shape, np.bool_)
             inside[top:bottom, left:right] = mine[part.grid]
             image = inside.repeat(SIDE, axis=0).repeat(SIDE, axis=1)

@@ -14,12 +14,10 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.information import plane_information
-from planewise.kernels import borders, squares
-from planewise.kernels import forms as comparing
-from planewise.kernels import segments as merging
-from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT, SIDE
+from planewise.kernels import borders
+from planewise.kernels import segments as loops
+from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -31,34 +29,23 @@ from planewise.spatial.labels import (
     affine_planes,
     information_matrices,
     label_planes,
-    sector_of_units,
 )
-from planewise.spatial.seams import Neighbours, neighbours
+from planewise.spatial.merging import Border, between, merged
+from planewise.spatial.seams import Neighbours
 from planewise.spatial.segments import Segments
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
-Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it
 
 # Prices where error is white, and where it drifts (`FrameError.drifting`). Of borders: nats per
 # pixel where the surface breaks and where it goes on, and the discord half-way.
-_MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
 _PLANE_COST = 1.0, 3.5  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
 _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
-_FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
-_SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
-_WHOLE = 64.0  # pixels of a cell whose error is its own
-_TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
-_ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
 _OFF = 64.0  # squared offset of a cell against its variance, where error drifts: too far off
 _FEWEST_OFF = 12  # cells side by side that might be a plane of their own
-_SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
-_LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
-_UNIT = 2 * SIDE  # pixels to a side of most units
-_LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
 
 
 @dataclass(frozen=True)
@@ -89,7 +76,7 @@ class Charges:
         plane = price_of_planes(_PLANE_COST, cells.error, sectors, cost)
         (low, high, knee), drifting = _PLANE_BORDER
         white = low, high, knee + cells.error.turning
-        border = _between((white, drifting), cells.error.drifting)
+        border = between((white, drifting), cells.error.drifting)
         return cls(plane, border, cells.error.distorted)
 
     def misfit(self, rows: Array) -> Array:
@@ -164,7 +151,7 @@ def segment(
         return _nothing(frame.w.shape)
     cost = plane_information(3, observation.range, observation.resolution)
     with stage("segments"), workspace.stage():
-        segments, beside = _agglomerate(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
+        segments, beside = merged(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         charges = Charges.of(cells, frame.sectors, cost)
         worth, accepted = _accept(
             cells, frame.sectors, beside, segments, charges, significance, workspace
@@ -200,7 +187,7 @@ def planes_within(
     cost: float,
     significance: float,
     workspace: Workspace,
-) -> list[tuple[NDArray[np.intp], Array, float]]:
+) -> tuple[Segments, Array, NDArray[np.intp]]:
     """Planes that the search finds in a part of a frame, as if nothing else could be joined.
 
     Parameters
@@ -222,34 +209,15 @@ def planes_within(
 
     Returns
     -------
-    list of (units, plane, worth)
-        Units of a plane, its (t0, t1, t2), and what it saves in nats; the best first.
+    Segments
+        Of the units, settled ones among them.
+    ndarray, shape (n,)
+        What each saves in nats; infinite for settled ones.
+    ndarray of int
+        Those inside that are planes.
     """
-    segments, worth, chosen = _within(
-        cells, sectors, inside, settled, cost, significance, workspace
-    )
-    return [
-        (
-            np.flatnonzero(segments.of_unit == k),
-            affine_planes(segments.rows[k : k + 1])[0],
-            float(worth[k]),
-        )
-        for k in chosen[np.argsort(-worth[chosen], kind="stable")]
-    ]
-
-
-def _within(
-    cells: Cells,
-    sectors: Sectors,
-    inside: NDArray[np.bool_],
-    settled: NDArray[np.bool_],
-    cost: float,
-    significance: float,
-    workspace: Workspace,
-) -> tuple[Segments, Array, NDArray[np.intp]]:
-    """Segments of units, what each saves, and those inside that are planes (`planes_within`)."""
     grid = np.where(np.append(inside, False)[cells.grid], cells.grid, np.int32(-1))
-    segments, beside = _agglomerate(cells, sectors, cost, workspace, grid)
+    segments, beside = merged(cells, sectors, cost, workspace, grid)
     charges, beside = Charges.of(cells, sectors, cost), replace(beside, grid=cells.grid)
     worth, accepted = _accept(
         cells, sectors, beside, segments, charges, significance, workspace, settled & ~inside
@@ -280,119 +248,23 @@ def _looked_at_again(
     place[planes] = np.arange(len(planes))
     affine, off = affine_planes(segments.rows[planes]), np.empty(len(cells.rows), np.bool_)
     limit = _OFF / cells.error.drifting
-    far = merging.far_off(cells.rows, cells.drift, segments.of_unit, place, affine, limit, off)
+    far = loops.far_off(cells.rows, cells.drift, segments.of_unit, place, affine, limit, off)
     if far < _FEWEST_OFF:
         return segments, worth, accepted
     piece, boxes = np.empty(len(off), np.int32), np.empty((far // _FEWEST_OFF, 4), np.int64)
-    found = merging.connected(cells.grid, off, _FEWEST_OFF, np.empty(4 * far, int), piece, boxes)
+    found = loops.connected(cells.grid, off, _FEWEST_OFF, np.empty(4 * far, int), piece, boxes)
     settled = accepted[segments.of_unit]
     for number, box in enumerate(boxes[:found].tolist()):
         part, units, _ = cells.cropped(*box)
         inside = piece[units] == number
         with workspace.stage():
-            pieces, saved, chosen = _within(
+            pieces, saved, chosen = planes_within(
                 part, sectors, inside, settled[units], cost, significance, workspace
             )
         if len(chosen):
             segments = segments.divided(pieces, chosen, units, cells.rows)
             worth = np.concatenate((worth, saved[chosen]))
     return segments, worth, np.append(accepted, np.ones(len(worth) - len(accepted), np.bool_))
-
-
-def _agglomerate(
-    cells: Cells,
-    sectors: Sectors,
-    cost: float,
-    workspace: Workspace,
-    grid: NDArray[np.int32] | None = None,
-    meanwhile: Callable[[], None] | None = None,
-) -> tuple[Segments, Neighbours]:
-    """Merge neighbouring cells into segments; those of `grid` only, where it is given.
-
-    Returns which cells are neighbours, too.
-    """
-    grid = cells.grid if grid is None else grid
-    forms = workspace.empty((len(cells.rows), comparing.FORM))
-    comparing.write_forms(cells.rows, cells.drift, forms)
-    right = workspace.empty(cells.squares.shape)
-    below = workspace.empty(cells.squares.shape)
-    comparing.square_discords(cells.squares, forms, right, below)
-    segments = _joined_squares(cells, sectors, grid, forms, right, workspace)
-    discords = workspace.empty((2, *cells.grid.shape))
-    sides = borders.border_discords(
-        cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
-    )
-    beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
-    price, longest = _merge_border(segments.rows, cells.error, cost)
-    ints, floats = merging.room(beside.sides, len(segments.rows))
-    root = np.empty(len(segments.rows), np.int32)
-    with workspace.stage(), threads.beside(meanwhile or _nothing_else):
-        merging.agglomerate(
-            segments.of_cell(beside.grid, workspace),
-            beside.discords,
-            price,
-            segments.rows,
-            segments.forms,
-            segments.drift,
-            segments.offset_prior,
-            segments.slope_prior,
-            segments.home,
-            sectors.turns,
-            beside.wraps,
-            cost,
-            longest,
-            _tails(cells.error),
-            root,
-            workspace.empty(ints, np.int32),
-            workspace.empty(floats),
-        )
-    return segments.kept(root), beside
-
-
-def _joined_squares(
-    cells: Cells,
-    sectors: Sectors,
-    grid: NDArray[np.int32],
-    forms: Array,
-    right: Array,
-    workspace: Workspace,
-) -> Segments:
-    """Units of `grid`, and what squares of them are at once."""
-    count = len(cells.rows)
-    free, drift = workspace.empty(count), workspace.copy(cells.drift)
-    comparing.free_prices(
-        forms,
-        cells.offset_prior,
-        cells.slope_prior,
-        cells.rows[:, COUNT],
-        _FITTED_AWAY,
-        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
-        free,
-    )
-    root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
-    joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
-    left = squares.join_blocks(
-        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS,
-        _tails(cells.error), root, square, *joined,
-    )  # fmt: skip
-    home = np.zeros(left, np.int32)
-    if sectors.count > 1:
-        home = sector_of_units(cells, sectors)[root == np.arange(count)]
-    rows, shapes = workspace.empty((left, SEGMENT)), workspace.empty((left, comparing.FORM))
-    numbers = workspace.empty((3, left))
-    squares.keep_roots(
-        root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
-        cells.slope_prior, rows, shapes, numbers,
-    )  # fmt: skip
-    return Segments(
-        rows=rows,
-        forms=shapes,
-        drift=numbers[0],
-        offset_prior=numbers[1],
-        slope_prior=numbers[2],
-        home=home,
-        of_unit=root,
-    )
 
 
 def price_of_planes(
@@ -405,38 +277,6 @@ def price_of_planes(
     white, drifting = factors
     share = error.drifting if sectors.count == 1 else _AS_DRIFTING
     return sectors.price(white + share * (drifting - white), cost)
-
-
-def _tails(error: FrameError) -> float:
-    """Degrees of freedom of the error of one cell.
-
-    A sensor that errs across the image as well, as one that matches windows does, mixes what is
-    near an edge or a crease: the cells there lie far off their plane.
-    """
-    usual, fewest = _TAILS
-    return usual + min(1.0, error.lateral / _ACROSS) * (fewest - usual)
-
-
-def _between(prices: tuple[Border, Border], drifting: float) -> Border:
-    """Price of borders in a frame whose error drifts, 0 ... 1."""
-    low, high, knee = (a + drifting * (b - a) for a, b in zip(*prices, strict=True))
-    return low, high, knee
-
-
-def _merge_border(segments: Array, error: FrameError, cost: float) -> tuple[Border, float]:
-    """What a merge saves of a border: its price, and the most of it.
-
-    The cells on both sides cost no more if they are free. Where the error drifts, the discord of
-    wide segments stops to grow with them, and so does what their border is worth.
-    """
-    low, high, knee = _between(_MERGE_BORDER, error.drifting)
-    free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
-    price = low, max(low, min(high, 2 * _UNIT * free)), knee
-    return price, _LONGEST * cost / error.drifting if error.drifting else np.inf
-
-
-def _nothing_else() -> None:
-    pass
 
 
 def _accept(

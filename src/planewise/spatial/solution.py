@@ -178,6 +178,7 @@ def judged(
         Make those planes one that turn out to be (`spatial.joining`).
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
+    cost = plane_information(3, *limits)
     planes, labels = len(found.affine), found.labels
     masks: list[MaskCounts] = []
     with threads.beside(lambda: masks.append(mask_of(frame, labels))):
@@ -185,7 +186,6 @@ def judged(
         data = groups.data(found.affine)
         place = None
         if join:
-            cost = plane_information(3, *limits)
             groups, found, data, place = joined(groups, found, data, cost)
         affine, data = refitted(groups, found.affine, data)
     mask = masks[0] if place is None else masks[0].renamed(place)
@@ -198,7 +198,7 @@ def judged(
 
     with threads.beside(correlate):
         error = FrameError() if cells is None else cells.error
-        least = price_of_planes(_LEAST, error, frame.sectors, plane_information(3, *limits))
+        least = price_of_planes(_LEAST, error, frame.sectors, cost)
         pays = _paying(groups, data, mask, *limits, least)
         order = np.lexsort((data.saved, ~pays))
         book = book_of(groups, data, mask, *limits, order)

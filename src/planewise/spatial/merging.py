@@ -1,0 +1,171 @@
+"""Segments from cells: neighbours are merged where they are one plane.
+
+Two become one where the evidence that they are one plane and the border that disappears outweigh
+their discord; squares of cells that clearly are one plane are joined at once before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.kernels import borders, squares
+from planewise.kernels import forms as comparing
+from planewise.kernels import segments as loops
+from planewise.kernels.cells import COUNT, FREE, SEGMENT, SIDE
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells
+from planewise.spatial.frame_error import FrameError
+from planewise.spatial.labels import sector_of_units
+from planewise.spatial.seams import Neighbours, neighbours
+from planewise.spatial.segments import Segments
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it
+
+# Price where error is white, and where it drifts (`FrameError.drifting`): nats per pixel where the
+# surface breaks and where it goes on, and the discord half-way.
+_MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
+_FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
+_SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
+_WHOLE = 64.0  # pixels of a cell whose error is its own
+_TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
+_ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
+_SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
+_LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
+_UNIT = 2 * SIDE  # pixels to a side of most units
+_LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
+
+
+def merged(
+    cells: Cells,
+    sectors: Sectors,
+    cost: float,
+    workspace: Workspace,
+    grid: NDArray[np.int32] | None = None,
+    meanwhile: Callable[[], None] | None = None,
+) -> tuple[Segments, Neighbours]:
+    """Merge neighbouring cells into segments; those of `grid` only, where it is given.
+
+    Returns which cells are neighbours, too.
+    """
+    grid = cells.grid if grid is None else grid
+    forms = workspace.empty((len(cells.rows), comparing.FORM))
+    comparing.write_forms(cells.rows, cells.drift, forms)
+    right = workspace.empty(cells.squares.shape)
+    below = workspace.empty(cells.squares.shape)
+    comparing.square_discords(cells.squares, forms, right, below)
+    tails = _tails(cells.error)
+    segments = _joined_squares(cells, sectors, grid, forms, right, tails, workspace)
+    discords = workspace.empty((2, *cells.grid.shape))
+    sides = borders.border_discords(
+        cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
+    )
+    beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
+    price, longest = _merge_border(segments.rows, cells.error, cost)
+    ints, floats = loops.room(beside.sides, len(segments.rows))
+    root = np.empty(len(segments.rows), np.int32)
+    with workspace.stage(), threads.beside(meanwhile or _nothing_else):
+        loops.agglomerate(
+            segments.of_cell(beside.grid, workspace),
+            beside.discords,
+            price,
+            segments.rows,
+            segments.forms,
+            segments.drift,
+            segments.offset_prior,
+            segments.slope_prior,
+            segments.home,
+            sectors.turns,
+            beside.wraps,
+            cost,
+            longest,
+            tails,
+            root,
+            workspace.empty(ints, np.int32),
+            workspace.empty(floats),
+        )
+    return segments.kept(root), beside
+
+
+def _joined_squares(
+    cells: Cells,
+    sectors: Sectors,
+    grid: NDArray[np.int32],
+    forms: Array,
+    right: Array,
+    tails: float,
+    workspace: Workspace,
+) -> Segments:
+    """Units of `grid`, and what squares of them are at once."""
+    count = len(cells.rows)
+    free, drift = workspace.empty(count), workspace.copy(cells.drift)
+    comparing.free_prices(
+        forms,
+        cells.offset_prior,
+        cells.slope_prior,
+        cells.rows[:, COUNT],
+        _FITTED_AWAY,
+        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
+        free,
+    )
+    root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
+    joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
+    left = squares.join_blocks(
+        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS,
+        tails, root, square, *joined,
+    )  # fmt: skip
+    home = np.zeros(left, np.int32)
+    if sectors.count > 1:
+        home = sector_of_units(cells, sectors)[root == np.arange(count)]
+    rows, shapes = workspace.empty((left, SEGMENT)), workspace.empty((left, comparing.FORM))
+    numbers = workspace.empty((3, left))
+    squares.keep_roots(
+        root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
+        cells.slope_prior, rows, shapes, numbers,
+    )  # fmt: skip
+    return Segments(
+        rows=rows,
+        forms=shapes,
+        drift=numbers[0],
+        offset_prior=numbers[1],
+        slope_prior=numbers[2],
+        home=home,
+        of_unit=root,
+    )
+
+
+def _tails(error: FrameError) -> float:
+    """Degrees of freedom of the error of one cell.
+
+    A sensor that errs across the image as well, as one that matches windows does, mixes what is
+    near an edge or a crease: the cells there lie far off their plane.
+    """
+    usual, fewest = _TAILS
+    return usual + min(1.0, error.lateral / _ACROSS) * (fewest - usual)
+
+
+def _merge_border(segments: Array, error: FrameError, cost: float) -> tuple[Border, float]:
+    """What a merge saves of a border: its price, and the most of it.
+
+    The cells on both sides cost no more if they are free. Where the error drifts, the discord of
+    wide segments stops to grow with them, and so does what their border is worth.
+    """
+    low, high, knee = between(_MERGE_BORDER, error.drifting)
+    free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
+    price = low, max(low, min(high, 2 * _UNIT * free)), knee
+    return price, _LONGEST * cost / error.drifting if error.drifting else np.inf
+
+
+def between(prices: tuple[Border, Border], drifting: float) -> Border:
+    """Price of borders in a frame whose error drifts, 0 ... 1."""
+    low, high, knee = (a + drifting * (b - a) for a, b in zip(*prices, strict=True))
+    return low, high, knee
+
+
+def _nothing_else() -> None:
+    pass
