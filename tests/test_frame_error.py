@@ -168,6 +168,26 @@ def test_error_across_the_image_is_told_by_steep_surfaces(lateral):
     assert_allclose(error.lateral, lateral, rtol=0.3, atol=0.05)
 
 
+@pytest.mark.parametrize("rough", [0.0, 0.4, 0.6])
+def test_planes_are_taken_for_as_rough_as_four_cells_of_five(rough):
+    """A share of a wall errs by 1.5 sigma: quantiles of such a mixture of chi^2."""
+    rng = np.random.default_rng(0)
+    sigma = np.where(np.arange(240)[:, None] < rough * 240, 1.5 * SIGMA, SIGMA)
+    error, _ = told(1 / (0.6 + sigma * rng.standard_normal((240, 320))), FINE)
+    alike = rng.chisquare(SIDE**2 - 3, 100_000)
+    mixed = alike * np.where(np.arange(alike.size) < rough * alike.size, 1.5**2, 1.0)
+    half, most = np.quantile(mixed, (0.5, 0.8)) / np.quantile(alike, (0.5, 0.8))
+    assert_allclose((error.seen, error.white), (half, most), rtol=0.05)
+
+
+def test_edges_are_not_taken_for_noise():
+    """Steps across a third of the cells: no more than twice what half of the cells show."""
+    rng = np.random.default_rng(0)
+    steps = np.where(np.arange(320) // 4 % 5 == 0, 0.1, 0.0)
+    error, _ = told(1 / (0.6 + steps + SIGMA * rng.standard_normal((240, 320))), FINE)
+    assert 1.0 <= error.white <= 2.0 * error.seen
+
+
 @pytest.mark.parametrize("power", [0, 1, 2])
 def test_weighted_means_are_too_small_by_what_the_table_says(power):
     """Readings of a wall at 2 m, a million of them, with sigma = 2 % of 2 m there."""

@@ -8,19 +8,19 @@ import planewise as pw
 from planewise import scenes
 from planewise.spatial import solution
 from planewise.spatial.information import ledger
-from planewise.spatial.joining import _parts
+from planewise.spatial.joining import _parts, _touch
 from tests.test_lidar import CAMERA, SENSOR, room
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
-    """What no longer stands apart lowers Phi; surfaces that do not touch stay, if wanted."""
+    """What no longer stands apart lowers Phi; pieces that do not touch stay, if wanted."""
     ranges, truth = room(CAMERA, np.random.default_rng(seed))
     model = pw.detect_planes(ranges, CAMERA, SENSOR)
     surfaces = pw.detect_planes(ranges, CAMERA, SENSOR, instances=True)
-    monkeypatch.setattr(solution, "joined", lambda *given: (*given[:3], None))
+    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
     apart = pw.detect_planes(ranges, CAMERA, SENSOR)
-    assert len(model) == 6 < len(apart) <= len(surfaces)
+    assert len(model) == 6 <= len(surfaces) < len(apart)
     assert model.information < apart.information - 2 * 3 * np.log(60 / 0.002)
     for label in range(1, 7):
         mine = truth == label
@@ -35,7 +35,7 @@ def test_pieces_of_a_face_in_a_room_are_one_plane(monkeypatch, seed):
     """Every true face has one plane, with no more readings on planes, and Phi is lower."""
     scene = scenes.room(seed)
     model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
-    monkeypatch.setattr(solution, "joined", lambda *given: (*given[:3], None))
+    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
     apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
     assert model.information < apart.information
 
@@ -72,6 +72,55 @@ def test_groups_of_joined_planes_are_those_of_their_labels(monkeypatch):
     monkeypatch.setattr(solution, "judged", judge)
     pw.detect_planes(scene.depth, scene.camera, scene.sensor)
     assert any(left < found for found, left in counts)
+
+
+@pytest.mark.parametrize("seed", [143, 265])
+def test_touching_pieces_of_a_face_are_one_surface(monkeypatch, seed):
+    scene = scenes.room(seed)
+    model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, instances=True)
+    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
+    apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor, instances=True)
+    assert model.information < apart.information
+
+    def touching(found):
+        most = [
+            np.bincount(scene.labels[found.labels == j + 1]).argmax() for j in range(len(found))
+        ]
+        return sum(
+            most[i] == most[j] > 0 and _touch(found.labels, 1, i, j)
+            for i in range(len(found))
+            for j in range(i)
+        )
+
+    assert touching(model) < touching(apart)
+
+
+def test_surfaces_that_do_not_touch_stay_apart():
+    """One wall, and a wall behind a beam whose two parts are one plane or two surfaces."""
+    depth = np.full((240, 320), 2.0)
+    depth[:, 140:180] = 1.2
+    camera = pw.PinholeCamera(fx=260, fy=260, cx=160, cy=120)
+    sensor = pw.Sensor(max_depth=5, noise=0.004)
+    depth += np.random.default_rng(0).normal(0, 0.004, depth.shape)
+    assert len(pw.detect_planes(depth, camera, sensor)) == 2
+    assert len(pw.detect_planes(depth, camera, sensor, instances=True)) == 3
+
+
+@pytest.mark.parametrize("sectors", [1, 2])
+def test_planes_touch_where_pixels_of_one_sector_are_side_by_side(sectors):
+    last = sectors  # of each plane's labels
+    labels = np.zeros((6, 8), np.uint16)
+    labels[:2, :3] = last
+    labels[2:4, 3:6] = sectors + last  # corner to corner with the first
+    labels[5, :3] = 2 * sectors + last
+    assert not _touch(labels, sectors, 0, 1)
+    assert not _touch(labels, sectors, 0, 2)
+    labels[4, 5] = labels[5, 3:6] = 2 * sectors + last
+    assert _touch(labels, sectors, 1, 2)
+    assert _touch(labels, sectors, 2, 1)
+    assert not _touch(labels, sectors, 0, 2)
+    labels[1, 3] = sectors + last
+    assert _touch(labels, sectors, 0, 1)
 
 
 def test_what_saves_most_is_joined_first():

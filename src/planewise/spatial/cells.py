@@ -24,6 +24,7 @@ from planewise.spatial.frame_error import (
     shared_factors,
     walk_and_shared,
     white_of_quiet,
+    white_of_rough,
     white_seen,
 )
 from planewise.workspace import Workspace
@@ -167,8 +168,10 @@ def cells_of(
         if np.count_nonzero(some) > full:
             lone, freedom = together[some], blocks[:, COUNT][some] - 3
     seen = white_seen(lone, freedom, frame.w, frame.p)
-    white = max(seen, 1.0)  # no frame is trusted to err less than a sensor that was measured
-    if seen < 1.0 and not (frame.known or frame.estimated):
+    # In range images, whose cells are wide far off, one of five may well lie across an edge.
+    rough = white_of_rough(seen, lone, freedom) if frame.sectors.count == 1 else seen
+    white = max(rough, 1.0)  # no frame is trusted to err less than a sensor that was measured
+    if rough < 1.0 and not (frame.known or frame.estimated):
         white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)
 
     filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
@@ -252,6 +255,7 @@ def _without_shared_error(
     with workspace.stage():
         errors = workspace.empty((5, len(units)))
         lateral, steep = lateral_variance(units, planes, whole, workspace)
+        lateral *= max(seen, 1.0) / max(white, 1.0)  # of the error of most cells
         frame_error.unit_errors(
             planes,
             count,

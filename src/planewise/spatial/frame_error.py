@@ -30,6 +30,8 @@ _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as i
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
 _FEWEST = 100  # cells, pairs or triples that can tell
+_ROUGH = 0.8, 0.8416  # share of the cells, and of a normal below so many standard deviations
+_ROUGHER = 2.0  # times the white variance of half of them: more is no noise, but edges
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
 _AS_MUCH = 1.3  # times what cells show of an error, blocks of four may show of it if it is white
 _ROUGHEST = 0.1  # of its depth: no sensor's reading errs by more
@@ -127,6 +129,18 @@ def white_seen(misfits: Array, freedom: Array | int, w: Image, p: Image) -> floa
     return factor
 
 
+def white_of_rough(seen: float, misfits: Array, freedom: Array | int) -> float:
+    """White variance against the description where surfaces differ, as dull and shiny ones do.
+
+    A plane must not fall apart where its error is larger than that of most, so it is what four
+    cells of five have: as much as `seen` of half of them where all err alike.
+    """
+    rough = _against_chi2(misfits, freedom, _ROUGH) if misfits.size else seen
+    if rough > _USUAL:
+        return seen
+    return min(max(rough, seen), _ROUGHER * seen)
+
+
 def white_of_quiet(
     seen: float, moments: Array, misfits: Array, table: ErrorTable, resolution: float
 ) -> float:
@@ -150,10 +164,17 @@ def white_of_quiet(
     return min(max(larger, rounding), 1.0)
 
 
-def _against_chi2(misfits: Array, freedom: Array | int) -> float:
-    """Median misfit against that of chi^2 (Wilson and Hilferty)."""
-    ratios = misfits / (freedom * (1 - 2 / (9 * freedom)) ** 3)
-    return float(medians.smallest(ratios, ratios.size // 2, np.empty(ratios.size)))
+def _against_chi2(
+    misfits: Array, freedom: Array | int, quantile: tuple[float, float] = (0.5, 0.0)
+) -> float:
+    """Quantile of misfits against that of chi^2 (Wilson and Hilferty).
+
+    quantile: share of the misfits below it, and where it lies in a standard normal distribution.
+    """
+    share, normal = quantile
+    variance = 2 / (9 * freedom)
+    ratios = misfits / (freedom * (1 - variance + normal * np.sqrt(variance)) ** 3)
+    return float(medians.smallest(ratios, int(share * ratios.size), np.empty(ratios.size)))
 
 
 def lateral_variance(

@@ -103,6 +103,12 @@ def solve(
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
+
+    def judge(cells: Cells | None, found: Segmentation) -> SpatialSolution:
+        return judged(
+            observation, frame, cells, found, workspace, blocks, join=True, instances=instances
+        )
+
     if is_sparse(frame, observation.tame.count):
         with stage("points"):
             found = segment_points(
@@ -114,7 +120,7 @@ def solve(
             )
         with stage("ledger"), workspace.stage():
             blocks.add_up()
-            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
+            return judge(cells, found)
     white = cells is not None and cells.bends_more_than_told
     todo = [blocks.add_up]
 
@@ -136,7 +142,7 @@ def solve(
         )
         with stage("ledger"), workspace.stage():
             meanwhile()  # where there was nothing to segment
-            return judged(observation, frame, cells, found, workspace, blocks, join=not instances)
+            return judge(cells, found)
 
     first = look(cells)
     if cells is None or not white:
@@ -161,6 +167,7 @@ def judged(
     blocks: Blocks | None = None,
     *,
     join: bool = False,
+    instances: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -175,7 +182,9 @@ def judged(
     blocks : Blocks, optional
         Of the frame, if they were added up before.
     join : bool
-        Make those planes one that turn out to be (`spatial.joining`).
+        Make those planes one that turn out to be (`spatial.joining`) ...
+    instances : bool
+        ... if they touch.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     cost = plane_information(3, *limits)
@@ -186,7 +195,7 @@ def judged(
         data = groups.data(found.affine)
         place = None
         if join:
-            groups, found, data, place = joined(groups, found, data, cost)
+            groups, found, data, place = joined(groups, found, data, cost, touching=instances)
         affine, data = refitted(groups, found.affine, data)
     mask = masks[0] if place is None else masks[0].renamed(place)
     correlation: list[Array] = []
