@@ -27,6 +27,7 @@ from planewise import scenes, threads
 
 SIZES = ((320, 240), (640, 480), (1280, 720), (1920, 1080), (3840, 2160))
 _VGA = 1  # place of 640 x 480
+_TIMES = 10  # that a stream goes through all rooms
 _QUICK_SIZES = 4
 
 
@@ -134,6 +135,14 @@ def cores(settings: Settings) -> Iterator[Row]:
                 partial(two, frame.depth), partial(one, frame.depth), rounds
             )
         yield row(f"{name}, one core / two", RATIO, before / after, must=bound, large=True)
+    two, one = (pw.Detector(frame.camera, frame.sensor, threads=count) for count in (2, 1))
+    recording = [each.depth for each in settings.rooms] * _TIMES
+    with all_cores():
+        after, before = interleaved(
+            lambda: list(two.stream(recording)), lambda: list(map(one, recording)), settings.few
+        )
+    name = f"{len(recording)} frames, one core / two by Detector.stream"
+    yield row(name, RATIO, before / after, must=1.3, large=True)
 
 
 def held(settings: Settings) -> Iterator[Row]:

@@ -1,6 +1,7 @@
 """Helpers beside the calling thread: what they do, and that their errors are not lost."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -102,3 +103,100 @@ def test_detectors_in_several_threads_do_not_disturb_each_other():
     for n, labels in enumerate(expected):
         for each in found[n]:
             assert_array_equal(each, labels)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_results_come_in_the_order_of_the_items(count):
+    at_work, most, lock = set(), [], threading.Lock()
+
+    def worker(number):
+        def work(item):
+            with lock:
+                assert number not in at_work  # one item at a time
+                at_work.add(number)
+                most.append(len(at_work))
+            time.sleep(0.002 * (item % 3))  # some take longer than those behind them
+            with lock:
+                at_work.remove(number)
+            return item * item
+
+        return work
+
+    results = threads.in_order([worker(n) for n in range(count)], iter(range(20)))
+    assert list(results) == [n * n for n in range(20)]
+    assert max(most) == count
+    assert list(threads.in_order([worker(0)], [])) == []
+
+
+def test_items_are_taken_as_results_are():
+    taken = []
+
+    def items():
+        for n in range(100):
+            taken.append(n)
+            yield n
+
+    results = threads.in_order([lambda n: n] * 2, items())
+    assert next(results) == 0
+    assert taken == [0]  # which is done alone
+    assert next(results) == 1
+    assert taken == [0, 1, 2, 3]
+    results.close()
+    assert len(taken) == 4
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_an_error_comes_in_its_place_and_ends_the_work(count):
+    def fail(item):
+        if item == 3:
+            raise ValueError("the fourth")
+        return item
+
+    results = threads.in_order([fail] * count, range(1000))
+    assert [next(results) for _ in range(3)] == [0, 1, 2]
+    with pytest.raises(ValueError, match="the fourth"):
+        next(results)
+    assert list(results) == []
+
+
+def same(one, other):
+    assert_array_equal(one.labels, other.labels)
+    assert one.information == other.information
+    for plane, same_plane in zip(one.planes, other.planes, strict=True):
+        assert_array_equal(plane.normal, same_plane.normal)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_a_stream_gives_what_calls_give(count):
+    rooms = [scenes.room(seed, size=(120, 160)) for seed in range(5)]
+    camera, sensor = rooms[0].camera, rooms[0].sensor
+    detector = pw.Detector(camera, sensor, threads=count)
+    models = list(detector.stream(room.depth for room in rooms))
+    assert len(models) == len(rooms)
+    for room, model in zip(rooms, models, strict=True):
+        same(model, pw.detect_planes(room.depth, camera, sensor, threads=1))
+    same(models[0], detector(rooms[0].depth))  # it still serves
+
+
+def test_a_stream_draws_random_numbers_frame_by_frame():
+    room = scenes.room(0, size=(60, 80))
+
+    def detector():
+        rng = np.random.default_rng(5)
+        return pw.Detector(room.camera, room.sensor, search="sequential", rng=rng, threads=3)
+
+    models, one_by_one = detector().stream([room.depth] * 3), detector()
+    for model in models:
+        same(model, one_by_one(room.depth))
+
+
+def test_a_stream_names_what_is_wrong():
+    room = scenes.room(0, size=(60, 80))
+    detector = pw.Detector(room.camera, room.sensor, threads=2)
+    models = detector.stream([room.depth, room.depth, np.full((60, 80), -1.0)])
+    assert len([next(models), next(models)]) == 2
+    with pytest.raises(ValueError, match="negative"):
+        next(models)
+    parts = pw.Detector(room.camera, room.sensor, partition="blocks", threads=2)
+    with pytest.raises(ValueError, match="without a partition"):
+        parts.stream([room.depth])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+from copy import copy
+from dataclasses import replace
 from typing import Any, Literal
 
 from numpy.typing import ArrayLike
@@ -17,6 +20,7 @@ from planewise.point_observation import checked_points, observe_points
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
+from planewise.threads import available, in_order
 from planewise.workspace import Workspace
 
 
@@ -240,6 +244,52 @@ class Detector:
                     workspace=self._workspace,
                 )
             return frame, find(frame, self.options, self._workspace, rgb=rgb)
+
+    def stream(self, frames: Iterable[ArrayLike]) -> Iterator[PlaneModel]:
+        """Detect the planes of one frame after another, several of them side by side.
+
+        A frame takes as long as with one thread, but `threads` of them are under way at once: more
+        frames a second than by calling the detector, whose threads share the work on one frame.
+        For recordings, and for cameras that are faster than one frame is done.
+
+        Parameters
+        ----------
+        frames : iterable of array_like, shape (H, W)
+            As in `detect_planes`. Up to ``threads + 1`` are taken ahead of the model that is waited
+            for, and none may change before its model is there.
+
+        Yields
+        ------
+        PlaneModel
+            Of every frame in turn, the same as by calling the detector.
+
+        Raises
+        ------
+        ValueError
+            In the place of a malformed frame, and at once where the detector has a partition, which
+            is asked about one frame and its picture at a time.
+
+        Examples
+        --------
+        >>> import numpy as np, planewise as pw
+        >>> camera = pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24)
+        >>> detector = pw.Detector(camera, pw.Sensor(noise=0.01), threads=2)
+        >>> recording = [np.full((48, 64), depth) for depth in (2.0, 2.5, 3.0)]
+        >>> [round(model.planes[0].distance, 2) for model in detector.stream(recording)]
+        [2.0, 2.5, 3.0]
+        """
+        if self.options.partition is not None:
+            raise ValueError("a stream is for detectors without a partition; call this one instead")
+        count = self.options.threads or available()
+        if count == 1 or not isinstance(self.options.rng, int):  # frames draw one after another
+            return in_order([self], frames)
+        return in_order([self._with_one_thread() for _ in range(count)], frames)
+
+    def _with_one_thread(self) -> Detector:
+        """Return a detector with the same options but memory of its own."""
+        worker = copy(self)
+        worker.options = replace(self.options, threads=1)
+        return worker
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: each for name, each in self.__dict__.items() if name != "_workspace"}

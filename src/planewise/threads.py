@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Callable, Iterator
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 
 _ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
 
@@ -142,3 +151,43 @@ def halves(work: Callable[[int, int], None], size: int, step: int = 1) -> None:
     middle = size // 2 // step * step
     with beside(lambda: work(middle, size)):
         work(0, middle)
+
+
+def in_order(
+    workers: Sequence[Callable[[Item], Result]], items: Iterable[Item]
+) -> Iterator[Result]:
+    """Results of items in their order, by workers that each do one at a time, all side by side.
+
+    The first is done alone, for what it prepares serves the others. At most one item more is taken
+    than there are workers, and none once a result was an error, which is raised in its place.
+    """
+    if len(workers) == 1:
+        yield from map(workers[0], items)
+        return
+    from concurrent.futures import ThreadPoolExecutor  # whose import few have to wait for
+
+    idle: SimpleQueue[Callable[[Item], Result]] = SimpleQueue()
+    for worker in workers:
+        idle.put(worker)
+
+    def work(item: Item) -> Result:
+        worker = idle.get()
+        try:
+            return worker(item)
+        finally:
+            idle.put(worker)
+
+    under_way: deque[Future[Result]] = deque()
+    pool = ThreadPoolExecutor(len(workers), "planewise")
+    try:
+        for number, item in enumerate(items):
+            if number == 0:
+                yield work(item)
+                continue
+            under_way.append(pool.submit(work, item))
+            if len(under_way) > len(workers):
+                yield under_way.popleft().result()
+        while under_way:
+            yield under_way.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
