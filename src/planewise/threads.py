@@ -8,8 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from itertools import pairwise
-from queue import SimpleQueue
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -164,7 +163,9 @@ def in_order(
     if len(workers) == 1:
         yield from map(workers[0], items)
         return
-    from concurrent.futures import ThreadPoolExecutor  # whose import few have to wait for
+    # Few have to wait for these imports.
+    from concurrent.futures import ThreadPoolExecutor
+    from queue import SimpleQueue
 
     idle: SimpleQueue[Callable[[Item], Result]] = SimpleQueue()
     for worker in workers:
@@ -179,11 +180,10 @@ def in_order(
 
     under_way: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(len(workers), "planewise")
+    items = iter(items)
     try:
-        for number, item in enumerate(items):
-            if number == 0:
-                yield work(item)
-                continue
+        yield from map(work, islice(items, 1))
+        for item in items:
             under_way.append(pool.submit(work, item))
             if len(under_way) > len(workers):
                 yield under_way.popleft().result()

@@ -130,7 +130,7 @@ def white_seen(misfits: Array, freedom: Array | int, w: Image, p: Image) -> floa
 
 
 def white_of_rough(seen: float, misfits: Array, freedom: Array | int) -> float:
-    """White variance against the description where surfaces differ, as dull and shiny ones do.
+    """White variance against the description where cells err more differently than chi^2 does.
 
     A plane must not fall apart where its error is larger than that of most, so it is what four
     cells of five have: as much as `seen` of half of them where all err alike.
