@@ -192,6 +192,24 @@ def test_unusual_clouds(tmp_path, out, name):
     assert "Traceback" not in text + errors
 
 
+def test_digits_that_a_file_has_lost_are_told(tmp_path, out):
+    place = np.random.default_rng(0).uniform(0, 4, (2000, 3)) + np.array((500_000, 5_000_000, 100))
+    place[0, 1] = 5_000_000.5  # one may lie on a step
+    clouds = {
+        "kept": place,
+        "lost": place.astype(np.float32),
+        "lost earlier": place.astype(np.float32).astype(np.float64),
+        "whole metres": np.round(place).astype(np.float32),  # nothing was lost of them
+        "near": (place - (500_000, 5_000_000, 0)).astype(np.float32),
+    }
+    for name, points in clouds.items():
+        np.save(tmp_path / "a.npy", points)
+        code, _, errors = run("points", tmp_path / "a.npy", "--sigma", SIGMA, "-o", out)
+        assert code == 0
+        assert ("were rounded to" in errors) == ("lost" in name), name
+        assert ("to 0.5 m by numbers of 32 bits" in errors) == ("lost" in name), name
+
+
 BAD = {
     "sigma of words": (("--sigma", "small"), "or 'auto', got 'small'"),
     "sigma zero": (("--sigma", 0), "sigma"),

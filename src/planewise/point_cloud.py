@@ -25,6 +25,7 @@ BLOCK = 1_000_000
 
 _FAR = 10_000.0  # metres from which a coordinate gets an offset
 _STEP = 100.0  # offsets are multiples of it
+_SAMPLE = 10_000  # points that tell to what step all were rounded
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
@@ -91,6 +92,33 @@ class PointCloud:
     def finite(self) -> NDArray[np.bool_]:
         """Which rows are readings, shape (k,)."""
         return np.asarray(np.isfinite(self.points).all(axis=1))
+
+    @property
+    def rounding(self) -> float:
+        """Step in metres to which numbers of 32 bits rounded far coordinates; 0 if they did not.
+
+        That of the axis where it is largest. Points may be of 64 bits by now: what was rounded are
+        multiples of the step, some of them odd ones.
+
+        Examples
+        --------
+        >>> place = np.random.default_rng(0).uniform(0, 5, (100, 3)) + (0, 5_000_000, 0)
+        >>> PointCloud(points=place).rounding, PointCloud(points=place.astype(np.float32)).rounding
+        (0.0, 0.5)
+        """
+        some = self.points[:: len(self) // _SAMPLE + 1].astype(np.float64)
+        some = some[np.isfinite(some).all(axis=1)] + self.offset
+        largest = 0.0
+        for coordinate in some.T if len(some) else ():
+            nearest = np.abs(coordinate).min()
+            if not _FAR <= nearest <= np.finfo(np.float32).max:
+                continue
+            # The step of binary fractions is finest where they are least.
+            step = float(np.spacing(np.float32(nearest)))
+            multiple = coordinate / step
+            if (multiple % 1 == 0).all() and (multiple % 2 == 1).any():
+                largest = max(largest, step)
+        return largest
 
 
 @dataclass(frozen=True, kw_only=True)

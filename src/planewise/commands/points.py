@@ -114,6 +114,12 @@ def points(
         with output_folder(output) as folder:
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
+            if step := read.rounding:
+                terminal.warning(
+                    f"coordinates of {cloud.name} were rounded to {step:.3g} m by numbers of 32 "
+                    "bits, and planes may be of these steps: write it with 64 bits, or with "
+                    "coordinates less an offset"
+                )
             stood = None if origin is None else _origin(place, read, memory)
             sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=noise)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
