@@ -39,7 +39,8 @@ class Options:
         images and points in space, joint search), or the paper's objective. ``None`` means the
         first where it can be had, else the second.
     instances : bool
-        Keep coplanar surfaces that do not touch apart (spatial objective).
+        Tell surfaces of one plane that do not touch apart (spatial objective): each is a plane of
+        its own, with the parameters that they share.
     significance : float
         Nats that a plane has to save beyond its parameters and its border (spatial objective): the
         larger, the fewer planes.

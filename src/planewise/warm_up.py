@@ -87,7 +87,7 @@ def later_stages() -> None:
         home=np.zeros(2, np.int32),
         of_unit=of_unit,
     )
-    join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors, False)
+    join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors)
     _surfaces(rows)
 
 

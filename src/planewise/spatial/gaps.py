@@ -20,9 +20,8 @@ def join_through_gaps(
     worth: Array,
     accepted: NDArray[np.bool_],
     sectors: Sectors,
-    instances: bool,
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
-    """Join segments of one plane that do not touch, unless they are `instances`.
+    """Join segments of one plane that do not touch.
 
     First accepted ones, then what is left over and saves anything as part of one of those planes.
     Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
@@ -30,7 +29,7 @@ def join_through_gaps(
     order = np.argsort(-worth, kind="stable")
     paid = accepted[order]
     chosen, rest = order[paid], order[~paid & (worth[order] > 0.0)]
-    if instances or not len(chosen):
+    if not len(chosen):
         rows = sectors.everywhere(segments.rows[chosen], segments.home[chosen])
         return chosen, np.arange(len(chosen)), rows
     every = np.concatenate((chosen, rest))

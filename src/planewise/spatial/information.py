@@ -45,7 +45,7 @@ Array = NDArray[np.float64]
 
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
-_MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
+MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
 
 @dataclass(frozen=True)
@@ -214,8 +214,8 @@ def information_of_rows(
         raise ValueError("planes: one passes through the sensor, which sees nothing of it")
     frame = tame_frame(observation)
     sectors, size = frame.sectors, observation.pixel_size
-    if len(rows) * sectors.count > _MOST_LABELS:
-        raise ValueError(f"planes: at most {_MOST_LABELS // sectors.count} are told apart")
+    if len(rows) * sectors.count > MOST_LABELS:
+        raise ValueError(f"planes: at most {MOST_LABELS // sectors.count} are told apart")
     image = np.zeros(observation.shape, np.int64)
     image.reshape(-1)[observation.index] = marks
     affine = sectors.affine(-rows[:, :3] / rows[:, 3:])

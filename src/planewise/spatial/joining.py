@@ -24,7 +24,7 @@ _FAR = 40.0  # times its parameters, by the information on it: no plane is anoth
 
 
 def joined(
-    groups: Groups, found: Segmentation, data: GroupData, price: float, *, touching: bool = False
+    groups: Groups, found: Segmentation, data: GroupData, price: float
 ) -> tuple[Groups, Segmentation, GroupData, NDArray[np.uint16] | None]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
@@ -38,8 +38,6 @@ def joined(
         Of the groups on these planes.
     price : float
         Nats that the readings of a plane have to be shorter on it than on the nearest other.
-    touching : bool
-        Only planes that have pixels side by side: others are surfaces of their own.
 
     Returns
     -------
@@ -60,10 +58,6 @@ def joined(
     more = np.full((planes, planes), np.inf)
     elsewhere = _worth_on(groups, found.affine, near, nearest[near])
     more[near, nearest[near]] = elsewhere - data.worth[near] - price
-    if touching:
-        for pair in np.argwhere(more < 0.0):
-            if not _touch(found.labels, count, *pair):
-                more[tuple(pair)] = np.inf
     if more.min() >= 0.0:
         return groups, found, data, None
     alive, part = np.unique(_parts(more), return_inverse=True)
@@ -85,16 +79,6 @@ def joined(
     )
     groups = replace(groups, readings=readings)
     return groups, one, groups.data(one.affine), place
-
-
-def _touch(labels: NDArray[np.uint16], count: int, one: int, other: int) -> bool:
-    """Whether two planes have pixels side by side in any of `count` sectors."""
-    for k in range(1, count + 1):
-        a, b = labels == one * count + k, labels == other * count + k
-        across = (a[:, 1:] & b[:, :-1]) | (b[:, 1:] & a[:, :-1])
-        if across.any() or ((a[1:] & b[:-1]) | (b[1:] & a[:-1])).any():
-            return True
-    return False
 
 
 def _worth_on(

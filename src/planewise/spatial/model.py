@@ -38,7 +38,7 @@ def spatial_model(
     observation : RayObservation
         Of a depth image.
     instances : bool
-        Keep coplanar surfaces that do not touch apart.
+        Tell surfaces of one plane that do not touch apart.
     max_planes : int
         Largest number of planes.
     significance : float
@@ -74,7 +74,6 @@ def spatial_model(
         observation,
         frame,
         cells,
-        instances=instances,
         max_planes=max_planes,
         significance=significance,
         workspace=workspace,
@@ -85,8 +84,17 @@ def spatial_model(
 
         with stage("regions"):
             solution = with_regions(
-                observation, frame, cells, solution, regions, instances=instances,
-                max_planes=max_planes, significance=significance, workspace=workspace,
+                observation, frame, cells, solution, regions, max_planes=max_planes,
+                significance=significance, workspace=workspace,
+            )  # fmt: skip
+    if instances:
+        # Its compiled loops are loaded only where they are used.
+        from planewise.spatial.instances import told_apart
+
+        with stage("instances"):
+            solution = told_apart(
+                observation, frame, cells, solution, max_planes=max_planes,
+                significance=significance, workspace=workspace,
             )  # fmt: skip
     found, book, best = solution.found, solution.book, solution.best
     order = book.order[:best]

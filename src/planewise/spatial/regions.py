@@ -46,7 +46,6 @@ def with_regions(
     solution: SpatialSolution,
     regions: Regions,
     *,
-    instances: bool,
     max_planes: int,
     significance: float,
     workspace: Workspace,
@@ -61,8 +60,6 @@ def with_regions(
         What the search has found.
     regions : Regions
         Of the frame; the remainder is one, too.
-    instances : bool
-        Do not make what a region suggests part of a plane that is there.
     max_planes : int
         Largest number of planes.
     significance : float
@@ -85,7 +82,7 @@ def with_regions(
         off = misfits(frame, cells, now.affine, now.found.labels, at) > _UNEXPLAINED
         for pixels, plane, worth in mover.planes_in(inside & off, ~off, significance):
             trials = [mover.added(now, pixels, plane, worth)]
-            if not instances and len(now.affine):
+            if len(now.affine):
                 trials.append(mover.given(now, pixels))
             for trial in trials:
                 if trial.best <= max_planes and trial.information < now.information - _LEAST:

@@ -117,7 +117,6 @@ def segment(
     frame: Frame,
     cells: Cells | None,
     *,
-    instances: bool = False,
     max_planes: int | None = None,
     significance: float = 0.0,
     workspace: Workspace | None = None,
@@ -131,8 +130,6 @@ def segment(
         Of a depth image.
     frame, cells
         The same readings as images, and their cells.
-    instances : bool
-        Do not join coplanar segments seen through gaps: each is a surface of its own.
     max_planes : int, optional
         Keep the most significant ones only.
     significance : float
@@ -160,9 +157,7 @@ def segment(
             segments, worth, accepted = _looked_at_again(
                 cells, frame.sectors, segments, worth, accepted, cost, significance, workspace
             )
-        chosen, owner, planes = join_through_gaps(
-            segments, worth, accepted, frame.sectors, instances
-        )
+        chosen, owner, planes = join_through_gaps(segments, worth, accepted, frame.sectors)
         worth = worth[chosen]
     count = planes.shape[1]
     left_out = 0 if max_planes is None else max(0, count - max_planes)

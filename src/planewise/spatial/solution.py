@@ -35,7 +35,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _BENDS = 0.5  # correlation of residuals of cells side by side
-_LEAST = 4.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
+_LEAST = 3.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 
 
@@ -84,7 +84,6 @@ def solve(
     frame: Frame,
     cells: Cells | None,
     *,
-    instances: bool,
     max_planes: int,
     significance: float,
     workspace: Workspace,
@@ -99,22 +98,19 @@ def solve(
 
     Parameters
     ----------
-    observation, frame, cells, instances, max_planes, significance, workspace
+    observation, frame, cells, max_planes, significance, workspace
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
 
     def judge(cells: Cells | None, found: Segmentation) -> SpatialSolution:
-        return judged(
-            observation, frame, cells, found, workspace, blocks, join=True, instances=instances
-        )
+        return judged(observation, frame, cells, found, workspace, blocks, join=True)
 
     if is_sparse(frame, observation.tame.count):
         with stage("points"):
             found = segment_points(
                 observation,
                 frame,
-                instances=instances,
                 max_planes=max_planes,
                 significance=significance,
             )
@@ -134,7 +130,6 @@ def solve(
             observation,
             frame,
             cells,
-            instances=instances,
             max_planes=max_planes,
             significance=significance,
             workspace=workspace,
@@ -167,7 +162,7 @@ def judged(
     blocks: Blocks | None = None,
     *,
     join: bool = False,
-    instances: bool = False,
+    refit: bool = True,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -182,9 +177,9 @@ def judged(
     blocks : Blocks, optional
         Of the frame, if they were added up before.
     join : bool
-        Make those planes one that turn out to be (`spatial.joining`) ...
-    instances : bool
-        ... if they touch.
+        Make those planes one that turn out to be (`spatial.joining`).
+    refit : bool
+        Do refit them.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     cost = plane_information(3, *limits)
@@ -195,8 +190,10 @@ def judged(
         data = groups.data(found.affine)
         place = None
         if join:
-            groups, found, data, place = joined(groups, found, data, cost, touching=instances)
-        affine, data = refitted(groups, found.affine, data)
+            groups, found, data, place = joined(groups, found, data, cost)
+        affine = found.affine
+        if refit:
+            affine, data = refitted(groups, affine, data)
     mask = masks[0] if place is None else masks[0].renamed(place)
     correlation: list[Array] = []
 

@@ -27,16 +27,24 @@ def is_sparse(frame: Frame, readings: int) -> bool:
     ):
         return False
     there = frame.p > 0
+    return _usual(there) <= _MOST
+
+
+def usual_share(frame: Frame) -> float:
+    """Share of the pixels that have a reading, in the median cell that has any."""
+    return _usual(frame.sectors.image(frame.p) > 0) / _CELL**2
+
+
+def _usual(there: NDArray[np.bool_]) -> int:
     rows, columns = (n // _CELL for n in there.shape)
     cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
-    return usual_count(cells.sum(axis=(1, 3))) <= _MOST
+    return usual_count(cells.sum(axis=(1, 3)))
 
 
 def segment_points(
     observation: RayObservation,
     frame: Frame,
     *,
-    instances: bool,
     max_planes: int,
     significance: float,
 ) -> Segmentation:
@@ -46,7 +54,7 @@ def segment_points(
     ----------
     observation, frame
         The readings, of a pinhole camera.
-    instances, max_planes, significance
+    max_planes, significance
         As `spatial.search.segment` takes them.
     """
     # Its compiled loops are loaded only where they are used.
@@ -60,7 +68,7 @@ def segment_points(
         readings.sensor,
         along,
         np.zeros(3),
-        instances=instances,
+        instances=False,
         max_planes=readings.count,
         significance=significance,
         settings={},
