@@ -29,7 +29,7 @@ def label_pieces(labels, reach, wraps, parent, label, out):  # type: ignore[no-u
     int32: room to work in. Writes label (most,): of every piece, and out (H, W): pieces, 0 where
     labels are. Returns how many there are; more than `most` are left out.
 
-    Only pixels whose neighbour to the right or below has another label look farther: from another
+    Only pixels whose neighbour to the left or above has another label look farther: from another
     one, one of these two is nearer to what they reach.
     """
     height, width = labels.shape
@@ -41,15 +41,16 @@ def label_pieces(labels, reach, wraps, parent, label, out):  # type: ignore[no-u
             if mine == 0:
                 continue
             at = i * width + j
-            right = j + 1 if j + 1 < width or not wraps else 0
-            inner = right < width and labels[i, right] == mine
-            inner &= i + 1 < height and labels[i + 1, j] == mine
-            if inner:
-                _unite(parent, at, i * width + right)
-                _unite(parent, at, at + width)
+            if i > 0 and j > 0 and labels[i, j - 1] == mine and labels[i - 1, j] == mine:
+                if parent[at] == at:
+                    parent[at] = _root(parent, at - 1)
+                else:  # across the end of the row
+                    _unite(parent, at, at - 1)
+                if labels[i - 1, j - 1] != mine:
+                    _unite(parent, at, at - width)
                 continue
-            for row in range(i, min(i + reach + 1, height)):
-                for step in range(1 if row == i else -reach, reach + 1):
+            for row in range(max(i - reach, 0), i + 1):
+                for step in range(-reach, 0 if row == i else reach + 1):
                     column = j + step
                     if wraps:
                         column %= width
