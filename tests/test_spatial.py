@@ -259,3 +259,17 @@ def test_a_board_with_blurred_edges_is_no_part_of_the_wall_behind(monkeypatch, s
     count, wall, inner = planes()
     assert count == 1
     assert np.mean(inner == wall) > 0.9
+
+
+@pytest.mark.parametrize("upright", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_a_row_of_pixels_tells_no_plane(seed, upright):
+    """Cells at the end of the image that hold one row or column alone have none."""
+    depth = np.random.default_rng(seed).normal(2, 0.004, (7, 64))
+    centre = 32.0, 3.5
+    if upright:
+        depth, centre = depth.T, centre[::-1]
+    camera = pw.PinholeCamera(fx=57.6, fy=57.6, cx=centre[0], cy=centre[1])
+    model = detect(depth, camera)
+    assert len(model) == 1
+    assert np.isfinite(model.information)

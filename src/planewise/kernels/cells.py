@@ -23,7 +23,7 @@ MOMENTS = 11
 COUNT, PRODUCT = 10, 11  # entries of a row of moments
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
-LINE = 0.01  # 1 - r^2 of the coordinates of readings that tell no plane
+LINE = 0.01  # 1 - r^2, or a variance in pixels^2, of the coordinates of readings in a line
 _BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `unit_planes` tells of a unit
 
@@ -268,9 +268,10 @@ def _own_plane(m):  # type: ignore[no-untyped-def]
 
 @internal
 def _is_spread(m):  # type: ignore[no-untyped-def]
-    """Whether readings are not all but in a line: few may be."""
+    """Whether readings are not all but in a line: few may be, or those of one row of pixels."""
     xx, xy, yy = m[0] * m[3] - m[1] * m[1], m[0] * m[4] - m[1] * m[2], m[0] * m[5] - m[2] * m[2]
-    return xx * yy - xy * xy > LINE * xx * yy
+    pixel = m[0] * m[0] / (UNIT * UNIT)
+    return min(xx, yy) > LINE * pixel and xx * yy - xy * xy > LINE * xx * yy
 
 
 @compiled
