@@ -6,6 +6,7 @@ import numpy as np
 
 from planewise.kernels.cloud_keys import middle_of
 from planewise.kernels.jit import compiled, in_order, inlined
+from planewise.kernels.roots import root_of
 
 _BLOCK = 8  # occupied cells of three by three that make a piece wide
 _BRIDGE = 5  # cells of a narrow piece that joins two wide ones
@@ -89,14 +90,6 @@ def relabel(  # type: ignore[no-untyped-def]
                 out[i] = new[j] + grid[cell] - 1
 
 
-@inlined
-def _root(parent, k):  # type: ignore[no-untyped-def]
-    while parent[k] != k:
-        parent[k] = parent[parent[k]]
-        k = parent[k]
-    return k
-
-
 @in_order
 def pieces(grid, height, width):  # type: ignore[no-untyped-def]
     """Number the pieces of a plane: occupied cells that touch. Returns how many there are.
@@ -122,7 +115,7 @@ def pieces(grid, height, width):  # type: ignore[no-untyped-def]
                 other = grid[cell + dy * width + dx]
                 if other == 0:
                     continue
-                other = _root(parent, other)
+                other = root_of(parent, other)
                 if mine == 0:
                     mine = other
                 elif other != mine:
@@ -136,7 +129,7 @@ def pieces(grid, height, width):  # type: ignore[no-untyped-def]
     size, wide = np.zeros(found + 1, np.int64), np.zeros(found + 1, np.bool_)
     for cell in range(grid.size):
         if grid[cell] > 0:
-            grid[cell] = _root(parent, grid[cell])
+            grid[cell] = root_of(parent, grid[cell])
             size[grid[cell]] += 1
     for y in range(1, height - 1):
         for x in range(1, width - 1):
@@ -174,17 +167,17 @@ def pieces(grid, height, width):  # type: ignore[no-untyped-def]
                             other = near[other]
                             if other == 0:
                                 continue
-                        other = _root(parent, other)
+                        other = root_of(parent, other)
                         if near[mine] == 0:
                             near[mine] = other
                             changed = True
-                        elif size[mine] >= _BRIDGE and _root(parent, near[mine]) != other:
-                            one = _root(parent, near[mine])
+                        elif size[mine] >= _BRIDGE and root_of(parent, near[mine]) != other:
+                            one = root_of(parent, near[mine])
                             parent[max(one, other)] = min(one, other)
                             changed = True
     total = np.zeros(found + 1, np.int64)
     for k in range(1, found + 1):
-        root = _root(parent, k) if wide[k] else _root(parent, near[k]) if near[k] > 0 else 0
+        root = root_of(parent, k) if wide[k] else root_of(parent, near[k]) if near[k] > 0 else 0
         total[root] += size[k]
     number, seeds = np.zeros(found + 1, np.int32), 0
     for k in np.argsort(-total, kind="mergesort"):
@@ -195,5 +188,5 @@ def pieces(grid, height, width):  # type: ignore[no-untyped-def]
         mine = grid[cell]
         if mine > 0:
             root = mine if wide[mine] else near[mine]
-            grid[cell] = number[_root(parent, root)] if root > 0 else 1
+            grid[cell] = number[root_of(parent, root)] if root > 0 else 1
     return seeds

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from planewise.kernels.jit import compiled, internal
-
-
-@internal
-def _root(parent, pixel):  # type: ignore[no-untyped-def]
-    """First pixel of a piece, the way to which is halved."""
-    while parent[pixel] != pixel:
-        parent[pixel] = parent[parent[pixel]]
-        pixel = parent[pixel]
-    return pixel
+from planewise.kernels.roots import root_of
 
 
 @internal
 def _unite(parent, one, other):  # type: ignore[no-untyped-def]
-    one, other = _root(parent, one), _root(parent, other)
+    one, other = root_of(parent, one), root_of(parent, other)
     parent[max(one, other)] = min(one, other)
 
 
@@ -43,7 +35,7 @@ def label_pieces(labels, reach, wraps, parent, label, out):  # type: ignore[no-u
             at = i * width + j
             if i > 0 and j > 0 and labels[i, j - 1] == mine and labels[i - 1, j] == mine:
                 if parent[at] == at:
-                    parent[at] = _root(parent, at - 1)
+                    parent[at] = root_of(parent, at - 1)
                 else:  # across the end of the row
                     _unite(parent, at, at - 1)
                 if labels[i - 1, j - 1] != mine:
@@ -63,7 +55,7 @@ def label_pieces(labels, reach, wraps, parent, label, out):  # type: ignore[no-u
             if labels[i, j] == 0:
                 continue
             at = i * width + j
-            first = _root(parent, at)
+            first = root_of(parent, at)
             if first == at:
                 if found < label.size:
                     label[found] = labels[i, j]
