@@ -45,9 +45,9 @@ def pieces_by_distance(labels, reach, wraps):
         if wraps:
             across = np.minimum(across, labels.shape[1] - across)
         near = np.maximum(np.abs(y[:, None] - y), across) <= reach
-        for part in range(connected_components(near)[0]):
-            mine = connected_components(near)[1] == part
-            found.append((label, (y * labels.shape[1] + x)[mine]))
+        parts, part_of = connected_components(near)
+        pixels = y * labels.shape[1] + x
+        found.extend((label, pixels[part_of == part]) for part in range(parts))
     found.sort(key=lambda each: each[1][0])
     for number, (_, pixels) in enumerate(found, 1):
         flat[pixels] = number
@@ -137,26 +137,22 @@ def test_the_best_surfaces_that_are_asked_for():
 
 
 def test_threads_and_detectors_tell_the_same_apart():
-    depth = scenes.room(3).depth
     scene = scenes.room(3)
-    one = pw.detect_planes(depth, scene.camera, scene.sensor, instances=True, threads=1)
+    one = pw.detect_planes(scene.depth, scene.camera, scene.sensor, instances=True, threads=1)
     detector = pw.Detector(scene.camera, scene.sensor, instances=True, threads=2)
     for _ in range(2):
-        assert_array_equal(detector(depth).labels, one.labels)
+        assert_array_equal(detector(scene.depth).labels, one.labels)
 
 
 def test_a_wall_about_the_end_of_a_panorama_is_one_surface():
-    """And two arcs of a cylinder's wall behind boards are as many as boards leave."""
-    sensor = LIDAR_SENSOR
-    azimuth = np.linspace(-np.pi, np.pi, LIDAR.shape[1], endpoint=False)
+    """It lies behind the scanner: in the first columns of the image, and in the last."""
     ranges = np.zeros(LIDAR.shape)
     rays = LIDAR.rays(LIDAR.shape)
-    behind = rays[..., 0] < -0.5  # about the seam of the image, straight behind
+    behind = rays[..., 0] < -0.5
     ranges[behind] = -6.0 / rays[behind][:, 0]
     ranges[ranges > 12] = 0
     ranges[ranges > 0] += np.random.default_rng(0).normal(0, 0.01, np.count_nonzero(ranges))
-    assert azimuth.size == LIDAR.shape[1]
-    model = pw.detect_planes(ranges, LIDAR, sensor, instances=True)
+    model = pw.detect_planes(ranges, LIDAR, LIDAR_SENSOR, instances=True)
     assert len(model) == 1
     assert (model.labels[:, 0] > 0).any()
     assert (model.labels[:, -1] > 0).any()

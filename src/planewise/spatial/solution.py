@@ -179,7 +179,7 @@ def judged(
     join : bool
         Make those planes one that turn out to be (`spatial.joining`).
     refit : bool
-        Do refit them.
+        Whether to refit them; surfaces that share a plane keep it.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     cost = plane_information(3, *limits)

@@ -26,8 +26,7 @@ def is_sparse(frame: Frame, readings: int) -> bool:
         or not _FEWEST <= readings < (_MOST / _CELL**2 + 1) / 2 * frame.p.size
     ):
         return False
-    there = frame.p > 0
-    return _usual(there) <= _MOST
+    return _usual(frame.p > 0) <= _MOST
 
 
 def usual_share(frame: Frame) -> float:
@@ -36,6 +35,7 @@ def usual_share(frame: Frame) -> float:
 
 
 def _usual(there: NDArray[np.bool_]) -> int:
+    """Readings of the median cell that has any."""
     rows, columns = (n // _CELL for n in there.shape)
     cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
     return usual_count(cells.sum(axis=(1, 3)))
