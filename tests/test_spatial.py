@@ -207,6 +207,33 @@ def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
     assert precision > 0.9
 
 
+def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeypatch):
+    """Small ones meet others in edges that single cells do not tell from a surface that goes on."""
+
+    def found():
+        recall, facets = [], 0
+        for seed in (200, 202, 206):
+            room = scenes.room(seed, sigma=0.0005, every_face=True)
+            model = pw.detect_planes(room.depth, room.camera, room.sensor)
+            assert all(plane.significance > 0 for plane in model.planes)
+            flat = [(room.labels[model.labels == j + 1] > 0).mean() for j in range(len(model))]
+            facets += sum(share < 0.5 for share in flat)
+            recall.append(evaluate(model.labels, room.labels).row()["recall@0.5"])
+        return np.mean(recall), facets
+
+    def all_sharp(cells, segments, accepted, doubtful, *rest):
+        return curved_segments(cells, segments, accepted, doubtful, *rest)[0], doubtful
+
+    recall, facets = found()
+    assert facets == 0
+    with monkeypatch.context() as patch:
+        patch.setattr(search, "_MOST_DRIFTING", 0.0)
+        assert recall > found()[0] + 0.15
+    curved_segments = search.curved_segments
+    monkeypatch.setattr(search, "curved_segments", all_sharp)
+    assert found()[1] >= 5
+
+
 @pytest.mark.parametrize(("seed", "sigma"), [(202, 0.001), (202, 0.003), (204, 0.003)])
 def test_precise_readings_of_a_cylinder_are_no_fan_of_planes(monkeypatch, seed, sigma):
     """Each of its facets is flat enough; that the surface goes on at their borders tells.
@@ -221,7 +248,7 @@ def test_precise_readings_of_a_cylinder_are_no_fan_of_planes(monkeypatch, seed, 
         return sum(share < 0.5 for share in flat), evaluate(model.labels, room.labels).row()
 
     def nothing_curved(cells, segments, *_):
-        return np.zeros(len(segments.rows), np.bool_)
+        return np.zeros((2, len(segments.rows)), np.bool_)
 
     facets, row = found()
     monkeypatch.setattr(search, "curved_segments", nothing_curved)

@@ -18,19 +18,22 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.segments import Segments
 from planewise.workspace import Workspace
 
+Array = NDArray[np.float64]
+Chosen = NDArray[np.bool_]
 Pairs = NDArray[np.int32]
 
 
 def curved_segments(
     cells: Cells,
     segments: Segments,
-    accepted: NDArray[np.bool_],
+    accepted: Chosen,
+    doubtful: Chosen,
     ends: Pairs,
     units: Pairs,
     focal: float,
     workspace: Workspace,
-) -> NDArray[np.bool_]:
-    """Find the segments that are pieces of curved surfaces.
+) -> tuple[Chosen, Chosen]:
+    """Find the segments that are pieces of curved surfaces, and doubtful ones that are not.
 
     Each has a quadric. Across a border the surface goes on if the quadrics of both sides turn by
     less than half of what their planes do where they meet, one of them being clearly bent; a
@@ -45,6 +48,8 @@ def curved_segments(
         Neighbouring cells that are one plane.
     accepted : ndarray of bool, shape (n,)
         Those that pay for being planes.
+    doubtful : ndarray of bool, shape (n,)
+        Others that would pay but for their border.
     ends, units : ndarray of int32, shape (m, 2)
         Segments and units of the two cells at every side between two segments.
     focal : float
@@ -54,24 +59,49 @@ def curved_segments(
 
     Returns
     -------
-    ndarray of bool, shape (n,)
-        Of accepted ones.
+    curved : ndarray of bool, shape (n,)
+        Of accepted ones, among each other.
+    sharp : ndarray of bool, shape (n,)
+        Of doubtful ones: those that do not bend, as enough cells tell, and are not curved among
+        all of both.
     """
-    curved = np.zeros(len(segments.rows), np.bool_)
-    quadrics = np.empty((len(curved), kernels.QUADRIC))
+    quadrics = np.empty((len(segments.rows), kernels.QUADRIC))
     bent = kernels.quadrics_of(
-        cells.rows, segments.of_unit, segments.rows, segments.drift, accepted, quadrics
+        cells.rows, segments.of_unit, segments.rows, segments.drift, accepted | doubtful, quadrics
     )
+    sharp = doubtful & (quadrics[:, kernels.BENT] == 0.0)
     if not bent:
-        return curved
-    border, pairs = np.zeros(len(curved)), workspace.empty(ends.shape, np.int32)
+        return np.zeros(len(quadrics), np.bool_), sharp
+
+    def curved(chosen: Chosen) -> Chosen:
+        return _curved(cells.rows, quadrics, chosen, ends, units, focal, workspace)
+
+    if doubtful.any():
+        sharp &= ~curved(accepted | doubtful)
+        quadrics[doubtful, kernels.C : kernels.EXTENT] = 0.0
+        quadrics[doubtful, kernels.SIZE :] = 0.0, -1.0  # as if they had none
+    return curved(accepted), sharp
+
+
+def _curved(
+    rows: Array,
+    quadrics: Array,
+    chosen: Chosen,
+    ends: Pairs,
+    units: Pairs,
+    focal: float,
+    workspace: Workspace,
+) -> Chosen:
+    """Those of chosen segments that are curved among each other."""
+    border, pairs = np.zeros(len(chosen)), workspace.empty(ends.shape, np.int32)
     points = workspace.empty(len(ends), np.float32)
     states = workspace.empty(len(ends), np.int8)
     found = kernels.surface_borders(
-        ends, units, cells.rows, quadrics, UNIT / focal, border, pairs, points, states
+        ends, units, rows, quadrics, UNIT / focal, border, pairs, points, states
     )
+    curved = np.zeros(len(chosen), np.bool_)
     spread(border, pairs[:found], points[:found], states[:found], curved)
-    curved &= accepted
+    curved &= chosen
     if not curved.any():
         return curved
     pieces = pairs[:found][curved[pairs[:found]].all(axis=1)]

@@ -44,6 +44,7 @@ Labels = NDArray[np.uint16]
 _PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
 _PLANE_COST = 1.0, 3.5  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
 _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
+_MOST_DRIFTING = 0.5  # of frames where what would pay but for its border is looked at again
 _OFF = 64.0  # squared offset of a cell against its variance, where error drifts: too far off
 _FEWEST_OFF = 12  # cells side by side that might be a plane of their own
 
@@ -287,7 +288,9 @@ def _accept(
     """What each segment saves in nats, and which are planes: those that pay and are not curved.
 
     A plane has to save its parameters besides its border, but what does not is worth what it saves
-    as part of a plane that is paid for. Segments of `settled` units are planes, whatever they save.
+    as part of a plane that is paid for. A border costs so much because facets of smooth surfaces go
+    on across it: where the error is white, what is flat and goes on across little of it is a plane
+    if it saves its parameters. Segments of `settled` units are planes, whatever they save.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
@@ -297,7 +300,8 @@ def _accept(
         beside.grid, of_cell, beside.discords, charges.border, beside.wraps, border, ends, units,
         nats,
     )  # fmt: skip
-    worth = rows[:, FREE] - charges.misfit(rows) - charges.plane - border
+    alone = rows[:, FREE] - charges.misfit(rows) - charges.plane
+    worth = alone - border
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
@@ -305,11 +309,12 @@ def _accept(
     worth[~accepted] += charges.plane
     if sectors.count == 1:
         focal = float(np.sqrt(sectors.focal[0] * sectors.focal[1]))
-        curved = curved_segments(
-            cells, segments, accepted, ends[:found], units[:found], focal, workspace
+        doubtful = ~accepted & (alone > least) & (cells.error.drifting < _MOST_DRIFTING)
+        curved, sharp = curved_segments(
+            cells, segments, accepted, doubtful, ends[:found], units[:found], focal, workspace
         )
-        accepted &= ~curved
-        worth[curved] = 0.0
+        accepted = accepted & ~curved | sharp
+        worth[curved], worth[sharp] = 0.0, alone[sharp]
     return worth, accepted
 
 
