@@ -96,12 +96,12 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     norm = norm + 0.5 * count * level * math.log(2) + group_level_nats(level)
     p, own = m[0] / count, 0.5**level
     weight, xx, xy, yy, xw, yw, square = own * np.array([m[0], xx, xy, yy, xw, yw, square])
-    explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
-    smooth = surface + 0.5 * (square - explained + determinant) + norm
-    alone = math.log(2) + np.minimum(smooth, count * coordinate)
-
     rows = np.arange(shared.size)
     shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
+    least = np.minimum(weight * step, count)  # of chi^2: what quantisation makes of it
+    explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
+    smooth = surface + 0.5 * (np.maximum(square - explained, least) + determinant) + norm
+    alone = math.log(2) + np.minimum(smooth, count * coordinate)
     off = mean - (t0 + t1 * cx + t2 * cy)
     chi2 = square + weight * off**2 - 2 * (t1 * xw + t2 * yw)
     chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
@@ -112,6 +112,6 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     spread = 1 + offset * weight
     chi2 -= offset * (weight * off) ** 2 / spread + explained
     on = math.log(2) + np.minimum(
-        0.5 * (chi2 + np.log(spread) + determinant) + norm, count * coordinate
+        0.5 * (np.maximum(chi2, least) + np.log(spread) + determinant) + norm, count * coordinate
     )
     return alone, -np.logaddexp(math.log(0.95) - on, math.log(0.05) - alone)

@@ -178,6 +178,19 @@ def test_residuals_tell_a_bent_surface_from_a_plane():
     assert told[1] > 0.3
 
 
+@pytest.mark.parametrize("seed", [204, 212, 213])
+def test_walls_in_steps_much_coarser_than_the_noise_are_planes(seed):
+    """Every terrace is flatter than the wall, but tells no more than which step that is in."""
+    room = scenes.room(seed, sigma=0.0005)
+    model = detect(room.depth, room.camera, room.sensor)
+    for label, size in enumerate(np.bincount(room.labels.ravel())[1:], 1):
+        if size > 10000:
+            mine = room.labels == label
+            found = model.labels == np.bincount(model.labels[mine]).argmax()
+            assert model.labels[mine].any()
+            assert np.sum(mine & found) > 0.95 * np.sum(mine | found)
+
+
 def test_planes_can_be_cut_by_significance():
     scene = scenes.room(1, size=(240, 320))
     every = detect(scene.depth, scene.camera, scene.sensor)

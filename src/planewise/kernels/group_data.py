@@ -2,6 +2,10 @@
 
 The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, which takes
 (k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
+
+Readings only tell the step that a surface is in: chi^2 about any is at least what quantisation
+makes of it, step^2 / 12 a reading. Else terraces, which it makes of a plane, would be shorter as
+surfaces of their own.
 """
 
 from __future__ import annotations
@@ -125,6 +129,8 @@ def group_data(  # type: ignore[no-untyped-def]
                 slopes, square, xx, xy, yy, xw, yw, count[k]
             )
             precision[k] = own = power_of_two(-level)
+            least = min(own * m0[k] * fine[k], count[k])
+            smooth[k] = max(smooth[k], least)
             norm[k] += _level_nats(level, count[k])
 
             a, b = t1[k], t2[k]
@@ -138,7 +144,7 @@ def group_data(  # type: ignore[no-untyped-def]
             square, xx, xy, yy = own * square, own * xx, own * xy, own * yy
             chi2, determinant = _without_slopes(tilt, square, xx, xy, yy, xw, yw)
             wide = 1.0 + offset * own * m0[k]
-            fitted[k] = chi2 + own * m0[k] * off * off / wide
+            fitted[k] = max(chi2 + own * m0[k] * off * off / wide, least)
             turned[k] = determinant * wide
         for k in range(n):
             smooth[k] = 0.5 * (smooth[k] + logarithm(spread[k])) + norm[k]
@@ -168,13 +174,17 @@ def group_data(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def groups_left(moments, label, first, place, prior, data, leaving):  # type: ignore[no-untyped-def]
+def groups_left(  # type: ignore[no-untyped-def]
+    moments, label, first, place, step, per_metre, prior, data, leaving
+):
     """Add what blocks with several labels have more when a plane goes, after those behind it.
 
     Readings of a plane that is gone join those on none in their block, so place (N + 1,), 1 ... N
-    of every plane, says in which order. Adds to leaving (N + 1,), of every label.
+    of every plane, says in which order; all else as of `group_data`. Adds to leaving (N + 1,), of
+    every label.
     """
     m = np.empty(NORM + 1)
+    last = np.float64(step.size - 2)
     for b in range(first.size - 1):
         for e in range(NORM + 1):
             m[e] = 0.0
@@ -202,6 +212,10 @@ def groups_left(moments, label, first, place, prior, data, leaving):  # type: ig
             level, misfit, determinant = _about_surface(
                 slopes, square, xx, xy, yy, xw, yw, m[COUNT]
             )
+            row = min(per_metre / mean, last)
+            below = np.uint32(row)
+            fine = step[below] + (row - below) * (step[below + 1] - step[below])
+            misfit = max(misfit, min(power_of_two(-level) * m[0] * fine, m[COUNT]))
             smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
             now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)
             leaving[label[at]] += now - paid - data[at]

@@ -105,8 +105,9 @@ def _curved(
     if not curved.any():
         return curved
     pieces = pairs[:found][curved[pairs[:found]].all(axis=1)]
-    pieces = np.unique(np.sort(pieces, axis=1), axis=0)
+    once = np.unique(pieces.min(axis=1) * np.int64(len(chosen)) + pieces.max(axis=1))
+    pieces = np.stack(np.divmod(once, len(chosen)))
     between = np.bincount(pieces.ravel(), minlength=len(curved)) > 1
     curved[:] = False
-    curved[pieces[between[pieces].any(axis=1)]] = True
+    curved[pieces[:, between[pieces].any(axis=0)]] = True
     return curved

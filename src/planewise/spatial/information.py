@@ -4,7 +4,7 @@
 
 A group is the readings of one label in one block of 9 x 9 pixels, 3 x 3 of the finest cells. Its
 data are normal with the white variance of each reading, times a power of two that is the group's
-own (`kernels.group_data`), and
+own (`kernels.group_data`), chi^2 at least what quantisation makes of it, and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
   with these integrated out, their variances those at the group's mean inverse depth,
@@ -241,9 +241,11 @@ def book_of(
     if order is None:
         order = np.argsort(worth, kind="stable")
     place = sectors.places(order, planes)
+    _, step, _, per_metre = groups.table
     loops.groups_left(
-        groups.moments, groups.label, groups.first, place, groups.prior, groups.nats[1], leaving
-    )
+        groups.moments, groups.label, groups.first, place, step, per_metre, groups.prior,
+        groups.nats[1], leaving,
+    )  # fmt: skip
     curve = np.full(planes + 1, data.total + groups.wild)
     # Planes are taken away from the last on.
     curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
