@@ -432,6 +432,25 @@ def test_interrupt_leaves_nothing(depth, out):
     assert not out.parent.exists()
 
 
+@pytest.mark.parametrize("where", ["planewise.commands.app.command_line", "planewise.search.find"])
+def test_what_an_interrupt_leaves_half_made_says_nothing(depth, out, where):
+    """As an object of llvmlite, which looks for what it has not got yet when it is deleted."""
+    module, name = where.rsplit(".", 1)
+    code = f"""
+import importlib, sys
+class Half:
+    def __init__(self, *_, **__): raise KeyboardInterrupt
+    def __del__(self): self.missing
+setattr(importlib.import_module("{module}"), "{name}", Half)
+from planewise.cli import main
+sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
+main()
+"""
+    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert job.returncode == 130
+    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
+
+
 def test_only_the_command_that_is_asked_for_is_loaded():
     loaded = (
         "import sys; from planewise.commands.app import command_line; command_line(sys.argv[1:]);"

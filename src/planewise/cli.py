@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from planewise.commands.exit_codes import INTERRUPTED
+from planewise.commands.exit_codes import interrupted
 
 _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
 
@@ -29,7 +29,7 @@ def main() -> None:
         app(prog_name="planewise")
     except KeyboardInterrupt:
         sys.stderr.write("error: interrupted; nothing was left half-written\n")
-        raise SystemExit(INTERRUPTED) from None
+        raise SystemExit(interrupted()) from None
 
 
 if __name__ == "__main__":

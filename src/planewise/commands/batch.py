@@ -24,7 +24,7 @@ from planewise.commands.command_line import (
     reported,
     sensor_of,
 )
-from planewise.commands.exit_codes import FAILED, INTERRUPTED
+from planewise.commands.exit_codes import FAILED, interrupted
 from planewise.commands.shared_options import (
     CameraInstead,
     DepthScale,
@@ -260,7 +260,7 @@ def _run(job: Batch, engine: Engine) -> None:
             terminal.error(
                 f"interrupted; what is done is in {job.store}, and the same command goes on"
             )
-            raise typer.Exit(INTERRUPTED) from None
+            raise typer.Exit(interrupted()) from None
         except OSError as error:
             if error.errno not in NO_ROOM:
                 raise

@@ -15,7 +15,7 @@ import typer
 
 from planewise import sensors
 from planewise.commands import terminal
-from planewise.commands.exit_codes import FAILED, INTERRUPTED
+from planewise.commands.exit_codes import FAILED, interrupted
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_sensor
 from planewise.sensor import Sensor
@@ -53,7 +53,7 @@ def reported() -> Iterator[None]:
             terminal.error(f"{error.filename or 'file'}: {error.strerror or error}")
     except KeyboardInterrupt:
         terminal.error("interrupted; nothing was left half-written")
-        raise typer.Exit(INTERRUPTED) from None
+        raise typer.Exit(interrupted()) from None
     else:
         return
     raise typer.Exit(FAILED)
