@@ -98,7 +98,8 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     weight, xx, xy, yy, xw, yw, square = own * np.array([m[0], xx, xy, yy, xw, yw, square])
     rows = np.arange(shared.size)
     shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
-    least = np.minimum(weight * step, count)  # of chi^2: what quantisation makes of it
+    # Of chi^2: what quantisation makes of it beyond what noise of that size dithers.
+    least = own * np.clip(2 * np.minimum(m[0] * step, count) - count, 0, None)
     explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
     smooth = surface + 0.5 * (np.maximum(square - explained, least) + determinant) + norm
     alone = math.log(2) + np.minimum(smooth, count * coordinate)

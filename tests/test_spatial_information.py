@@ -73,7 +73,7 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 change += group_level_nats(level)
                 own = np.diag(v * 2.0**level)
                 _, shared, drift, step = frame.table.at(mean)
-                least = min(step * np.trace(np.linalg.inv(own)), w.size)
+                least = max(2 * min(step * np.sum(1 / v), w.size) - w.size, 0) / 2.0**level
                 smooth = L + normal_nats(w - mean, own + slopes, least) + change
                 nats = math.log(2) + min(smooth, w.size * L)
                 if label:

@@ -3,9 +3,9 @@
 The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, which takes
 (k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
 
-Readings only tell the step that a surface is in: chi^2 about any is at least what quantisation
-makes of it, step^2 / 12 a reading. Else terraces, which it makes of a plane, would be shorter as
-surfaces of their own.
+Where steps are coarser than the noise readings only tell which one a surface is in: chi^2 about any
+is at least what quantisation makes of it. Else terraces, which it makes of a plane, would be
+shorter as surfaces of their own.
 """
 
 from __future__ import annotations
@@ -37,6 +37,12 @@ def _level(misfit, count):  # type: ignore[no-untyped-def]
 def _level_nats(level, count):  # type: ignore[no-untyped-def]
     """Nats of a level, and of readings whose density is so much lower."""
     return _LN2 * (0.5 * count * level + level + 1.0)
+
+
+@inlined
+def _undithered(steps, count):  # type: ignore[no-untyped-def]
+    """Least chi^2 of readings of which quantisation makes `steps`: noise as large dithers it."""
+    return max(2.0 * min(steps, count) - count, 0.0)
 
 
 @inlined
@@ -129,7 +135,7 @@ def group_data(  # type: ignore[no-untyped-def]
                 slopes, square, xx, xy, yy, xw, yw, count[k]
             )
             precision[k] = own = power_of_two(-level)
-            least = min(own * m0[k] * fine[k], count[k])
+            least = own * _undithered(m0[k] * fine[k], count[k])
             smooth[k] = max(smooth[k], least)
             norm[k] += _level_nats(level, count[k])
 
@@ -215,7 +221,7 @@ def groups_left(  # type: ignore[no-untyped-def]
             row = min(per_metre / mean, last)
             below = np.uint32(row)
             fine = step[below] + (row - below) * (step[below + 1] - step[below])
-            misfit = max(misfit, min(power_of_two(-level) * m[0] * fine, m[COUNT]))
+            misfit = max(misfit, power_of_two(-level) * _undithered(m[0] * fine, m[COUNT]))
             smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
             now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)
             leaving[label[at]] += now - paid - data[at]
