@@ -71,6 +71,11 @@ def group_level_nats(level):
     return (level + 1) * math.log(2)
 
 
+def undithered(steps, count, level):
+    """Least chi^2 of readings under a level: what quantisation adds beyond noise of that size."""
+    return 0.5**level * np.clip(2 * np.minimum(steps, count) - count, 0, None)
+
+
 def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     """Nats of groups on none and on a plane each: columns of moments and of planes with extents."""
     near, slow, bent, bend, lateral = error
@@ -98,8 +103,7 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     weight, xx, xy, yy, xw, yw, square = own * np.array([m[0], xx, xy, yy, xw, yw, square])
     rows = np.arange(shared.size)
     shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
-    # Of chi^2: what quantisation makes of it beyond what noise of that size dithers.
-    least = own * np.clip(2 * np.minimum(m[0] * step, count) - count, 0, None)
+    least = undithered(m[0] * step, count, level)
     explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
     smooth = surface + 0.5 * (np.maximum(square - explained, least) + determinant) + norm
     alone = math.log(2) + np.minimum(smooth, count * coordinate)

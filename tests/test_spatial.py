@@ -220,6 +220,12 @@ def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
     assert precision > 0.9
 
 
+def facets_of(model, room):
+    """How many planes lie for the most part on what is curved."""
+    flat = [(room.labels[model.labels == j + 1] > 0).mean() for j in range(len(model))]
+    return sum(share < 0.5 for share in flat)
+
+
 def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeypatch):
     """Small ones meet others in edges that single cells do not tell from a surface that goes on."""
 
@@ -229,8 +235,7 @@ def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeyp
             room = scenes.room(seed, sigma=0.0005, every_face=True)
             model = pw.detect_planes(room.depth, room.camera, room.sensor)
             assert all(plane.significance > 0 for plane in model.planes)
-            flat = [(room.labels[model.labels == j + 1] > 0).mean() for j in range(len(model))]
-            facets += sum(share < 0.5 for share in flat)
+            facets += facets_of(model, room)
             recall.append(evaluate(model.labels, room.labels).row()["recall@0.5"])
         return np.mean(recall), facets
 
@@ -257,8 +262,7 @@ def test_precise_readings_of_a_cylinder_are_no_fan_of_planes(monkeypatch, seed, 
 
     def found():
         model = pw.detect_planes(room.depth, room.camera, room.sensor)
-        flat = [(room.labels[model.labels == j + 1] > 0).mean() for j in range(len(model))]
-        return sum(share < 0.5 for share in flat), evaluate(model.labels, room.labels).row()
+        return facets_of(model, room), evaluate(model.labels, room.labels).row()
 
     def nothing_curved(cells, segments, *_):
         return np.zeros((2, len(segments.rows)), np.bool_)

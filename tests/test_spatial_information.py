@@ -16,7 +16,7 @@ from planewise.spatial.information import ledger
 from planewise.spatial.mask_code import spatial_mask_information
 from planewise.workspace import Workspace
 
-from .oracles import group_level, group_level_nats
+from .oracles import group_level, group_level_nats, undithered
 
 PARTS = pw.noise.ErrorParts(
     white=pw.noise.constant(0.003),
@@ -73,7 +73,7 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 change += group_level_nats(level)
                 own = np.diag(v * 2.0**level)
                 _, shared, drift, step = frame.table.at(mean)
-                least = max(2 * min(step * np.sum(1 / v), w.size) - w.size, 0) / 2.0**level
+                least = undithered(step * np.sum(1 / v), w.size, level)
                 smooth = L + normal_nats(w - mean, own + slopes, least) + change
                 nats = math.log(2) + min(smooth, w.size * L)
                 if label:

@@ -11,20 +11,13 @@ import numpy as np
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
 from planewise.kernels.elementary import logarithm
-from planewise.kernels.jit import in_order, inlined
+from planewise.kernels.jit import in_order
+from planewise.kernels.tables import between
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
-
-
-@inlined
-def _between(table, row, last):  # type: ignore[no-untyped-def]
-    """Value of a table at a row, linear between rows."""
-    row = min(row, last)
-    below = int(row)
-    return table[below] + (row - below) * (table[below + 1] - table[below])
 
 
 @in_order
@@ -88,8 +81,8 @@ def unit_errors(  # type: ignore[no-untyped-def]
     last = float(step.size - 2)
     for k in range(count.size):
         row = per_metre / planes[2, k]
-        new, common = _between(white_part, row, last), _between(shared, row, last)
-        slow, square = _between(drift, row, last), _between(step, row, last)  # q^2 / 12
+        new, common = between(white_part, row, last), between(shared, row, last)
+        slow, square = between(drift, row, last), between(step, row, last)  # q^2 / 12
         coarse = 0.0
         if square > 0.0:
             noise = max(white * (new + square) - square, 0.0)
@@ -248,7 +241,7 @@ def noise_bias(white, per_metre, first, span, w, out):  # type: ignore[no-untype
         row = per_metre / w[k]
         near = min(max((1.0 - span) * row, first), last)
         far = max(min(max((1.0 + span) * row, first), last), near + 1e-3)
-        here = _between(white, row, last)
-        fall = logarithm(_between(white, near, last) / _between(white, far, last))
+        here = between(white, row, last)
+        fall = logarithm(between(white, near, last) / between(white, far, last))
         fall /= logarithm(far / near)
         out[k] = here / (w[k] * w[k]) * (fall - 1.0)

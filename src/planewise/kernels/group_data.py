@@ -4,8 +4,8 @@ The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, w
 (k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
 
 Where steps are coarser than the noise readings only tell which one a surface is in: chi^2 about any
-is at least what quantisation makes of it. Else terraces, which it makes of a plane, would be
-shorter as surfaces of their own.
+is not below what undithered quantisation makes of it. Else terraces, which it makes of a plane,
+would be shorter as surfaces of their own.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.tables import between
 
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 CERTAIN = 40.0  # nats by which one of two is so much shorter that a float64 has no room for both
@@ -41,7 +42,7 @@ def _level_nats(level, count):  # type: ignore[no-untyped-def]
 
 @inlined
 def _undithered(steps, count):  # type: ignore[no-untyped-def]
-    """Least chi^2 of readings of which quantisation makes `steps`: noise as large dithers it."""
+    """Least chi^2 of readings to which quantisation adds `steps`; 0 where noise adds as much."""
     return max(2.0 * min(steps, count) - count, 0.0)
 
 
@@ -117,13 +118,9 @@ def group_data(  # type: ignore[no-untyped-def]
             j = label[start + k]
             t0[k], t1[k], t2[k], extent[k] = planes[0, j], planes[1, j], planes[2, j], planes[3, j]
             if count[k] > 0.0:
-                # Linear between rows of the table.
-                row = min(per_metre * m0[k] / m6[k], last)
-                at = np.uint32(row)
-                part = row - at
-                common[k] = shared[at] + part * (shared[at + 1] - shared[at])
-                fine[k] = step[at] + part * (step[at + 1] - step[at])
-                wander[k] = drift[at] + part * (drift[at + 1] - drift[at])
+                row = per_metre * m0[k] / m6[k]
+                common[k], fine[k] = between(shared, row, last), between(step, row, last)
+                wander[k] = between(drift, row, last)
         for k in range(n):
             scale = 1.0 / m0[k]
             cx, cy, mean = scale * m1[k], scale * m2[k], scale * m6[k]
@@ -218,9 +215,7 @@ def groups_left(  # type: ignore[no-untyped-def]
             level, misfit, determinant = _about_surface(
                 slopes, square, xx, xy, yy, xw, yw, m[COUNT]
             )
-            row = min(per_metre / mean, last)
-            below = np.uint32(row)
-            fine = step[below] + (row - below) * (step[below + 1] - step[below])
+            fine = between(step, per_metre / mean, last)
             misfit = max(misfit, power_of_two(-level) * _undithered(m[0] * fine, m[COUNT]))
             smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
             now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)

@@ -9,6 +9,7 @@ import numpy as np
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.group_data import APART, CERTAIN
 from planewise.kernels.jit import compiled
+from planewise.kernels.tables import between
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
 
@@ -46,12 +47,9 @@ def refit_sums(  # type: ignore[no-untyped-def]
         xx, xy = moments[3, g] - cx * moments[1, g], moments[4, g] - cx * moments[2, g]
         yy = moments[5, g] - cy * moments[2, g]
         xw, yw = moments[7, g] - cx * moments[6, g], moments[8, g] - cy * moments[6, g]
-        row = min(per_metre / mean, last)
-        at = int(row)
-        part = row - at
-        common = shared[at] + part * (shared[at + 1] - shared[at])
-        fine = step[at] + part * (step[at + 1] - step[at])
-        wander = drift[at] + part * (drift[at + 1] - drift[at])
+        row = per_metre / mean
+        common, fine = between(shared, row, last), between(step, row, last)
+        wander = between(drift, row, last)
         slope = planes[1, j] * planes[1, j] + planes[2, j] * planes[2, j]
         steep = 1.0 + lateral * slope / UNIT**2 * m0 / count
         offset = steep * (near * (common + fine) + slow * planes[3, j] * wander)

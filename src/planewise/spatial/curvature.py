@@ -65,19 +65,19 @@ def curved_segments(
         Of doubtful ones: those that do not bend, as enough cells tell, and are not curved among
         all of both.
     """
-    quadrics = np.empty((len(segments.rows), kernels.QUADRIC))
+    every, quadrics = accepted | doubtful, np.empty((len(accepted), kernels.QUADRIC))
     bent = kernels.quadrics_of(
-        cells.rows, segments.of_unit, segments.rows, segments.drift, accepted | doubtful, quadrics
+        cells.rows, segments.of_unit, segments.rows, segments.drift, every, quadrics
     )
     sharp = doubtful & (quadrics[:, kernels.BENT] == 0.0)
     if not bent:
-        return np.zeros(len(quadrics), np.bool_), sharp
+        return np.zeros_like(accepted), sharp
 
     def curved(chosen: Chosen) -> Chosen:
         return _curved(cells.rows, quadrics, chosen, ends, units, focal, workspace)
 
     if doubtful.any():
-        sharp &= ~curved(accepted | doubtful)
+        sharp &= ~curved(every)
         quadrics[doubtful, kernels.C : kernels.EXTENT] = 0.0
         quadrics[doubtful, kernels.SIZE :] = 0.0, -1.0  # as if they had none
     return curved(accepted), sharp

@@ -4,7 +4,7 @@
 
 A group is the readings of one label in one block of 9 x 9 pixels, 3 x 3 of the finest cells. Its
 data are normal with the white variance of each reading, times a power of two that is the group's
-own (`kernels.group_data`), chi^2 at least what quantisation makes of it, and
+own (`kernels.group_data`), chi^2 not below what undithered quantisation makes of it, and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
   with these integrated out, their variances those at the group's mean inverse depth,
