@@ -62,14 +62,23 @@ def test_walls_of_a_tower_with_edges_are_planes(sides):
         assert np.bincount(walls[model.labels == rank]).max() > 0.97 * (model.labels == rank).sum()
 
 
-def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
-    """Of 1 m, 2.5 m away, before a wall."""
-    a, b, c = U**2 + V**2 + 1, -2 * 2.5, 2.5**2 - 1
+@pytest.mark.parametrize(
+    ("radius", "distance", "sigma"), [(1.0, 2.5, 0.005), (1.5, 3.0, 0.01), (1.5, 3.0, 0.02)]
+)
+def test_a_ball_is_no_plane_and_the_wall_behind_it_is(radius, distance, sigma):
+    """Also one that fills most of the image and is read with much noise."""
+    a, b, c = U**2 + V**2 + 1, -2 * distance, distance**2 - radius**2
     inside = b**2 - 4 * a * c
     ball = np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / (2 * a), np.inf)
-    model = found(np.minimum(ball, 4.0), 0.005)
+    model = found(np.minimum(ball, 4.0), sigma)
     assert len(model.planes) == 1
     assert (model.labels[np.isfinite(ball)] == 0).mean() > 0.98
+
+
+def test_a_round_wall_that_is_all_there_is_is_no_drift():
+    """Read with noise of a hundredth of its radius."""
+    wall, _ = round_room(1.0)
+    assert len(found(wall, 0.01).planes) == 0
 
 
 def test_two_walls_with_a_rounded_edge_are_planes():

@@ -71,20 +71,23 @@ def test_readings_of_a_random_walk_about_their_own_plane():
 
 
 @pytest.mark.parametrize("lag", [1, 2, 4])
-def test_three_cells_in_a_row_on_a_random_walk(lag):
-    side = 2 * SIDE / UNIT
-    squares = [square(side, k * lag * side) for k in range(3)]
-    mean = np.full(POINTS**2, 1 / POINTS**2)
-    contrast = np.concatenate((-mean / 2, mean, -mean / 2))[None]
-    planes, triple = np.zeros((10, 3)), np.empty((3, 6))
+@pytest.mark.parametrize("weights", [(-0.5, 1.0, -0.5), (-0.5, 1.5, -1.5, 0.5)])
+def test_cells_in_a_row_on_a_random_walk(lag, weights):
+    side, count = 2 * SIDE / UNIT, len(weights)
+    squares = [square(side, k * lag * side) for k in range(count)]
+    contrast = np.repeat(np.array(weights) / POINTS**2, POINTS**2)[None]
+    planes, rows = np.zeros((10, count)), np.empty((3, 8))
     planes[0] = [points[:, 0].mean() for points in squares]
+    planes[2] = np.random.default_rng(lag).normal(size=count)
     planes[6] = 1.0
-    grid = np.full((1, 2 * lag + 1), -1, np.int32)
-    grid[0, ::lag] = range(3)
-    one = np.ones(3)
-    assert kernels.rows_of_three(grid, planes, one, one, lag, *triple) == 1
+    grid = np.full((1, (count - 1) * lag + 1), -1, np.int32)
+    grid[0, ::lag] = range(count)
+    one = np.ones(count)
+    assert kernels.cells_in_a_row(grid, planes, one, one, lag, count == 4, *rows) == 1
+    assert_allclose(rows[0, 0], np.dot(weights, planes[2]) ** 2)
+    assert_allclose(rows[1, 0], np.square(weights).sum())
     expected = walk_covariance(np.vstack(squares), contrast)[0, 0]
-    assert_allclose(triple[2, 0], expected, rtol=0.02 if lag > 1 else 0.07)
+    assert_allclose(rows[2, 0], expected, rtol=0.02 if lag > 1 else 0.07)
 
 
 def test_what_lies_across_edges_is_not_taken_for_drift():

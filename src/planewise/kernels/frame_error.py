@@ -110,41 +110,54 @@ def wandering(planes, errors, factor, resolution, out):  # type: ignore[no-untyp
 
 
 @in_order
-def rows_of_three(grid, planes, inflation, drift, lag, square, own, slow):  # type: ignore[no-untyped-def]
-    """w_middle - t w_left - (1 - t) w_right of three cells in a row, `lag` cells apart.
+def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow):  # type: ignore[no-untyped-def]
+    """How far cells in a row, `lag` cells apart, are from a line, or four of them from a parabola.
 
-    Writes its square, the variance by the cells' own errors, and that by the drift, along rows and
-    then along columns; returns how many there are. Of a random walk, D |r| the variance of a
-    difference, w_2 - (w_1 + w_3) / 2 of means over squares has the variance
+    Of three it is s_2 = w_2 - t w_1 - (1 - t) w_3, of four s_2 - s_3. Writes its square, the
+    variance by the cells' own errors, and that by the drift, along rows and then along columns;
+    returns how many there are. Of a random walk, D |r| the variance of a difference, the s and the
+    s_2 - s_3 of means over squares have the variances
 
-        D (d(r) - d(2 r) / 4 - 3 d(0) / 4),    d(r) = r + side^2 / (12 r),    d(0) = 0.52 side,
+        D (d(r) - d(2 r) / 4 - 3 d(0) / 4),    D (15 d(r) - 6 d(2 r) + d(3 r) - 10 d(0)) / 4,
 
-    d(r) the mean distance of points of two squares.
+    d(r) = r + side^2 / (12 r), d(0) = 0.52 side the mean distance of points of two squares.
     """
     rows, columns = grid.shape
     side = 2.0 * SIDE / UNIT
-    found = 0
+    found, last = 0, 2 * lag if four else lag
     for axis in range(2):
-        down, across = lag * (axis == 1), lag * (axis == 0)
+        down, across = (lag, 0) if axis else (0, lag)
+        behind, right = (last, 0) if axis else (0, last)
         position = planes[axis]
-        for i in range(down, rows - down):
-            for j in range(across, columns - across):
+        for i in range(down, rows - behind):
+            for j in range(across, columns - right):
                 a, b, c = grid[i - down, j - across], grid[i, j], grid[i + down, j + across]
-                if a < 0 or b < 0 or c < 0:
+                d = grid[i + behind, j + right]
+                if a < 0 or b < 0 or c < 0 or d < 0:
                     continue
                 reach = position[c] - position[a]
                 t = (position[c] - position[b]) / reach
-                off = planes[2, b] - t * planes[2, a] - (1 - t) * planes[2, c]
-                square[found] = off * off
-                own[found] = (
-                    inflation[b] / planes[6, b]
-                    + t * t * inflation[a] / planes[6, a]
-                    + (1 - t) * (1 - t) * inflation[c] / planes[6, c]
-                )
+                two, three = 1.0, 1 - t
                 near, far = 0.5 * abs(reach), abs(reach)
                 near += side * side / (12.0 * near)
                 far += side * side / (12.0 * far)
-                slow[found] = drift[b] * (near - 0.25 * far - 0.75 * MEAN_DISTANCE * side)
+                off, variance, walk = 0.0, 0.0, near - 0.25 * far - 0.75 * MEAN_DISTANCE * side
+                if four:
+                    u = (position[d] - position[c]) / (position[d] - position[b])
+                    two, three = 1 + u, three + 1
+                    off = (1 - u) * planes[2, d]
+                    variance = (1 - u) * (1 - u) * inflation[d] / planes[6, d]
+                    farther = 1.5 * abs(reach)
+                    farther += side * side / (12.0 * farther)
+                    walk = 3.75 * near - 1.5 * far + 0.25 * farther - 2.5 * MEAN_DISTANCE * side
+                off += two * planes[2, b] - t * planes[2, a] - three * planes[2, c]
+                square[found] = off * off
+                own[found] = variance + (
+                    two * two * inflation[b] / planes[6, b]
+                    + t * t * inflation[a] / planes[6, a]
+                    + three * three * inflation[c] / planes[6, c]
+                )
+                slow[found] = drift[b] * walk
                 found += 1
     return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -277,13 +278,16 @@ def _without_shared_error(
         # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
-        factor = drift_factor(calm, planes, inflation, described, workspace)
+        focal = math.sqrt(frame.sectors.focal[0] * frame.sectors.focal[1])
+        factor = drift_factor(calm, planes, inflation, described, focal, workspace)
         factor, own = factor if factor is not None and np.isfinite(factor) else 1.0, 0.0
         if frame.known:
             factor = min(factor, 1.0)
         local = factor
         if not frame.known:
-            factor, own = walk_and_shared(calm, planes, inflation, described, local, workspace)
+            factor, own = walk_and_shared(
+                calm, planes, inflation, described, local, focal, workspace
+            )
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)

@@ -43,6 +43,8 @@ _MANY = 2000  # cells of which some can stand for all
 _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
 _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
+_CURVED = 0.2  # depth against its radius: no camera bends a plane so much
+_LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
@@ -223,24 +225,44 @@ def drift_factor(
     planes: Array,
     inflation: Array,
     drift: Array,
+    focal: float,
     workspace: Workspace,
-    lag: int | None = None,
+    lag: int = _LAG,
+    every: int = 1,
 ) -> float | None:
-    """Drift against its description, as a variance: from three cells in a row.
+    """Drift against its description, as a variance: from three and four cells in a row.
 
     None if it is open, infinite if none explains them.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
     drift adds. Its median among those within three standard deviations is that of chi^2: what lies
-    across an edge is left out, not taken for drift. grid holds whole cells only, -1 elsewhere.
+    across an edge is left out, not taken for drift. A curved surface shows in it as well, but not
+    in how much it changes from one cell to the next, as drift does: where that tells of much less
+    drift, and surfaces bend more than distortion does, it is right. grid holds whole cells only, -1
+    elsewhere, of which every so manieth row and column counts; focal: pixels.
     """
+    some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
+    of_cells = some, planes, inflation, drift, lag // every
     with workspace.stage():
-        triples = workspace.empty((3, 2 * grid.size))
-        n = kernels.rows_of_three(grid, planes, inflation, drift, lag or _LAG, *triples)
-        square, own, slow = triples[:, :n]
-        if n < _FEWEST or not slow.any():
-            return None
-        return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
+        rows = workspace.empty((3, 2 * some.size))
+
+        def told_by(four: bool) -> float | None:
+            n = kernels.cells_in_a_row(*of_cells, four, *rows)
+            square, own, slow = rows[:, :n]
+            if n < _FEWEST or not slow.any():
+                return None
+            return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
+
+        factor = told_by(False)
+        if not factor or factor == math.inf:
+            return factor
+        r = lag * _CELL
+        bend = 2 * math.sqrt(factor * float(drift.mean()) * _of_three(r)) / (r * UNIT / focal) ** 2
+        if bend > _CURVED * planes[2].mean():
+            of_four = told_by(True)
+            if of_four is not None and of_four < _LESS * factor:
+                return of_four
+    return factor
 
 
 def walk_and_shared(
@@ -249,13 +271,14 @@ def walk_and_shared(
     inflation: Array,
     drift: Array,
     nearest: float,
+    focal: float,
     workspace: Workspace,
 ) -> tuple[float, float]:
     """Drift, and what a cell's readings share, that several distances tell apart.
 
     Three cells in a row, r from the middle to the others, have an error of the variance
 
-        V(r) = 3/2 s + D f(r)    (f: `kernels.frame_error.rows_of_three`)
+        V(r) = 3/2 s + D f(r)    (f: `kernels.frame_error.cells_in_a_row`)
 
     s what every cell has of its own, such as an error that is the same over a few pixels and then
     another one, D the random walk. Where an error levels off, D lies between the least slope of V
@@ -266,9 +289,8 @@ def walk_and_shared(
     told, of_three, cluttered = [], [], False
     usual, farthest = float(drift.mean()), float(_FARTHEST * planes[2].mean()) ** 2
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
-    some = np.ascontiguousarray(grid[::every, ::every])
     for lag in _LAGS:
-        factor = drift_factor(some, planes, inflation, drift, workspace, lag // every)
+        factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
         cluttered = factor is not None and factor * usual > max(farthest, _MORE * nearest * usual)
         if factor is None or cluttered:
             break
