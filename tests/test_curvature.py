@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 import planewise as pw
 from planewise.kernels.cells import COUNT, SEGMENT, UNIT
 from planewise.kernels.curvature import BENT, CENTRE, EXTENT, QUADRIC, SIZE, C, quadrics_of
+from planewise.kernels.quadrics import FLAT, PARTLY, UNTOLD
 
 CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
 SHAPE = (480, 640)
@@ -81,6 +82,16 @@ def test_a_round_wall_that_is_all_there_is_is_no_drift():
     assert len(found(wall, 0.01).planes) == 0
 
 
+@pytest.mark.parametrize("sigma", [0.001, 0.002, 0.005])
+def test_the_rim_of_a_round_tower_is_no_fan_of_strips(sigma):
+    """From outside, of 4 m radius and 10 m away: near its rim a strip of one or two cells pays."""
+    with np.errstate(invalid="ignore"):
+        z = (10 - np.sqrt(100 - 84 * (1 + U**2))) / (1 + U**2)
+    tower = np.isfinite(z)
+    model = found(np.where(tower, z, np.inf), sigma)
+    assert (model.labels[tower] > 0).mean() < 0.11
+
+
 def test_two_walls_with_a_rounded_edge_are_planes():
     """A quarter of a cylinder of 20 cm between walls at right angles."""
     lean = (np.abs(U) + 1) / 3  # w of two walls that meet at 3 m, at 45 degrees
@@ -131,3 +142,22 @@ def test_quadrics_are_those_of_least_squares():
     assert not quadrics_of(
         units, np.zeros(40, np.int32), row, np.zeros(1), np.ones(1, bool), quadrics
     )
+
+
+@pytest.mark.parametrize(("columns", "told"), [(1, UNTOLD), (2, PARTLY), (3, FLAT)])
+def test_cells_side_by_side_do_not_tell_a_bend(columns, told):
+    """Centroids of cells lie a little off the middle, for their readings have different weights."""
+    rng, rows = np.random.default_rng(columns), 30
+    y, x = (0.06 * place.ravel() for place in np.indices((rows, columns)))
+    x, y = (place + rng.normal(0, 1e-4, place.size) for place in (x, y))
+    weight, w = np.full(x.size, 1e6), 0.5 + 0.1 * x + rng.normal(0, 1e-3, x.size)
+    units = np.zeros((x.size, SEGMENT))
+    units[:, 0], units[:, 1], units[:, 2], units[:, 6] = weight, weight * x, weight * y, weight * w
+    units[:, 3], units[:, 4], units[:, 5] = weight * x**2, weight * x * y, weight * y**2
+    units[:, 7], units[:, 8], units[:, COUNT] = weight * x * w, weight * y * w, 36
+    row, quadrics = units.sum(axis=0)[None], np.empty((1, QUADRIC))
+    quadrics_of(units, np.zeros(x.size, np.int32), row, np.zeros(1), np.ones(1, bool), quadrics)
+    assert quadrics[0, BENT] == told
+    if told != FLAT:
+        assert quadrics[0, C + 3] == 0
+    assert quadrics[0, SIZE] < 2

@@ -31,6 +31,7 @@ from planewise.kernels.quadrics import (
     OWN,
     TOLD_U,
     TOLD_V,
+    UNTOLD,
     add_height,
     fit_quadric,
 )
@@ -67,9 +68,10 @@ def quadrics_of(sums, rows, drift, quadrics):  # type: ignore[no-untyped-def]
     for s in range(rows.shape[0]):
         for e in range(QUADRIC):
             quadrics[s, e] = 0.0
-        quadrics[s, BENT] = -1.0
+        quadrics[s, BENT] = UNTOLD
         extent = math.sqrt(rows[s, AREA])
-        bent = fit_quadric(sums[s], rows[s, CELLS], rows[s, COUNT], drift, extent, factor, t)
+        cells, readings = rows[s, CELLS], rows[s, COUNT]
+        bent = fit_quadric(sums[s], cells, 0.0, readings, drift, extent, factor, t)
         if bent < 0.0:
             continue
         ex, ey, ez, fx, fy, fz = plane_axes(rows[s, NX], rows[s, NY], rows[s, NZ])

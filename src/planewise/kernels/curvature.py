@@ -2,7 +2,7 @@
 
 The quadric of a segment, w = t . (1, x, y) + c . (1, dx, dy, dx^2, dx dy, dy^2) at d from its
 centroid, is fitted to its units: a row (t, centroid, c, extent, size, bent), size the Frobenius
-norm of the second derivative; bent: 1, 0, or -1 where there are too few units to tell.
+norm of the second derivative; bent: what `kernels.quadrics.fit_quadric` says.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from planewise.kernels.quadrics import (
     OWN,
     TOLD_U,
     TOLD_V,
+    UNTOLD,
     add_height,
     fit_quadric,
 )
@@ -44,7 +45,7 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
         q[CENTRE], q[CENTRE + 1] = row[1] / row[0], row[2] / row[0]
         for e in range(C, QUADRIC):
             q[e] = 0.0
-        q[EXTENT], q[BENT] = np.sqrt(row[COUNT]) / UNIT, -1.0
+        q[EXTENT], q[BENT] = np.sqrt(row[COUNT]) / UNIT, UNTOLD
         cells[s] = 0
         for e in range(HEIGHTS):
             sums[s, e] = 0.0
@@ -63,8 +64,9 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
     for s in range(count):
         q = quadrics[s]
         if chosen[s]:
-            q[BENT] = fit_quadric(sums[s], cells[s], rows[s, COUNT], drift[s], q[EXTENT], factor, t)
-        if q[BENT] < 0.0:
+            n, square = rows[s, COUNT], 1.0 / max(cells[s], 1)  # in roots of the segment's area
+            q[BENT] = fit_quadric(sums[s], cells[s], square, n, drift[s], q[EXTENT], factor, t)
+        if q[BENT] == UNTOLD:
             continue
         scale = 1.0 / q[EXTENT]
         q[C], q[C + 1], q[C + 2] = t[0], scale * t[1], scale * t[2]
@@ -94,8 +96,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
     others are counted in border (n,) of either segment. Writes of each whose segments may be one
     curved surface the segments (., 2), points (.), which are 1, and states (.): GOES_ON if half way
     between the cells the quadrics, the step from one to the other included, turn by at most half of
-    what the planes do; TOLD_U, TOLD_V of a segment whose own quadric makes a fair share of that, or
-    is not known. Returns how many there are.
+    what the planes do, or if neither is told; TOLD_U, TOLD_V of a segment whose own quadric makes a
+    fair share of that, or is not told. Returns how many there are.
     """
     found = 0
     for e in range(ends.shape[0]):
@@ -111,7 +113,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
             continue
         border[u] += 1.0
         border[v] += 1.0
-        if a[BENT] <= 0.0 and b[BENT] <= 0.0:
+        untold = a[BENT] < 0.0 and b[BENT] < 0.0
+        if a[BENT] <= 0.0 and b[BENT] <= 0.0 and not untold:
             continue
         turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
         least, near = OWN * np.sqrt(turn) / extents, turn <= level * level
@@ -125,7 +128,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
         over, ux, uy = _surface(a, x, y)
         under, vx, vy = _surface(b, x, y)
         jump = 2.0 * (over - under) / extents
-        if (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump <= LEFT * LEFT * turn:
+        left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
+        if untold or left <= LEFT * LEFT * turn:
             state |= GOES_ON
         pairs[found, 0], pairs[found, 1] = u, v
         points[found], states[found] = 1.0, state

@@ -15,12 +15,14 @@ from planewise.kernels.jit import in_order, inlined, internal
 HEIGHTS = 22  # sums over the cells of a segment: of x^i y^j to the fourth order; of z; of z^2
 OF_Z, OF_ZZ = 15, 21  # where those of z x^i y^j, to the second order, and of z^2 begin
 FEWEST = 7  # cells that tell a quadric, which has six parameters
+BENDS, FLAT, PARTLY, UNTOLD = 1.0, 0.0, -0.5, -1.0  # what `fit_quadric` says of a segment
 GOES_ON, TOLD_U, TOLD_V = 1, 2, 4  # of a pair of segments
 LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
 OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
 
 _POWERS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
 _SINGULAR = 1e-9  # of a diagonal element: a smaller pivot is zero
+_NARROW = 0.1  # of a squared width of cells: x spreads by 1/4 in two columns, and x^2 by nothing
 _MODE = 1.0 / 80.0  # D L: what a random walk on a square of side L has in each mode of K
 _REST = 6.0  # times as much that it has about the quadric
 
@@ -54,15 +56,18 @@ def add_height(out, w, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @internal
-def fit_quadric(sums, cells, readings, drift, extent, factor, t):  # type: ignore[no-untyped-def]
+def fit_quadric(sums, cells, square, readings, drift, extent, factor, t):  # type: ignore[no-untyped-def]
     """Fit a quadric to a segment of so many cells and readings: writes t; factor is work space.
 
-    Returns 1 if it bends, else 0: the three parameters K of second order save more than their
-    3/2 ln n nats; a random walk makes K as large as `drift` says, or what is left about the
-    quadric, whichever is less. -1 where its cells do not tell.
+    square: squared width of a cell, 0 where they are not side by side in rows. Returns UNTOLD if
+    its cells are too few or in a line, or PARTLY so if they do not tell all three parameters K of
+    second order; what is not told is 0. Else whether it BENDS or is FLAT: K saves more than its
+    3/2 ln n nats; a random walk makes it as large as `drift` says, or what is left about the
+    quadric, whichever is less.
     """
-    if cells < FEWEST or not _solve(sums, factor, t):
-        return -1.0
+    if cells < FEWEST:
+        return UNTOLD
+    left = _solve(sums, square, factor, t)
     told, rest = 0.0, sums[OF_ZZ]
     for e in range(6):
         told += t[e] * t[e] if e > 2 else 0.0
@@ -73,33 +78,39 @@ def fit_quadric(sums, cells, readings, drift, extent, factor, t):  # type: ignor
         for g in range(e + 1, 6):
             t[e] -= factor[g, e] * t[g]
         t[e] /= factor[e, e]
-    return 1.0 if 0.5 * told / (1.0 + walk) > 1.5 * math.log(readings) else 0.0
+    if left:
+        return UNTOLD if left > 3 else PARTLY
+    return BENDS if 0.5 * told / (1.0 + walk) > 1.5 * math.log(readings) else FLAT
 
 
 @internal
-def _solve(sums, factor, t):  # type: ignore[no-untyped-def]
+def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
     """Cholesky factor L of the normal matrix of 1, x, y, x^2, x y, y^2, and L^-1 of its right side.
 
-    t^2 is what each of the six saves after those before. Returns whether all are told.
+    t^2 is what each of the six saves after those before, 0 if it is left out, for it varies next to
+    nothing from cell to cell. Returns how many of them are, more than 3 if x or y is.
     """
+    left = 0
     for i in range(6):
+        order = _POWERS[i, 0] + _POWERS[i, 1]
         for j in range(i + 1):
             p, q = _POWERS[i, 0] + _POWERS[j, 0], _POWERS[i, 1] + _POWERS[j, 1]
             total = sums[(p + q) * (p + q + 1) // 2 + q]
-            least = _SINGULAR * total
+            least = max(_SINGULAR * total, _NARROW * sums[0] * square**order)
             for k in range(j):
                 total -= factor[i, k] * factor[j, k]
             if i > j:
                 factor[i, j] = total / factor[j, j]
-            elif not total > least:
-                return False
-            else:
+            elif total > least:
                 factor[i, i] = math.sqrt(total)
+            else:
+                factor[i, i] = math.inf
+                left += 1 if order > 1 else 4
         total = sums[OF_Z + i]
         for k in range(i):
             total -= factor[i, k] * t[k]
         t[i] = total / factor[i, i]
-    return True
+    return left
 
 
 @in_order

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels import curvature as kernels
 from planewise.kernels.cells import UNIT
-from planewise.kernels.quadrics import spread
+from planewise.kernels.quadrics import FLAT, UNTOLD, spread
 from planewise.spatial.cells import Cells
 from planewise.spatial.segments import Segments
 from planewise.workspace import Workspace
@@ -36,7 +36,8 @@ def curved_segments(
     """Find the segments that are pieces of curved surfaces, and doubtful ones that are not.
 
     Each has a quadric. Across a border the surface goes on if the quadrics of both sides turn by
-    less than half of what their planes do where they meet, one of them being clearly bent; a
+    less than half of what their planes do where they meet, one of them being clearly bent, or if
+    both are too narrow to tell and turn by less than 45 degrees, as at the rims of round things; a
     segment is curved if its surface goes on across most of its border, as are those among them.
     There are at least three: two that go on into each other may be the sides of a rounded edge.
 
@@ -69,7 +70,7 @@ def curved_segments(
     bent = kernels.quadrics_of(
         cells.rows, segments.of_unit, segments.rows, segments.drift, every, quadrics
     )
-    sharp = doubtful & (quadrics[:, kernels.BENT] == 0.0)
+    sharp = doubtful & (quadrics[:, kernels.BENT] == FLAT)
     if not bent:
         return np.zeros_like(accepted), sharp
 
@@ -79,7 +80,7 @@ def curved_segments(
     if doubtful.any():
         sharp &= ~curved(every)
         quadrics[doubtful, kernels.C : kernels.EXTENT] = 0.0
-        quadrics[doubtful, kernels.SIZE :] = 0.0, -1.0  # as if they had none
+        quadrics[doubtful, kernels.SIZE :] = 0.0, UNTOLD  # as if they had none
     return curved(accepted), sharp
 
 
