@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks import curved_frames
 from numpy.testing import assert_allclose
 
 import planewise as pw
@@ -63,33 +64,32 @@ def test_walls_of_a_tower_with_edges_are_planes(sides):
         assert np.bincount(walls[model.labels == rank]).max() > 0.97 * (model.labels == rank).sum()
 
 
-@pytest.mark.parametrize(
-    ("radius", "distance", "sigma"), [(1.0, 2.5, 0.005), (1.5, 3.0, 0.01), (1.5, 3.0, 0.02)]
-)
-def test_a_ball_is_no_plane_and_the_wall_behind_it_is(radius, distance, sigma):
-    """Also one that fills most of the image and is read with much noise."""
-    a, b, c = U**2 + V**2 + 1, -2 * distance, distance**2 - radius**2
-    inside = b**2 - 4 * a * c
-    ball = np.where(inside > 0, (-b - np.sqrt(np.maximum(inside, 0))) / (2 * a), np.inf)
-    model = found(np.minimum(ball, 4.0), sigma)
+def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
+    ball = curved_frames.sphere((0, 0, 2.5), 1.0)
+    model = found(np.minimum(ball, 4.0), 0.005)
     assert len(model.planes) == 1
     assert (model.labels[np.isfinite(ball)] == 0).mean() > 0.98
 
 
-def test_a_round_wall_that_is_all_there_is_is_no_drift():
-    """Read with noise of a hundredth of its radius."""
-    wall, _ = round_room(1.0)
-    assert len(found(wall, 0.01).planes) == 0
+@pytest.mark.parametrize(
+    ("surface", "millimetres"),
+    [
+        ("ball of 1.5 m", 10),
+        ("ball of 1.5 m", 20),
+        ("dome, inside", 2),
+        ("dome, inside", 10),
+        ("bowl", 5),
+        ("waves", 1),
+    ],
+)
+def test_what_bends_all_over_the_image_is_no_drift(surface, millimetres):
+    assert curved_frames.found(surface, millimetres) == (0, 0)
 
 
-@pytest.mark.parametrize("sigma", [0.001, 0.002, 0.005])
-def test_the_rim_of_a_round_tower_is_no_fan_of_strips(sigma):
-    """From outside, of 4 m radius and 10 m away: near its rim a strip of one or two cells pays."""
-    with np.errstate(invalid="ignore"):
-        z = (10 - np.sqrt(100 - 84 * (1 + U**2))) / (1 + U**2)
-    tower = np.isfinite(z)
-    model = found(np.where(tower, z, np.inf), sigma)
-    assert (model.labels[tower] > 0).mean() < 0.11
+@pytest.mark.parametrize("millimetres", [1, 2, 5])
+def test_rims_are_no_fans_of_strips(millimetres):
+    """Near the rim of a round thing strips of one or two cells are flat enough to pay."""
+    assert curved_frames.found("silo", millimetres)[1] < 0.11
 
 
 def test_two_walls_with_a_rounded_edge_are_planes():

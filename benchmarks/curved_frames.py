@@ -1,0 +1,135 @@
+"""Planes that the detector finds where everything is curved: prints a Markdown table.
+
+python -m benchmarks.curved_frames
+
+Depth images, 640 x 480, that show one curved surface, and a wall behind it where there is room for
+one. Planes besides that wall, and how many of a hundred pixels of the surface they hold, by white
+noise of the same size everywhere, and as a Kinect reads it.
+"""
+
+from __future__ import annotations
+
+import argparse
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+import planewise as pw
+from planewise import noise
+
+Array = NDArray[np.float64]
+
+CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+SHAPE = (480, 640)
+MILLIMETRES = (1, 2, 5, 10, 20)
+_FARTHEST = 25.0  # metres
+
+
+@cache
+def rays() -> Array:
+    """Rays of the pixels, shape (H, W, 3), 1 deep."""
+    v, u = np.indices(SHAPE, float)
+    x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
+    return np.stack((x, y, np.ones(SHAPE)), axis=-1)
+
+
+def _depth(a: Array, b: Array, c: float, inside: bool) -> Array:
+    """Smaller root z > 0 of a z^2 + 2 b z + c, or the larger one; infinite where there is none."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        root = np.sqrt(b * b - a * c)
+        z = (root - b) / a if inside else -(root + b) / a
+    return np.where(z > 0, z, np.inf)
+
+
+def sphere(centre: tuple[float, float, float], radius: float, inside: bool = False) -> Array:
+    """Depth of a sphere, from outside or from inside."""
+    at = np.array(centre)
+    return _depth((rays() ** 2).sum(axis=-1), -rays() @ at, float(at @ at) - radius**2, inside)
+
+
+def cylinder(
+    axis: tuple[float, float, float],
+    centre: tuple[float, float, float],
+    radius: float,
+    inside: bool = False,
+) -> Array:
+    """Depth of a cylinder without ends about an axis through a point."""
+    along = np.array(axis) / np.linalg.norm(axis)
+    across = np.eye(3) - np.outer(along, along)
+    ray, at = rays() @ across, across @ centre
+    return _depth((ray**2).sum(axis=-1), -ray @ at, float(at @ at) - radius**2, inside)
+
+
+def _surface(name: str) -> tuple[Array, float]:
+    """Depth of a surface, and of the wall behind it."""
+    u, v = rays()[..., 0], rays()[..., 1]
+    match name:
+        case "ball of 1 m":
+            return sphere((0, 0, 2.5), 1.0), 4.0
+        case "ball of 1.5 m":
+            return sphere((0, 0, 3.0), 1.5), 4.0
+        case "pipe":
+            return cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5), 4.0
+        case "tank":
+            return cylinder((0, 1, 0), (0, 0, 4.0), 2.0), np.inf
+        case "silo":
+            return cylinder((0, 1, 0), (0, 0, 10.0), 4.0), np.inf
+        case "tower, inside":
+            return cylinder((0, 1, 0), (0, 0, 0), 3.0, inside=True), np.inf
+        case "dome, inside":
+            return sphere((0, 0, 0), 3.0, inside=True), np.inf
+        case "tunnel":
+            return cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, inside=True), np.inf
+        case "bowl":
+            return 2 + 0.5 * (u**2 + v**2), np.inf
+        case "waves":
+            return 2.5 + 0.1 * np.sin(6 * u) + 0.1 * np.cos(5 * v), np.inf
+    raise KeyError(name)
+
+
+SURFACES = (
+    "ball of 1 m",
+    "ball of 1.5 m",
+    "pipe",
+    "tank",
+    "silo",
+    "tower, inside",
+    "dome, inside",
+    "tunnel",
+    "bowl",
+    "waves",
+)
+
+
+def found(name: str, millimetres: float | None) -> tuple[int, float]:
+    """Planes on a surface, and the share of its pixels that they hold; None: a Kinect's noise."""
+    z, wall = _surface(name)
+    curved = z < min(wall, _FARTHEST)
+    if millimetres is None:
+        sensor, sigma = pw.sensors.KINECT_V1, noise.KINECT
+    else:
+        sensor = pw.Sensor(max_depth=30, resolution=1e-5, noise=1e-3 * millimetres)
+        sigma = noise.constant(1e-3 * millimetres)
+    depth = np.where(curved, z, wall)
+    there = np.isfinite(depth)
+    depth[there] += sigma(depth[there]) * np.random.default_rng(0).standard_normal(there.sum())
+    model = pw.detect_planes(depth, CAMERA, sensor, threads=1)
+    on, off = (np.bincount(model.labels[of], minlength=len(model) + 1) for of in (curved, ~curved))
+    return int((on > off)[1:].sum()), float(on[1:].sum() / on.sum())
+
+
+def main() -> None:
+    """Print the table."""
+    argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    ).parse_args()
+    print("| surface |", " | ".join(f"{each} mm" for each in MILLIMETRES), "| Kinect |")
+    print("|---|" + "---:|" * (len(MILLIMETRES) + 1))
+    for name in SURFACES:
+        cells = (found(name, each) for each in (*MILLIMETRES, None))
+        print(f"| {name} |", " | ".join(f"{n} ({100 * part:.0f})" for n, part in cells), "|")
+
+
+if __name__ == "__main__":
+    main()
