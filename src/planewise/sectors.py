@@ -15,6 +15,7 @@ over d d', d the unit direction of a reading.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
@@ -96,6 +97,11 @@ class Sectors:
         if not self.straight:
             return self.x, self.y
         return self.x[:1].copy(), self.y[:, :1].copy()
+
+    @cached_property
+    def mean_focal(self) -> float:
+        """Geometric mean of `focal`."""
+        return math.sqrt(self.focal[0] * self.focal[1])
 
     @cached_property
     def mean_ratio(self) -> float:

@@ -17,6 +17,7 @@ from planewise.kernels.quadrics import (
     HEIGHTS,
     LEFT,
     OWN,
+    PARTLY,
     TOLD_U,
     TOLD_V,
     UNTOLD,
@@ -96,8 +97,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
     others are counted in border (n,) of either segment. Writes of each whose segments may be one
     curved surface the segments (., 2), points (.), which are 1, and states (.): GOES_ON if half way
     between the cells the quadrics, the step from one to the other included, turn by at most half of
-    what the planes do, or if neither is told; TOLD_U, TOLD_V of a segment whose own quadric makes a
-    fair share of that, or is not told. Returns how many there are.
+    what the planes do, or if one is told in part and the other no more; TOLD_U, TOLD_V of a segment
+    whose own quadric makes a fair share of that, or is not told. Returns how many there are.
     """
     found = 0
     for e in range(ends.shape[0]):
@@ -113,8 +114,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
             continue
         border[u] += 1.0
         border[v] += 1.0
-        untold = a[BENT] < 0.0 and b[BENT] < 0.0
-        if a[BENT] <= 0.0 and b[BENT] <= 0.0 and not untold:
+        narrow = a[BENT] < 0.0 and b[BENT] < 0.0 and max(a[BENT], b[BENT]) == PARTLY
+        if a[BENT] <= 0.0 and b[BENT] <= 0.0 and not narrow:
             continue
         turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
         least, near = OWN * np.sqrt(turn) / extents, turn <= level * level
@@ -129,7 +130,7 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
         under, vx, vy = _surface(b, x, y)
         jump = 2.0 * (over - under) / extents
         left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
-        if untold or left <= LEFT * LEFT * turn:
+        if narrow or left <= LEFT * LEFT * turn:
             state |= GOES_ON
         pairs[found, 0], pairs[found, 1] = u, v
         points[found], states[found] = 1.0, state

@@ -60,9 +60,9 @@ def fit_quadric(sums, cells, square, readings, drift, extent, factor, t):  # typ
     """Fit a quadric to a segment of so many cells and readings: writes t; factor is work space.
 
     square: squared width of a cell, 0 where they are not side by side in rows. Returns UNTOLD if
-    its cells are too few or in a line, or PARTLY so if they do not tell all three parameters K of
-    second order; what is not told is 0. Else whether it BENDS or is FLAT: K saves more than its
-    3/2 ln n nats; a random walk makes it as large as `drift` says, or what is left about the
+    its cells are too few, or PARTLY so if they do not tell all of it; what is not told is 0. Else
+    whether it BENDS or is FLAT: the three parameters K of second order save more than their
+    3/2 ln n nats; a random walk makes K as large as `drift` says, or what is left about the
     quadric, whichever is less.
     """
     if cells < FEWEST:
@@ -79,7 +79,7 @@ def fit_quadric(sums, cells, square, readings, drift, extent, factor, t):  # typ
             t[e] -= factor[g, e] * t[g]
         t[e] /= factor[e, e]
     if left:
-        return UNTOLD if left > 3 else PARTLY
+        return PARTLY
     return BENDS if 0.5 * told / (1.0 + walk) > 1.5 * math.log(readings) else FLAT
 
 
@@ -88,9 +88,9 @@ def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
     """Cholesky factor L of the normal matrix of 1, x, y, x^2, x y, y^2, and L^-1 of its right side.
 
     t^2 is what each of the six saves after those before, 0 if it is left out, for it varies next to
-    nothing from cell to cell. Returns how many of them are, more than 3 if x or y is.
+    nothing from cell to cell. Returns whether any of them is.
     """
-    left = 0
+    left = False
     for i in range(6):
         order = _POWERS[i, 0] + _POWERS[i, 1]
         for j in range(i + 1):
@@ -105,7 +105,7 @@ def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
                 factor[i, i] = math.sqrt(total)
             else:
                 factor[i, i] = math.inf
-                left += 1 if order > 1 else 4
+                left = True
         total = sums[OF_Z + i]
         for k in range(i):
             total -= factor[i, k] * t[k]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -278,7 +277,7 @@ def _without_shared_error(
         # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
-        focal = math.sqrt(frame.sectors.focal[0] * frame.sectors.focal[1])
+        focal = frame.sectors.mean_focal
         factor = drift_factor(calm, planes, inflation, described, focal, workspace)
         factor, own = factor if factor is not None and np.isfinite(factor) else 1.0, 0.0
         if frame.known:

@@ -108,10 +108,10 @@ def drift_and_distortion(
     distorted, turning = math.inf, 0.0
     if sectors.count == 1 and white:
         # The slope dw/dx of n x n pixels has 12 / (n^2 (n^2 - 1)) of the variance of a reading.
-        n, slope = 2 * SIDE, w * _TURN / math.sqrt(sectors.focal[0] * sectors.focal[1])
+        n, slope = 2 * SIDE, w * _TURN / sectors.mean_focal
         turning = slope**2 * n**2 * (n**2 - 1) / (2 * 12 * white)
     if sectors.count == 1 and drifting and drift <= (_FARTHEST * w) ** 2:
-        distorted = _DISTORTED * sectors.focal[0] * sectors.focal[1] / drifting
+        distorted = _DISTORTED * sectors.mean_focal**2 / drifting
     return drifting, distorted, turning
 
 

@@ -308,11 +308,11 @@ def _accept(
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
     if sectors.count == 1:
-        focal = float(np.sqrt(sectors.focal[0] * sectors.focal[1]))
         doubtful = ~accepted & (alone > least) & (cells.error.drifting < _MOST_DRIFTING)
         curved, sharp = curved_segments(
-            cells, segments, accepted, doubtful, ends[:found], units[:found], focal, workspace
-        )
+            cells, segments, accepted, doubtful, ends[:found], units[:found], sectors.mean_focal,
+            workspace,
+        )  # fmt: skip
         accepted = accepted & ~curved | sharp
         worth[curved], worth[sharp] = 0.0, alone[sharp]
     return worth, accepted
