@@ -77,8 +77,9 @@ def curved_segments(
     def curved(chosen: Chosen) -> Chosen:
         return _curved(cells.rows, quadrics, chosen, ends, units, focal, workspace)
 
-    if doubtful.any():
+    if sharp.any():
         sharp &= ~curved(every)
+    if doubtful.any():
         quadrics[doubtful, kernels.C : kernels.EXTENT] = 0.0
         quadrics[doubtful, kernels.SIZE :] = 0.0, UNTOLD  # as if they had none
     return curved(accepted), sharp
