@@ -3,8 +3,9 @@
 python -m benchmarks.curved_frames
 
 Depth images, 640 x 480, that show one curved surface, and a wall behind it where there is room for
-one. Planes besides that wall, and how many of a hundred pixels of the surface they hold, by white
-noise of the same size everywhere, and as a Kinect reads it.
+one, and range images of an Ouster OS1-128 inside of one. Planes besides that wall, and how many of
+a hundred pixels of the surface they hold, by white noise of the same size everywhere, and as a
+Kinect reads it.
 """
 
 from __future__ import annotations
@@ -22,13 +23,31 @@ Array = NDArray[np.float64]
 
 CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
 SHAPE = (480, 640)
+LIDAR = pw.cameras.OUSTER_OS1_128
 MILLIMETRES = (1, 2, 5, 10, 20)
+SURFACES = (
+    "ball of 1 m",
+    "ball of 1.5 m",
+    "pipe",
+    "tank",
+    "silo",
+    "tower, inside",
+    "dome, inside",
+    "tunnel",
+    "bowl",
+    "waves",
+    "LiDAR in a tunnel",
+    "LiDAR in a shaft",
+    "LiDAR in a dome",
+)
 _FARTHEST = 25.0  # metres
 
 
 @cache
-def rays() -> Array:
-    """Rays of the pixels, shape (H, W, 3), 1 deep."""
+def rays(lidar: bool = False) -> Array:
+    """Rays of the pixels, shape (H, W, 3): 1 deep, of a LiDAR 1 long."""
+    if lidar:
+        return LIDAR.ray_rows(LIDAR.shape).T.reshape(*LIDAR.shape, 3)
     v, u = np.indices(SHAPE, float)
     x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
     return np.stack((x, y, np.ones(SHAPE)), axis=-1)
@@ -42,69 +61,65 @@ def _depth(a: Array, b: Array, c: float, inside: bool) -> Array:
     return np.where(z > 0, z, np.inf)
 
 
-def sphere(centre: tuple[float, float, float], radius: float, inside: bool = False) -> Array:
-    """Depth of a sphere, from outside or from inside."""
+def sphere(
+    centre: tuple[float, float, float], radius: float, rays: Array, inside: bool = False
+) -> Array:
+    """Depth, or range, of a sphere along rays, from outside or from inside."""
     at = np.array(centre)
-    return _depth((rays() ** 2).sum(axis=-1), -rays() @ at, float(at @ at) - radius**2, inside)
+    return _depth((rays**2).sum(axis=-1), -rays @ at, float(at @ at) - radius**2, inside)
 
 
 def cylinder(
     axis: tuple[float, float, float],
     centre: tuple[float, float, float],
     radius: float,
+    rays: Array,
     inside: bool = False,
 ) -> Array:
-    """Depth of a cylinder without ends about an axis through a point."""
+    """Depth, or range, of a cylinder without ends about an axis through a point."""
     along = np.array(axis) / np.linalg.norm(axis)
     across = np.eye(3) - np.outer(along, along)
-    ray, at = rays() @ across, across @ centre
+    ray, at = rays @ across, across @ centre
     return _depth((ray**2).sum(axis=-1), -ray @ at, float(at @ at) - radius**2, inside)
 
 
-def _surface(name: str) -> tuple[Array, float]:
+def _surface(name: str, along: Array) -> tuple[Array, float]:
     """Depth of a surface, and of the wall behind it."""
-    u, v = rays()[..., 0], rays()[..., 1]
+    u, v = along[..., 0], along[..., 1]
     match name:
         case "ball of 1 m":
-            return sphere((0, 0, 2.5), 1.0), 4.0
+            return sphere((0, 0, 2.5), 1.0, along), 4.0
         case "ball of 1.5 m":
-            return sphere((0, 0, 3.0), 1.5), 4.0
+            return sphere((0, 0, 3.0), 1.5, along), 4.0
         case "pipe":
-            return cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5), 4.0
+            return cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5, along), 4.0
         case "tank":
-            return cylinder((0, 1, 0), (0, 0, 4.0), 2.0), np.inf
+            return cylinder((0, 1, 0), (0, 0, 4.0), 2.0, along), np.inf
         case "silo":
-            return cylinder((0, 1, 0), (0, 0, 10.0), 4.0), np.inf
+            return cylinder((0, 1, 0), (0, 0, 10.0), 4.0, along), np.inf
         case "tower, inside":
-            return cylinder((0, 1, 0), (0, 0, 0), 3.0, inside=True), np.inf
+            return cylinder((0, 1, 0), (0, 0, 0), 3.0, along, inside=True), np.inf
         case "dome, inside":
-            return sphere((0, 0, 0), 3.0, inside=True), np.inf
+            return sphere((0, 0, 0), 3.0, along, inside=True), np.inf
         case "tunnel":
-            return cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, inside=True), np.inf
+            return cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, along, inside=True), np.inf
         case "bowl":
             return 2 + 0.5 * (u**2 + v**2), np.inf
         case "waves":
             return 2.5 + 0.1 * np.sin(6 * u) + 0.1 * np.cos(5 * v), np.inf
+        case "LiDAR in a tunnel":
+            return cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, along, inside=True), np.inf
+        case "LiDAR in a shaft":
+            return cylinder((0, 0, 1), (0.5, 1, 0), 6.0, along, inside=True), np.inf
+        case "LiDAR in a dome":
+            return sphere((1, 0.5, 1), 8.0, along, inside=True), np.inf
     raise KeyError(name)
-
-
-SURFACES = (
-    "ball of 1 m",
-    "ball of 1.5 m",
-    "pipe",
-    "tank",
-    "silo",
-    "tower, inside",
-    "dome, inside",
-    "tunnel",
-    "bowl",
-    "waves",
-)
 
 
 def found(name: str, millimetres: float | None) -> tuple[int, float]:
     """Planes on a surface, and the share of its pixels that they hold; None: a Kinect's noise."""
-    z, wall = _surface(name)
+    camera: pw.Camera = LIDAR if name.startswith("LiDAR") else CAMERA
+    z, wall = _surface(name, rays(camera is LIDAR))
     curved = z < min(wall, _FARTHEST)
     if millimetres is None:
         sensor, sigma = pw.sensors.KINECT_V1, noise.KINECT
@@ -114,7 +129,7 @@ def found(name: str, millimetres: float | None) -> tuple[int, float]:
     depth = np.where(curved, z, wall)
     there = np.isfinite(depth)
     depth[there] += sigma(depth[there]) * np.random.default_rng(0).standard_normal(there.sum())
-    model = pw.detect_planes(depth, CAMERA, sensor, threads=1)
+    model = pw.detect_planes(depth, camera, sensor, threads=1)
     on, off = (np.bincount(model.labels[of], minlength=len(model) + 1) for of in (curved, ~curved))
     return int((on > off)[1:].sum()), float(on[1:].sum() / on.sum())
 
@@ -127,8 +142,9 @@ def main() -> None:
     print("| surface |", " | ".join(f"{each} mm" for each in MILLIMETRES), "| Kinect |")
     print("|---|" + "---:|" * (len(MILLIMETRES) + 1))
     for name in SURFACES:
-        cells = (found(name, each) for each in (*MILLIMETRES, None))
-        print(f"| {name} |", " | ".join(f"{n} ({100 * part:.0f})" for n, part in cells), "|")
+        noises = MILLIMETRES if name.startswith("LiDAR") else (*MILLIMETRES, None)
+        cells = [f"{n} ({100 * part:.0f})" for n, part in (found(name, each) for each in noises)]
+        print(f"| {name} |", " | ".join([*cells, *[""] * (6 - len(cells))]), "|")
 
 
 if __name__ == "__main__":

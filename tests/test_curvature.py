@@ -65,7 +65,7 @@ def test_walls_of_a_tower_with_edges_are_planes(sides):
 
 
 def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
-    ball = curved_frames.sphere((0, 0, 2.5), 1.0)
+    ball = curved_frames.sphere((0, 0, 2.5), 1.0, curved_frames.rays())
     model = found(np.minimum(ball, 4.0), 0.005)
     assert len(model.planes) == 1
     assert (model.labels[np.isfinite(ball)] == 0).mean() > 0.98
@@ -83,6 +83,13 @@ def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
     ],
 )
 def test_what_bends_all_over_the_image_is_no_drift(surface, millimetres):
+    assert curved_frames.found(surface, millimetres) == (0, 0)
+
+
+@pytest.mark.parametrize("surface", ["LiDAR in a tunnel", "LiDAR in a dome"])
+@pytest.mark.parametrize("millimetres", [5, 10])
+def test_a_lidar_sees_no_planes_in_a_tunnel_or_under_a_dome(surface, millimetres):
+    """Of several sectors: in each what is at home there is looked at."""
     assert curved_frames.found(surface, millimetres) == (0, 0)
 
 

@@ -8,13 +8,18 @@ image, of which a plane is an affine function and what bends is nearly a quadric
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import curvature as kernels
 from planewise.kernels.cells import UNIT
 from planewise.kernels.quadrics import FLAT, UNTOLD, spread
+from planewise.kernels.units import sum_units
+from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
+from planewise.spatial.labels import sector_of_units
 from planewise.spatial.segments import Segments
 from planewise.workspace import Workspace
 
@@ -30,7 +35,7 @@ def curved_segments(
     doubtful: Chosen,
     ends: Pairs,
     units: Pairs,
-    focal: float,
+    sectors: Sectors,
     workspace: Workspace,
 ) -> tuple[Chosen, Chosen]:
     """Find the segments that are pieces of curved surfaces, and doubtful ones that are not.
@@ -53,8 +58,8 @@ def curved_segments(
         Others that would pay but for their border.
     ends, units : ndarray of int32, shape (m, 2)
         Segments and units of the two cells at every side between two segments.
-    focal : float
-        Focal length in pixels.
+    sectors : Sectors
+        Of the frame. Where there are several, what of a segment lies in each has a quadric.
     workspace : Workspace
         Memory to work in.
 
@@ -66,16 +71,22 @@ def curved_segments(
         Of doubtful ones: those that do not bend, as enough cells tell, and are not curved among
         all of both.
     """
-    every, quadrics = accepted | doubtful, np.empty((len(accepted), kernels.QUADRIC))
+    every, parts = accepted | doubtful, _parts(cells, segments, sectors)
+    quadrics = np.empty((len(parts.rows), kernels.QUADRIC))
     bent = kernels.quadrics_of(
-        cells.rows, segments.of_unit, segments.rows, segments.drift, every, quadrics
+        cells.rows, parts.of_unit, parts.rows, parts.drift, every[parts.segment], quadrics
     )
-    sharp = doubtful & (quadrics[:, kernels.BENT] == FLAT)
+    sharp = doubtful & (quadrics[: len(doubtful), kernels.BENT] == FLAT)
     if not bent:
         return np.zeros_like(accepted), sharp
+    if sectors.count > 1:
+        units = units[parts.sector[units[:, 0]] == parts.sector[units[:, 1]]]
+        ends = parts.of_unit[units]
 
     def curved(chosen: Chosen) -> Chosen:
-        return _curved(cells.rows, quadrics, chosen, ends, units, focal, workspace)
+        return _curved(
+            cells.rows, quadrics, parts.segment, chosen, ends, units, sectors.mean_focal, workspace
+        )
 
     if sharp.any():
         sharp &= ~curved(every)
@@ -85,22 +96,60 @@ def curved_segments(
     return curved(accepted), sharp
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """What of each segment lies in one sector, in the coordinates of that.
+
+    Attributes
+    ----------
+    rows, drift : ndarray, shapes (m, 13) and (m,)
+        As of `Segments`.
+    segment : ndarray of int, shape (m,)
+        What each is a part of.
+    of_unit, sector : ndarray of int32, shape (units,)
+        Part of every unit, and where it lies.
+    """
+
+    rows: Array
+    drift: Array
+    segment: NDArray[np.intp]
+    of_unit: NDArray[np.int32]
+    sector: NDArray[np.int32]
+
+
+def _parts(cells: Cells, segments: Segments, sectors: Sectors) -> _Parts:
+    """Parts of the segments; in one sector, the segments."""
+    sector, of_unit = sector_of_units(cells, sectors), segments.of_unit
+    if sectors.count == 1:
+        return _Parts(segments.rows, segments.drift, np.arange(len(segments.rows)), of_unit, sector)
+    key, part = np.unique(sectors.count * of_unit.astype(np.int64) + sector, return_inverse=True)
+    segment, of_unit = key // sectors.count, part.astype(np.int32)
+    rows = np.empty((len(key), segments.rows.shape[1]))
+    sum_units(cells.rows, of_unit, rows, np.empty(len(key), int))
+    return _Parts(rows, segments.drift[segment], segment, of_unit, sector)
+
+
 def _curved(
     rows: Array,
     quadrics: Array,
+    segment: NDArray[np.intp],
     chosen: Chosen,
     ends: Pairs,
     units: Pairs,
     focal: float,
     workspace: Workspace,
 ) -> Chosen:
-    """Those of chosen segments that are curved among each other."""
-    border, pairs = np.zeros(len(chosen)), workspace.empty(ends.shape, np.int32)
+    """Those of chosen segments that are curved among each other; quadrics, ends: of parts."""
+    border: Array = np.zeros(len(quadrics))
+    pairs = workspace.empty(ends.shape, np.int32)
     points = workspace.empty(len(ends), np.float32)
     states = workspace.empty(len(ends), np.int8)
     found = kernels.surface_borders(
         ends, units, rows, quadrics, UNIT / focal, border, pairs, points, states
     )
+    if len(quadrics) > len(chosen):
+        border = np.bincount(segment, border, len(chosen)).astype(np.float64)
+        pairs[:found] = segment[pairs[:found]]
     curved = np.zeros(len(chosen), np.bool_)
     spread(border, pairs[:found], points[:found], states[:found], curved)
     curved &= chosen

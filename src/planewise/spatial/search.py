@@ -307,14 +307,14 @@ def _accept(
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
-    if sectors.count == 1:
-        doubtful = ~accepted & (alone > least) & (cells.error.drifting < _MOST_DRIFTING)
-        curved, sharp = curved_segments(
-            cells, segments, accepted, doubtful, ends[:found], units[:found], sectors.mean_focal,
-            workspace,
-        )  # fmt: skip
-        accepted = accepted & ~curved | sharp
-        worth[curved], worth[sharp] = 0.0, alone[sharp]
+    doubtful = ~accepted & (alone > least) & (cells.error.drifting < _MOST_DRIFTING)
+    if sectors.count > 1:
+        doubtful[:] = False
+    curved, sharp = curved_segments(
+        cells, segments, accepted, doubtful, ends[:found], units[:found], sectors, workspace
+    )
+    accepted = accepted & ~curved | sharp
+    worth[curved], worth[sharp] = 0.0, alone[sharp]
     return worth, accepted
 
 
