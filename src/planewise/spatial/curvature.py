@@ -55,7 +55,7 @@ def curved_segments(
     accepted : ndarray of bool, shape (n,)
         Those that pay for being planes.
     doubtful : ndarray of bool, shape (n,)
-        Others that would pay but for their border.
+        Others that would pay but for their border; none where there are several sectors.
     ends, units : ndarray of int32, shape (m, 2)
         Segments and units of the two cells at every side between two segments.
     sectors : Sectors
@@ -76,12 +76,14 @@ def curved_segments(
     bent = kernels.quadrics_of(
         cells.rows, parts.of_unit, parts.rows, parts.drift, every[parts.segment], quadrics
     )
-    sharp = doubtful & (quadrics[: len(doubtful), kernels.BENT] == FLAT)
-    if not bent:
-        return np.zeros_like(accepted), sharp
-    if sectors.count > 1:
+    sharp = doubtful.copy()
+    if sectors.count == 1:
+        sharp &= quadrics[:, kernels.BENT] == FLAT
+    else:
         units = units[parts.sector[units[:, 0]] == parts.sector[units[:, 1]]]
         ends = parts.of_unit[units]
+    if not bent:
+        return np.zeros_like(accepted), sharp
 
     def curved(chosen: Chosen) -> Chosen:
         return _curved(
@@ -147,9 +149,8 @@ def _curved(
     found = kernels.surface_borders(
         ends, units, rows, quadrics, UNIT / focal, border, pairs, points, states
     )
-    if len(quadrics) > len(chosen):
-        border = np.bincount(segment, border, len(chosen)).astype(np.float64)
-        pairs[:found] = segment[pairs[:found]]
+    border = np.bincount(segment, border, len(chosen)).astype(np.float64)
+    pairs[:found] = segment[pairs[:found]]
     curved = np.zeros(len(chosen), np.bool_)
     spread(border, pairs[:found], points[:found], states[:found], curved)
     curved &= chosen

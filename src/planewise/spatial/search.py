@@ -307,9 +307,8 @@ def _accept(
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
-    doubtful = ~accepted & (alone > least) & (cells.error.drifting < _MOST_DRIFTING)
-    if sectors.count > 1:
-        doubtful[:] = False
+    white = cells.error.drifting < _MOST_DRIFTING and sectors.count == 1
+    doubtful = ~accepted & (alone > least) & white
     curved, sharp = curved_segments(
         cells, segments, accepted, doubtful, ends[:found], units[:found], sectors, workspace
     )
