@@ -11,6 +11,7 @@ Kinect reads it.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -25,32 +26,14 @@ CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
 SHAPE = (480, 640)
 LIDAR = pw.cameras.OUSTER_OS1_128
 MILLIMETRES = (1, 2, 5, 10, 20)
-SURFACES = (
-    "ball of 1 m",
-    "ball of 1.5 m",
-    "pipe",
-    "tank",
-    "silo",
-    "tower, inside",
-    "dome, inside",
-    "tunnel",
-    "bowl",
-    "waves",
-    "LiDAR in a tunnel",
-    "LiDAR in a shaft",
-    "LiDAR in a dome",
-)
 _FARTHEST = 25.0  # metres
 
 
 @cache
 def rays(lidar: bool = False) -> Array:
     """Rays of the pixels, shape (H, W, 3): 1 deep, of a LiDAR 1 long."""
-    if lidar:
-        return LIDAR.ray_rows(LIDAR.shape).T.reshape(*LIDAR.shape, 3)
-    v, u = np.indices(SHAPE, float)
-    x, y = (u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy
-    return np.stack((x, y, np.ones(SHAPE)), axis=-1)
+    rows = LIDAR.ray_rows(LIDAR.shape) if lidar else CAMERA.ray_rows(SHAPE)
+    return rows.T.reshape(*(LIDAR.shape if lidar else SHAPE), 3)
 
 
 def _depth(a: Array, b: Array, c: float, inside: bool) -> Array:
@@ -83,43 +66,37 @@ def cylinder(
     return _depth((ray**2).sum(axis=-1), -ray @ at, float(at @ at) - radius**2, inside)
 
 
-def _surface(name: str, along: Array) -> tuple[Array, float]:
-    """Depth of a surface, and of the wall behind it."""
-    u, v = along[..., 0], along[..., 1]
-    match name:
-        case "ball of 1 m":
-            return sphere((0, 0, 2.5), 1.0, along), 4.0
-        case "ball of 1.5 m":
-            return sphere((0, 0, 3.0), 1.5, along), 4.0
-        case "pipe":
-            return cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5, along), 4.0
-        case "tank":
-            return cylinder((0, 1, 0), (0, 0, 4.0), 2.0, along), np.inf
-        case "silo":
-            return cylinder((0, 1, 0), (0, 0, 10.0), 4.0, along), np.inf
-        case "tower, inside":
-            return cylinder((0, 1, 0), (0, 0, 0), 3.0, along, inside=True), np.inf
-        case "dome, inside":
-            return sphere((0, 0, 0), 3.0, along, inside=True), np.inf
-        case "tunnel":
-            return cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, along, inside=True), np.inf
-        case "bowl":
-            return 2 + 0.5 * (u**2 + v**2), np.inf
-        case "waves":
-            return 2.5 + 0.1 * np.sin(6 * u) + 0.1 * np.cos(5 * v), np.inf
-        case "LiDAR in a tunnel":
-            return cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, along, inside=True), np.inf
-        case "LiDAR in a shaft":
-            return cylinder((0, 0, 1), (0.5, 1, 0), 6.0, along, inside=True), np.inf
-        case "LiDAR in a dome":
-            return sphere((1, 0.5, 1), 8.0, along, inside=True), np.inf
-    raise KeyError(name)
+def _bowl(rays: Array) -> Array:
+    return 2 + 0.5 * (rays[..., 0] ** 2 + rays[..., 1] ** 2)
+
+
+def _waves(rays: Array) -> Array:
+    return 2.5 + 0.1 * np.sin(6 * rays[..., 0]) + 0.1 * np.cos(5 * rays[..., 1])
+
+
+_Z, _Y = (0, 0, 1), (0, 1, 0)
+SURFACES: dict[str, Callable[[Array], Array]] = {
+    "ball of 1 m": lambda rays: sphere((0, 0, 2.5), 1.0, rays),
+    "ball of 1.5 m": lambda rays: sphere((0, 0, 3.0), 1.5, rays),
+    "pipe": lambda rays: cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5, rays),
+    "tank": lambda rays: cylinder(_Y, (0, 0, 4.0), 2.0, rays),
+    "silo": lambda rays: cylinder(_Y, (0, 0, 10.0), 4.0, rays),
+    "tower, inside": lambda rays: cylinder(_Y, (0, 0, 0), 3.0, rays, inside=True),
+    "dome, inside": lambda rays: sphere((0, 0, 0), 3.0, rays, inside=True),
+    "tunnel": lambda rays: cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, rays, inside=True),
+    "bowl": _bowl,
+    "waves": _waves,
+    "LiDAR in a tunnel": lambda rays: cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, rays, inside=True),
+    "LiDAR in a shaft": lambda rays: cylinder(_Z, (0.5, 1, 0), 6.0, rays, inside=True),
+    "LiDAR in a dome": lambda rays: sphere((1, 0.5, 1), 8.0, rays, inside=True),
+}
+_WALLS = {"ball of 1 m": 4.0, "ball of 1.5 m": 4.0, "pipe": 4.0}  # behind them, metres
 
 
 def found(name: str, millimetres: float | None) -> tuple[int, float]:
     """Planes on a surface, and the share of its pixels that they hold; None: a Kinect's noise."""
     camera: pw.Camera = LIDAR if name.startswith("LiDAR") else CAMERA
-    z, wall = _surface(name, rays(camera is LIDAR))
+    z, wall = SURFACES[name](rays(camera is LIDAR)), _WALLS.get(name, np.inf)
     curved = z < min(wall, _FARTHEST)
     if millimetres is None:
         sensor, sigma = pw.sensors.KINECT_V1, noise.KINECT

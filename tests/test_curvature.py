@@ -10,9 +10,8 @@ from planewise.kernels.cells import COUNT, SEGMENT, UNIT
 from planewise.kernels.curvature import BENT, CENTRE, EXTENT, QUADRIC, SIZE, C, quadrics_of
 from planewise.kernels.quadrics import FLAT, PARTLY
 
-CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
-SHAPE = (480, 640)
-U, V = (np.indices(SHAPE, float)[::-1].T - (CAMERA.cx, CAMERA.cy)).T / 525
+CAMERA = curved_frames.CAMERA
+U, V, _ = np.moveaxis(curved_frames.rays(), -1, 0)
 
 
 def found(z, sigma, seed=0, **options):
@@ -89,7 +88,7 @@ def test_what_bends_all_over_the_image_is_no_drift(surface, millimetres):
 @pytest.mark.parametrize("surface", ["LiDAR in a tunnel", "LiDAR in a dome"])
 @pytest.mark.parametrize("millimetres", [5, 10])
 def test_a_lidar_sees_no_planes_in_a_tunnel_or_under_a_dome(surface, millimetres):
-    """Of several sectors: in each what is at home there is looked at."""
+    """In each of several sectors what lies of a segment there has a quadric of its own."""
     assert curved_frames.found(surface, millimetres) == (0, 0)
 
 
@@ -122,16 +121,22 @@ def test_a_region_does_not_bring_a_fan_back():
     assert (model.labels[~floor] == 0).mean() > 0.98
 
 
+def units_at(x, y, w, weight):
+    """Rows of units that are readings of one weight each."""
+    units = np.zeros((x.size, SEGMENT))
+    units[:, 0], units[:, 1], units[:, 2], units[:, 6] = weight, weight * x, weight * y, weight * w
+    units[:, 3], units[:, 4], units[:, 5] = weight * x**2, weight * x * y, weight * y**2
+    units[:, 7], units[:, 8], units[:, COUNT] = weight * x * w, weight * y * w, 36
+    return units
+
+
 def test_quadrics_are_those_of_least_squares():
     rng = np.random.default_rng(1)
     x, y = rng.uniform(-1, 1, (2, 40))
     weight = rng.uniform(1e5, 1e6, 40)
     w = 0.5 + 0.02 * x - 0.01 * y + 0.03 * x**2 - 0.02 * x * y + 0.01 * y**2
     w += rng.normal(0, 1e-4, 40)
-    units = np.zeros((40, SEGMENT))
-    units[:, 0], units[:, 1], units[:, 2], units[:, 6] = weight, weight * x, weight * y, weight * w
-    units[:, 3], units[:, 4], units[:, 5] = weight * x**2, weight * x * y, weight * y**2
-    units[:, 7], units[:, 8], units[:, COUNT] = weight * x * w, weight * y * w, 36
+    units = units_at(x, y, w, weight)
     row, quadrics = units.sum(axis=0)[None], np.empty((1, QUADRIC))
     assert quadrics_of(units, np.zeros(40, np.int32), row, np.zeros(1), np.ones(1, bool), quadrics)
     q = quadrics[0]
@@ -158,10 +163,7 @@ def test_cells_side_by_side_do_not_tell_a_bend(columns, told):
     y, x = (0.06 * place.ravel() for place in np.indices((rows, columns)))
     x, y = (place + rng.normal(0, 1e-4, place.size) for place in (x, y))
     weight, w = np.full(x.size, 1e6), 0.5 + 0.1 * x + rng.normal(0, 1e-3, x.size)
-    units = np.zeros((x.size, SEGMENT))
-    units[:, 0], units[:, 1], units[:, 2], units[:, 6] = weight, weight * x, weight * y, weight * w
-    units[:, 3], units[:, 4], units[:, 5] = weight * x**2, weight * x * y, weight * y**2
-    units[:, 7], units[:, 8], units[:, COUNT] = weight * x * w, weight * y * w, 36
+    units = units_at(x, y, w, weight)
     row, quadrics = units.sum(axis=0)[None], np.empty((1, QUADRIC))
     quadrics_of(units, np.zeros(x.size, np.int32), row, np.zeros(1), np.ones(1, bool), quadrics)
     assert quadrics[0, BENT] == told

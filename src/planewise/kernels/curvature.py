@@ -13,6 +13,7 @@ from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.planes import affine_planes
 from planewise.kernels.quadrics import (
+    FLAT,
     GOES_ON,
     HEIGHTS,
     LEFT,
@@ -114,8 +115,8 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
             continue
         border[u] += 1.0
         border[v] += 1.0
-        narrow = a[BENT] < 0.0 and b[BENT] < 0.0 and max(a[BENT], b[BENT]) == PARTLY
-        if a[BENT] <= 0.0 and b[BENT] <= 0.0 and not narrow:
+        told = max(a[BENT], b[BENT])
+        if told in (FLAT, UNTOLD):
             continue
         turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
         least, near = OWN * np.sqrt(turn) / extents, turn <= level * level
@@ -130,7 +131,7 @@ def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, s
         under, vx, vy = _surface(b, x, y)
         jump = 2.0 * (over - under) / extents
         left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
-        if narrow or left <= LEFT * LEFT * turn:
+        if told == PARTLY or left <= LEFT * LEFT * turn:
             state |= GOES_ON
         pairs[found, 0], pairs[found, 1] = u, v
         points[found], states[found] = 1.0, state

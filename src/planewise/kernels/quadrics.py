@@ -92,11 +92,11 @@ def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
     """
     left = False
     for i in range(6):
-        order = _POWERS[i, 0] + _POWERS[i, 1]
+        narrow = _NARROW * sums[0] * square ** (_POWERS[i, 0] + _POWERS[i, 1])
         for j in range(i + 1):
             p, q = _POWERS[i, 0] + _POWERS[j, 0], _POWERS[i, 1] + _POWERS[j, 1]
             total = sums[(p + q) * (p + q + 1) // 2 + q]
-            least = max(_SINGULAR * total, _NARROW * sums[0] * square**order)
+            least = max(_SINGULAR * total, narrow)
             for k in range(j):
                 total -= factor[i, k] * factor[j, k]
             if i > j:

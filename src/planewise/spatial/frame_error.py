@@ -239,7 +239,7 @@ def drift_factor(
     across an edge is left out, not taken for drift. A curved surface shows in it as well, but not
     in how much it changes from one cell to the next, as drift does: where that tells of much less
     drift, and surfaces bend more than distortion does, it is right. grid holds whole cells only, -1
-    elsewhere, of which every so manieth row and column counts; focal: pixels.
+    elsewhere; one of `every` rows and columns counts; focal: pixels.
     """
     some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
     of_cells = some, planes, inflation, drift, lag // every
