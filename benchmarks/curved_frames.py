@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +74,11 @@ def _waves(rays: Array) -> Array:
     return 2.5 + 0.1 * np.sin(6 * rays[..., 0]) + 0.1 * np.cos(5 * rays[..., 1])
 
 
+def _curtain(fold: float, rays: Array) -> Array:
+    """Folds so many metres wide and 8 cm deep, at 2.5 m."""
+    return 2.5 + 0.04 * np.sin(2 * np.pi * 2.5 * rays[..., 0] / fold + 0.3 * rays[..., 1])
+
+
 _Z, _Y = (0, 0, 1), (0, 1, 0)
 SURFACES: dict[str, Callable[[Array], Array]] = {
     "ball of 1 m": lambda rays: sphere((0, 0, 2.5), 1.0, rays),
@@ -86,6 +91,8 @@ SURFACES: dict[str, Callable[[Array], Array]] = {
     "tunnel": lambda rays: cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, rays, inside=True),
     "bowl": _bowl,
     "waves": _waves,
+    "curtain, folds of 20 cm": partial(_curtain, 0.2),
+    "curtain, folds of 40 cm": partial(_curtain, 0.4),
     "LiDAR in a tunnel": lambda rays: cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, rays, inside=True),
     "LiDAR in a shaft": lambda rays: cylinder(_Z, (0.5, 1, 0), 6.0, rays, inside=True),
     "LiDAR in a dome": lambda rays: sphere((1, 0.5, 1), 8.0, rays, inside=True),

@@ -432,12 +432,15 @@ def test_borders_of_segments_are_paid_for_once():
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
     border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
     unit, units = np.arange(600).reshape(20, 30), np.empty((1200, 2), int)
+    at = np.empty(1200, int)
     low, high, knee = bounds = 0.01, 1.5, 20.0
     found = borders.segment_borders(
-        unit, of_cell, discords, bounds, False, border, ends, units, price
+        unit, of_cell, discords, bounds, False, border, ends, units, at, price
     )
     assert_array_equal(of_cell.reshape(-1)[units[:found]], ends[:found])
     assert_array_equal(np.unique(np.ptp(units[:found], axis=1)), [1, 30])
+    assert_array_equal(at[:found] >> 1, units[:found, 0])
+    assert_array_equal(at[:found] & 1, np.ptp(units[:found], axis=1) == 30)
     exact, pairs = np.zeros(5), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
@@ -640,7 +643,7 @@ def test_the_last_column_may_be_beside_the_first():
     assert_array_equal(around, plain)
     of_cell, border = np.append(plain, -1)[grid].astype(np.int32), np.empty((2, len(plain)))
     ends = np.empty((2, 2 * grid.size, 2), np.int32)
-    room = *ends, np.empty(2 * grid.size)
+    room = *ends, np.empty(2 * grid.size, np.int32), np.empty(2 * grid.size)
     for out, shift in zip(border, (0, 3), strict=True):
         cells, sides = np.roll(of_cell, shift, axis=1), np.roll(discords, shift, axis=2)
         borders.segment_borders(cells, cells, sides, PRICE, True, out, *room)

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from planewise.camera import PinholeCamera
 from planewise.compilation import confirm
 from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
-from planewise.kernels.curvature import QUADRIC, surface_borders
+from planewise.kernels.curvature import (
+    QUADRIC,
+    find_round,
+    leave_twos_out,
+    meet,
+    surface_borders,
+)
 from planewise.kernels.forms import FORM
 from planewise.kernels.planes import in_space
 from planewise.kernels.quadrics import spread
@@ -95,9 +101,13 @@ def _surfaces(rows: NDArray[np.float64]) -> None:
     """Two segments side by side, as if one of them were bent."""
     ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
     pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
-    quadrics = np.zeros((2, QUADRIC))
-    surface_borders(ends, ends, rows, quadrics, 1.0, border, pairs, points, states)
+    of_unit, at, how = np.arange(2, dtype=np.int32), np.zeros(1, np.int32), np.zeros(1, np.int8)
+    quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
+    meet(ends, ends, rows, quadrics, 1.0, how)
+    find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
+    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
     spread(border, pairs, points, states, curved)
+    leave_twos_out(pairs, curved)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -61,13 +61,14 @@ def segments_of_cells(unit, segment, out):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, nats):  # type: ignore[no-untyped-def]
+def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, at, nats):  # type: ignore[no-untyped-def]
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
     unit, of_cell (rows, columns): of every cell, and its segment, or -1; price as `border_price`
     takes it; wraps: whether the last column is beside the first. Writes border (n,): all sides of
-    each; and for each side between two segments these, ends (., 2), units (., 2) and nats (.);
-    returns how many of these there are.
+    each; and for each side between two segments these, ends (., 2), units (., 2), at (.): twice the
+    place of the first cell, and 1 if the other is below it, not beside it; and nats (.). Returns
+    how many of these there are.
     """
     rows, columns = of_cell.shape
     border[:] = 0.0
@@ -89,6 +90,7 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
                 if u >= 0 and v >= 0:
                     ends[found, 0], ends[found, 1], nats[found] = u, v, cost
                     units[found, 0], units[found, 1] = unit[i, j], unit[row, column]
+                    at[found] = 2 * (i * columns + j) + k
                     found += 1
     return found
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.planes import affine_planes
 from planewise.kernels.quadrics import (
@@ -28,6 +28,11 @@ from planewise.kernels.quadrics import (
 
 QUADRIC = 14
 CENTRE, C, EXTENT, SIZE, BENT = 3, 5, 11, 12, 13
+APART, MEET, NEAR, ROUND = 0, 1, 2, 3  # how segments are at a side of two cells
+
+_TURN = 0.5  # cosine of 60 degrees: edges turn by more, as a rule
+_INTO = 0.1  # of the width of a segment
+_SURE, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs between units
 
 
 @compiled
@@ -89,51 +94,180 @@ def _surface(q, x, y):  # type: ignore[no-untyped-def]
     return w, along, q[2] + q[C + 2] + q[C + 4] * dx + 2.0 * q[C + 5] * dy
 
 
+@inlined
+def _half_way(i, j):  # type: ignore[no-untyped-def]
+    """Point half way between two cells of unit rows, and from one to the other."""
+    one, other = 1.0 / i[0], 1.0 / j[0]
+    xi, yi, xj, yj = one * i[1], one * i[2], other * j[1], other * j[2]
+    return 0.5 * (xi + xj), 0.5 * (yi + yj), xi - xj, yi - yj
+
+
+@inlined
+def _own_slopes(row):  # type: ignore[no-untyped-def]
+    """Slopes of a unit's own plane, and their covariance (xx, xy, yy); infinite if it has none."""
+    scale = 1.0 / row[0]
+    cx, cy = scale * row[1], scale * row[2]
+    xx, xy, yy = row[3] - cx * row[1], row[4] - cx * row[2], row[5] - cy * row[2]
+    xw, yw = row[7] - cx * row[6], row[8] - cy * row[6]
+    over = 1.0 / max(xx * yy - xy * xy, 0.0)
+    return over * (yy * xw - xy * yw), over * (xx * yw - xy * xw), over * yy, -over * xy, over * xx
+
+
+@inlined
+def _unit_beyond(at, far, grid, wraps):  # type: ignore[no-untyped-def]
+    """Unit some cells from the first one of a side, across it; -1 where there is none."""
+    rows, columns = grid.shape
+    cell, down = at >> 1, at & 1
+    i, j = cell // columns + far * down, cell % columns + far * (1 - down)
+    if wraps:
+        j %= columns
+    return grid[i, j] if 0 <= i < rows and 0 <= j < columns else np.int32(-1)
+
+
 @compiled
-def surface_borders(ends, units, rows, quadrics, slope, border, pairs, points, states):  # type: ignore[no-untyped-def]
+def meet(ends, units, rows, quadrics, slope, how):  # type: ignore[no-untyped-def]
+    """Say how the planes of segments meet, at every side of cells between two of them.
+
+    ends, units (m, 2): segments and units of both cells; rows (., 13) of units; quadrics (n, .) of
+    segments; slope: of w, per w, of a surface at 45 degrees. Writes how (m,): APART if one surface
+    is in front of the other; else NEAR if they turn by less than 60 degrees, and MEET if by more.
+    """
+    for e in range(ends.shape[0]):
+        a, b = quadrics[ends[e, 0]], quadrics[ends[e, 1]]
+        x, y, dx, dy = _half_way(rows[units[e, 0]], rows[units[e, 1]])
+        level = slope * (a[0] + a[1] * x + a[2] * y)
+        step = a[0] - b[0] + (a[1] - b[1]) * x + (a[2] - b[2]) * y
+        # (t1, t2, r t0) is normal to a plane, r = `slope`.
+        ra, rb = slope * a[0], slope * b[0]
+        along = a[1] * b[1] + a[2] * b[2] + ra * rb
+        of_a, of_b = a[1] * a[1] + a[2] * a[2] + ra * ra, b[1] * b[1] + b[2] * b[2] + rb * rb
+        how[e] = APART
+        if step * step <= level * level * (dx * dx + dy * dy):
+            near = along > 0.0 and along * along > _TURN * _TURN * of_a * of_b
+            how[e] = NEAR if near else MEET
+
+
+@compiled
+def find_round(ends, at, grid, of_unit, rows, quadrics, chosen, wraps, how):  # type: ignore[no-untyped-def]
+    """Find where chosen segments that are NEAR have no edge: how (m,) of such sides is ROUND.
+
+    ends (m, 2), at (m,): segments and places of both cells (`borders.segment_borders`); grid: unit
+    of every cell, -1 for none; of_unit (.,), rows (., 13): of units; quadrics (n, .), chosen (n,):
+    of segments; wraps: whether the last column is beside the first.
+
+    There cells a tenth of the width into both turn by clearly less than half of what the planes do,
+    on average of all sides between the same two; edges that are rounded are so by less than that.
+    """
+    size, count = ends.shape[0], quadrics.shape[0]
+    last, before = np.full(count, -1, np.int32), np.empty(size, np.int32)
+    sides = np.zeros(count)
+    for e in range(size):
+        u, v = ends[e, 0], ends[e, 1]
+        sides[u] += 1.0
+        sides[v] += 1.0
+        if how[e] == NEAR and chosen[u] and chosen[v]:
+            first = min(u, v)
+            before[e], last[first] = last[first], e
+    known_of, pair = np.full(count, -1, np.int32), np.full(size, -1, np.int32)
+    total, mean = np.zeros(size), np.zeros(size)
+    for first in range(count):
+        e = last[first]
+        while e >= 0:
+            u, v = ends[e, 0], ends[e, 1]
+            other, a, b = max(u, v), quadrics[u], quadrics[v]
+            known = known_of[other]
+            if known < 0 or min(ends[known, 0], ends[known, 1]) != first:
+                known_of[other] = known = e
+            pair[e] = known
+            # Pixels are twice the width times the border, and those of a square its extent^2.
+            scale = _INTO * 2.0 * (UNIT / SIDE) ** 2
+            left, right = scale * a[EXTENT] ** 2 / sides[u], scale * b[EXTENT] ** 2 / sides[v]
+            i = _unit_beyond(at[e], -int(left), grid, wraps)
+            j = _unit_beyond(at[e], 1 + int(right), grid, wraps)
+            if i >= 0 and j >= 0 and of_unit[i] == u and of_unit[j] == v:
+                d1, d2 = a[1] - b[1], a[2] - b[2]
+                i1, i2, ixx, ixy, iyy = _own_slopes(rows[i])
+                j1, j2, jxx, jxy, jyy = _own_slopes(rows[j])
+                # The mean, by precision, of what they turn by against what the planes do.
+                turn = d1 * d1 + d2 * d2
+                variance = (ixx + jxx) * d1 * d1 + (iyy + jyy) * d2 * d2
+                variance += 2.0 * (ixy + jxy) * d1 * d2
+                weight = turn * turn / variance
+                if weight > 0.0 and weight < np.inf:
+                    total[known] += weight
+                    mean[known] += weight * ((i1 - j1) * d1 + (i2 - j2) * d2) / turn
+            e = before[e]
+    for e in range(size):
+        if pair[e] >= 0 and total[pair[e]] > 0.0:
+            weight = total[pair[e]]
+            if mean[pair[e]] / weight + _SURE * np.sqrt(_TWICE / weight) < LEFT:
+                how[e] = ROUND
+
+
+@compiled
+def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, points, states):  # type: ignore[no-untyped-def]
     """Find where the surfaces of segments may go on, from the sides of cells between them.
 
-    ends, units (m, 2): segments and units of both cells; rows (., 13) of units; slope: of w, per w,
-    of a surface at 45 degrees. Sides where one surface is in front of the other are no borders;
-    others are counted in border (n,) of either segment. Writes of each whose segments may be one
-    curved surface the segments (., 2), points (.), which are 1, and states (.): GOES_ON if half way
-    between the cells the quadrics, the step from one to the other included, turn by at most half of
-    what the planes do, or if one is told in part and the other no more; TOLD_U, TOLD_V of a segment
-    whose own quadric makes a fair share of that, or is not told. Returns how many there are.
+    ends, units (m, 2): parts of segments and units of both cells; rows (., 13) of units; segment:
+    of every part; how (m,): `meet`. Sides where they meet are counted in border (n,) of either
+    segment. Writes of each whose segments may be one curved surface the segments (., 2), points
+    (.), which are 1, and states (.): GOES_ON if it is ROUND, if half way between the cells the
+    quadrics, the step from one to the other included, turn by at most half of what the planes do,
+    or if one is told in part and the other no more; TOLD_U, TOLD_V of a part whose own quadric
+    makes a fair share of that, or is not told. Returns how many there are.
     """
     found = 0
+    border[:] = 0.0
     for e in range(ends.shape[0]):
+        if how[e] == APART:
+            continue
         u, v = ends[e, 0], ends[e, 1]
-        a, b, i, j = quadrics[u], quadrics[v], rows[units[e, 0]], rows[units[e, 1]]
-        one, other = 1.0 / i[0], 1.0 / j[0]
-        x, y = 0.5 * (i[1] * one + j[1] * other), 0.5 * (i[2] * one + j[2] * other)
-        dx, dy = i[1] * one - j[1] * other, i[2] * one - j[2] * other
-        d1, d2 = a[1] - b[1], a[2] - b[2]
-        level = slope * (a[0] + a[1] * x + a[2] * y)
-        step = abs(a[0] - b[0] + d1 * x + d2 * y)
-        if not step * step <= level * level * (dx * dx + dy * dy):
+        border[segment[u]] += 1.0
+        border[segment[v]] += 1.0
+        a, b = quadrics[u], quadrics[v]
+        told, state = max(a[BENT], b[BENT]), 0
+        if how[e] == ROUND:
+            state = GOES_ON | TOLD_U | TOLD_V
+        elif told not in (FLAT, UNTOLD):
+            d1, d2 = a[1] - b[1], a[2] - b[2]
+            turn, extents, near = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT], how[e] == NEAR
+            least = OWN * np.sqrt(turn) / extents
+            if near if a[BENT] < 0.0 else a[SIZE] >= least:
+                state |= TOLD_U
+            if near if b[BENT] < 0.0 else b[SIZE] >= least:
+                state |= TOLD_V
+            if state == 0:
+                continue
+            x, y, _, _ = _half_way(rows[units[e, 0]], rows[units[e, 1]])
+            over, ux, uy = _surface(a, x, y)
+            under, vx, vy = _surface(b, x, y)
+            jump = 2.0 * (over - under) / extents
+            left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
+            if told == PARTLY or left <= LEFT * LEFT * turn:
+                state |= GOES_ON
+        else:
             continue
-        border[u] += 1.0
-        border[v] += 1.0
-        told = max(a[BENT], b[BENT])
-        if told in (FLAT, UNTOLD):
-            continue
-        turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
-        least, near = OWN * np.sqrt(turn) / extents, turn <= level * level
-        state = 0
-        if near if a[BENT] < 0.0 else a[SIZE] >= least:
-            state |= TOLD_U
-        if near if b[BENT] < 0.0 else b[SIZE] >= least:
-            state |= TOLD_V
-        if state == 0:
-            continue
-        over, ux, uy = _surface(a, x, y)
-        under, vx, vy = _surface(b, x, y)
-        jump = 2.0 * (over - under) / extents
-        left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
-        if told == PARTLY or left <= LEFT * LEFT * turn:
-            state |= GOES_ON
-        pairs[found, 0], pairs[found, 1] = u, v
+        pairs[found, 0], pairs[found, 1] = segment[u], segment[v]
         points[found], states[found] = 1.0, state
         found += 1
     return found
+
+
+@compiled
+def leave_twos_out(pairs, curved):  # type: ignore[no-untyped-def]
+    """Of curved segments (n,) leave those that are together with at most one other of them.
+
+    pairs (m, 2): of segments side by side. One stays if it or one beside it has several beside it.
+    """
+    one, several = np.full(curved.size, -1), np.zeros(curved.size, np.bool_)
+    for e in range(pairs.shape[0]):
+        for u, v in ((pairs[e, 0], pairs[e, 1]), (pairs[e, 1], pairs[e, 0])):
+            if curved[u] and curved[v]:
+                several[u] |= one[u] >= 0 and one[u] != v
+                one[u] = v
+    curved[:] = several
+    for e in range(pairs.shape[0]):
+        u, v = pairs[e, 0], pairs[e, 1]
+        if one[u] >= 0 and one[v] >= 0:
+            curved[u] |= several[v]
+            curved[v] |= several[u]

@@ -20,6 +20,7 @@ from planewise.kernels.units import sum_units
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.labels import sector_of_units
+from planewise.spatial.seams import Neighbours
 from planewise.spatial.segments import Segments
 from planewise.workspace import Workspace
 
@@ -33,18 +34,22 @@ def curved_segments(
     segments: Segments,
     accepted: Chosen,
     doubtful: Chosen,
+    beside: Neighbours,
     ends: Pairs,
     units: Pairs,
+    at: NDArray[np.int32],
     sectors: Sectors,
     workspace: Workspace,
 ) -> tuple[Chosen, Chosen]:
     """Find the segments that are pieces of curved surfaces, and doubtful ones that are not.
 
     Each has a quadric. Across a border the surface goes on if the quadrics of both sides turn by
-    less than half of what their planes do where they meet, one of them being clearly bent, or if
-    both are too narrow to tell and turn by less than 45 degrees, as at the rims of round things; a
-    segment is curved if its surface goes on across most of its border, as are those among them.
-    There are at least three: two that go on into each other may be the sides of a rounded edge.
+    less than half of what their planes do where they meet, one of them being clearly bent; or, if
+    the planes turn by less than 60 degrees, where both are too narrow to tell, as at the rims of
+    round things, and where their own cells turn by less than half of that, as in the folds of
+    cloth. A segment is curved if its surface goes on across most of its border, as are those among
+    them. There are at least three: two that go on into each other may be the sides of a rounded
+    edge.
 
     Parameters
     ----------
@@ -56,8 +61,11 @@ def curved_segments(
         Those that pay for being planes.
     doubtful : ndarray of bool, shape (n,)
         Others that would pay but for their border; none where there are several sectors.
-    ends, units : ndarray of int32, shape (m, 2)
-        Segments and units of the two cells at every side between two segments.
+    beside : Neighbours
+        Which cells are beside each other.
+    ends, units, at : ndarray of int32, shapes (m, 2), (m, 2) and (m,)
+        Segments, units and place (`kernels.borders.segment_borders`) of the two cells at every side
+        between two segments.
     sectors : Sectors
         Of the frame. Where there are several, what of a segment lies in each has a quadric.
     workspace : Workspace
@@ -80,15 +88,21 @@ def curved_segments(
     if sectors.count == 1:
         sharp &= quadrics[:, kernels.BENT] == FLAT
     else:
-        units = units[parts.sector[units[:, 0]] == parts.sector[units[:, 1]]]
+        together = parts.sector[units[:, 0]] == parts.sector[units[:, 1]]
+        units, at = units[together], at[together]
         ends = parts.of_unit[units]
-    if not bent:
+    how = np.empty(len(ends), np.int8)
+    kernels.meet(ends, units, cells.rows, quadrics, UNIT / sectors.mean_focal, how)
+    kernels.find_round(
+        ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, every[parts.segment],
+        beside.wraps, how,
+    )  # fmt: skip
+    # Where beams are few, the ground comes in narrow pieces, too: those alone say nothing.
+    if sectors.count > 1 and not bent and not (how == kernels.ROUND).any():
         return np.zeros_like(accepted), sharp
 
     def curved(chosen: Chosen) -> Chosen:
-        return _curved(
-            cells.rows, quadrics, parts.segment, chosen, ends, units, sectors.mean_focal, workspace
-        )
+        return _curved(cells.rows, quadrics, parts.segment, chosen, ends, units, how, workspace)
 
     if sharp.any():
         sharp &= ~curved(every)
@@ -138,28 +152,19 @@ def _curved(
     chosen: Chosen,
     ends: Pairs,
     units: Pairs,
-    focal: float,
+    how: NDArray[np.int8],
     workspace: Workspace,
 ) -> Chosen:
     """Those of chosen segments that are curved among each other; quadrics, ends: of parts."""
-    border: Array = np.zeros(len(quadrics))
+    border = np.empty(len(chosen))
     pairs = workspace.empty(ends.shape, np.int32)
     points = workspace.empty(len(ends), np.float32)
     states = workspace.empty(len(ends), np.int8)
     found = kernels.surface_borders(
-        ends, units, rows, quadrics, UNIT / focal, border, pairs, points, states
+        ends, units, rows, quadrics, segment, how, border, pairs, points, states
     )
-    border = np.bincount(segment, border, len(chosen)).astype(np.float64)
-    pairs[:found] = segment[pairs[:found]]
-    curved = np.zeros(len(chosen), np.bool_)
-    spread(border, pairs[:found], points[:found], states[:found], curved)
+    pairs, curved = pairs[:found], np.empty(len(chosen), np.bool_)
+    spread(border, pairs, points[:found], states[:found], curved)
     curved &= chosen
-    if not curved.any():
-        return curved
-    pieces = np.sort(pairs[:found][curved[pairs[:found]].all(axis=1)].astype(np.int64), axis=1)
-    once = np.unique(pieces[:, 0] * len(chosen) + pieces[:, 1])  # much faster than of rows
-    pieces = np.stack(np.divmod(once, len(chosen)))
-    between = np.bincount(pieces.ravel(), minlength=len(curved)) > 1
-    curved[:] = False
-    curved[pieces[:, between[pieces].any(axis=0)]] = True
+    kernels.leave_twos_out(pairs, curved)
     return curved

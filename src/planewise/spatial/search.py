@@ -295,10 +295,11 @@ def _accept(
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
     ends = workspace.empty((2 * of_cell.size, 2), np.int32)
-    units, nats = workspace.empty(ends.shape, np.int32), workspace.empty(len(ends))
+    units, at = workspace.empty(ends.shape, np.int32), workspace.empty(len(ends), np.int32)
+    nats = workspace.empty(len(ends))
     found = borders.segment_borders(
         beside.grid, of_cell, beside.discords, charges.border, beside.wraps, border, ends, units,
-        nats,
+        at, nats,
     )  # fmt: skip
     alone = rows[:, FREE] - charges.misfit(rows) - charges.plane
     worth = alone - border
@@ -310,8 +311,9 @@ def _accept(
     white = cells.error.drifting < _MOST_DRIFTING and sectors.count == 1
     doubtful = ~accepted & (alone > least) & white
     curved, sharp = curved_segments(
-        cells, segments, accepted, doubtful, ends[:found], units[:found], sectors, workspace
-    )
+        cells, segments, accepted, doubtful, beside, ends[:found], units[:found], at[:found],
+        sectors, workspace,
+    )  # fmt: skip
     accepted = accepted & ~curved | sharp
     worth[curved], worth[sharp] = 0.0, alone[sharp]
     return worth, accepted
