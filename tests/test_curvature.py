@@ -62,7 +62,7 @@ def polygon(sides, radius=3.0):
     return facing(normals, np.full(sides, radius))
 
 
-@pytest.mark.parametrize("sigma", [0.001, 0.005])
+@pytest.mark.parametrize("sigma", [0.0001, 0.001, 0.005])
 def test_a_round_wall_is_no_fan_of_planes(sigma):
     z, floor = round_room()
     model = found(z, sigma)
