@@ -47,7 +47,7 @@ def write_cloud_results(
     Parameters
     ----------
     folder : Path
-        Existing folder, as `planewise.results.image.output_folder` gives it.
+        Existing folder, as `planewise.whole_files.output_folder` gives it.
     model : PlaneModel
         What was found in the points of `cloud`.
     cloud, sensor

@@ -38,7 +38,7 @@ def write_results(
     Parameters
     ----------
     folder : Path
-        Existing folder, as `output_folder` gives it.
+        Existing folder, as `planewise.whole_files.output_folder` gives it.
     model : PlaneModel
         What was found.
     depth, camera, sensor, depth_scale
