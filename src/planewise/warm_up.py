@@ -20,7 +20,7 @@ from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
 from planewise.kernels.curvature import (
     QUADRIC,
     find_round,
-    leave_twos_out,
+    leave_out,
     meet,
     surface_borders,
 )
@@ -107,7 +107,7 @@ def _surfaces(rows: NDArray[np.float64]) -> None:
     find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
     surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
     spread(border, pairs, points, states, curved)
-    leave_twos_out(pairs, curved)
+    leave_out(pairs, states, curved, curved)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:

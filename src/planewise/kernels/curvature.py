@@ -25,10 +25,12 @@ from planewise.kernels.quadrics import (
     add_height,
     fit_quadric,
 )
+from planewise.kernels.roots import root_of
 
 QUADRIC = 14
 CENTRE, C, EXTENT, SIZE, BENT = 3, 5, 11, 12, 13
 APART, MEET, NEAR, ROUND = 0, 1, 2, 3  # how segments are at a side of two cells
+SURE = 8  # state of a side, as `kernels.quadrics`: it goes on as far as what is bent tells
 
 _TURN = 0.5  # cosine of 60 degrees: edges turn by more, as a rule
 _INTO = 0.1  # of the width of a segment
@@ -37,7 +39,7 @@ _SURE, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs be
 
 @compiled
 def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[no-untyped-def]
-    """Fit a quadric to every chosen segment: writes quadrics (n, QUADRIC); returns how many bend.
+    """Fit a quadric to every chosen segment: writes quadrics (n, QUADRIC).
 
     units (m, 13), of_unit (m,): rows and segments of units; rows (n, 13), drift (n,), chosen (n,):
     of segments.
@@ -67,7 +69,6 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
         x, y = scale * (x - q[CENTRE]), scale * (y - q[CENTRE + 1])
         add_height(sums[s], w, x, y, z)
         cells[s] += 1
-    bent = 0
     for s in range(count):
         q = quadrics[s]
         if chosen[s]:
@@ -80,8 +81,6 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
         for e in range(3, 6):
             q[C + e] = scale * scale * t[e]
         q[SIZE] = np.sqrt(4.0 * q[C + 3] ** 2 + 2.0 * q[C + 4] ** 2 + 4.0 * q[C + 5] ** 2)
-        bent += q[BENT] > 0.0
-    return bent
 
 
 @inlined
@@ -211,10 +210,10 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
     ends, units (m, 2): parts of segments and units of both cells; rows (., 13) of units; segment:
     of every part; how (m,): `meet`. Sides where they meet are counted in border (n,) of either
     segment. Writes of each whose segments may be one curved surface the segments (., 2), points
-    (.), which are 1, and states (.): GOES_ON if it is ROUND, if half way between the cells the
-    quadrics, the step from one to the other included, turn by at most half of what the planes do,
-    or if one is told in part and the other no more; TOLD_U, TOLD_V of a part whose own quadric
-    makes a fair share of that, or is not told. Returns how many there are.
+    (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the cells
+    the quadrics, the step from one to the other included, turn by at most half of what the planes
+    do; GOES_ON alone if one is told in part and the other no more; TOLD_U, TOLD_V of a part whose
+    own quadric makes a fair share of that, or is not told. Returns how many there are.
     """
     found = 0
     border[:] = 0.0
@@ -227,7 +226,7 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
         a, b = quadrics[u], quadrics[v]
         told, state = max(a[BENT], b[BENT]), 0
         if how[e] == ROUND:
-            state = GOES_ON | TOLD_U | TOLD_V
+            state = GOES_ON | SURE | TOLD_U | TOLD_V
         elif told not in (FLAT, UNTOLD):
             d1, d2 = a[1] - b[1], a[2] - b[2]
             turn, extents, near = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT], how[e] == NEAR
@@ -242,9 +241,10 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
             over, ux, uy = _surface(a, x, y)
             under, vx, vy = _surface(b, x, y)
             jump = 2.0 * (over - under) / extents
-            left = (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump
-            if told == PARTLY or left <= LEFT * LEFT * turn:
+            if told == PARTLY:
                 state |= GOES_ON
+            elif (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump <= LEFT * LEFT * turn:
+                state |= GOES_ON | SURE
         else:
             continue
         pairs[found, 0], pairs[found, 1] = segment[u], segment[v]
@@ -254,20 +254,24 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
 
 
 @compiled
-def leave_twos_out(pairs, curved):  # type: ignore[no-untyped-def]
-    """Of curved segments (n,) leave those that are together with at most one other of them.
+def leave_out(pairs, states, together, curved):  # type: ignore[no-untyped-def]
+    """Of curved segments leave those that are, side by side, at most two, or are with none SURE.
 
-    pairs (m, 2): of segments side by side. One stays if it or one beside it has several beside it.
+    pairs (m, 2), states (m,): as `surface_borders` writes them; together (n,): those that may be
+    between curved ones, which are among them; curved (n,), which may be the same array.
     """
-    one, several = np.full(curved.size, -1), np.zeros(curved.size, np.bool_)
-    for e in range(pairs.shape[0]):
-        for u, v in ((pairs[e, 0], pairs[e, 1]), (pairs[e, 1], pairs[e, 0])):
-            if curved[u] and curved[v]:
-                several[u] |= one[u] >= 0 and one[u] != v
-                one[u] = v
-    curved[:] = several
+    group, size = np.arange(curved.size), np.zeros(curved.size, np.int64)
+    sure = np.zeros(curved.size, np.bool_)
     for e in range(pairs.shape[0]):
         u, v = pairs[e, 0], pairs[e, 1]
-        if one[u] >= 0 and one[v] >= 0:
-            curved[u] |= several[v]
-            curved[v] |= several[u]
+        if together[u] and together[v]:
+            group[root_of(group, u)] = root_of(group, v)
+    for e in range(pairs.shape[0]):
+        u, v = pairs[e, 0], pairs[e, 1]
+        if states[e] & SURE != 0 and together[u] and together[v]:
+            sure[root_of(group, u)] = True
+    for s in range(curved.size):
+        size[root_of(group, s)] += curved[s]
+    for s in range(curved.size):
+        root = root_of(group, s)
+        curved[s] &= sure[root] and size[root] > 2

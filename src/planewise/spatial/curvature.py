@@ -48,8 +48,9 @@ def curved_segments(
     the planes turn by less than 60 degrees, where both are too narrow to tell, as at the rims of
     round things, and where their own cells turn by less than half of that, as in the folds of
     cloth. A segment is curved if its surface goes on across most of its border, as are those among
-    them. There are at least three: two that go on into each other may be the sides of a rounded
-    edge.
+    them. Side by side there are at least three: two that go on into each other may be the sides of
+    a rounded edge; and not only narrow ones: corrugated sheets are such, and ground that few beams
+    see.
 
     Parameters
     ----------
@@ -81,7 +82,7 @@ def curved_segments(
     """
     every, parts = accepted | doubtful, _parts(cells, segments, sectors)
     quadrics = np.empty((len(parts.rows), kernels.QUADRIC))
-    bent = kernels.quadrics_of(
+    kernels.quadrics_of(
         cells.rows, parts.of_unit, parts.rows, parts.drift, every[parts.segment], quadrics
     )
     sharp = doubtful.copy()
@@ -97,19 +98,29 @@ def curved_segments(
         ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, every[parts.segment],
         beside.wraps, how,
     )  # fmt: skip
-    # Where beams are few, the ground comes in narrow pieces, too: those alone say nothing.
-    if sectors.count > 1 and not bent and not (how == kernels.ROUND).any():
-        return np.zeros_like(accepted), sharp
 
-    def curved(chosen: Chosen) -> Chosen:
-        return _curved(cells.rows, quadrics, parts.segment, chosen, ends, units, how, workspace)
+    def surfaces() -> tuple[Pairs, NDArray[np.int8], Chosen]:
+        border, curved = np.empty(len(every)), np.empty(len(every), np.bool_)
+        pairs = workspace.empty(ends.shape, np.int32)
+        points = workspace.empty(len(ends), np.float32)
+        states = workspace.empty(len(ends), np.int8)
+        found = kernels.surface_borders(
+            ends, units, cells.rows, quadrics, parts.segment, how, border, pairs, points, states
+        )
+        pairs, states = pairs[:found], states[:found]
+        spread(border, pairs, points[:found], states, curved)
+        return pairs, states, curved
 
-    if sharp.any():
-        sharp &= ~curved(every)
+    pairs, states, curved = surfaces()
+    among_all = curved & every
     if doubtful.any():
         quadrics[doubtful, kernels.C : kernels.EXTENT] = 0.0
         quadrics[doubtful, kernels.SIZE :] = 0.0, UNTOLD  # as if they had none
-    return curved(accepted), sharp
+        _, _, curved = surfaces()
+    curved &= accepted
+    kernels.leave_out(pairs, states, among_all | curved, curved)
+    kernels.leave_out(pairs, states, among_all, among_all)
+    return curved, sharp & ~among_all
 
 
 @dataclass(frozen=True)
@@ -143,28 +154,3 @@ def _parts(cells: Cells, segments: Segments, sectors: Sectors) -> _Parts:
     rows = np.empty((len(key), segments.rows.shape[1]))
     sum_units(cells.rows, of_unit, rows, np.empty(len(key), int))
     return _Parts(rows, segments.drift[segment], segment, of_unit, sector)
-
-
-def _curved(
-    rows: Array,
-    quadrics: Array,
-    segment: NDArray[np.intp],
-    chosen: Chosen,
-    ends: Pairs,
-    units: Pairs,
-    how: NDArray[np.int8],
-    workspace: Workspace,
-) -> Chosen:
-    """Those of chosen segments that are curved among each other; quadrics, ends: of parts."""
-    border = np.empty(len(chosen))
-    pairs = workspace.empty(ends.shape, np.int32)
-    points = workspace.empty(len(ends), np.float32)
-    states = workspace.empty(len(ends), np.int8)
-    found = kernels.surface_borders(
-        ends, units, rows, quadrics, segment, how, border, pairs, points, states
-    )
-    pairs, curved = pairs[:found], np.empty(len(chosen), np.bool_)
-    spread(border, pairs, points[:found], states[:found], curved)
-    curved &= chosen
-    kernels.leave_twos_out(pairs, curved)
-    return curved
