@@ -19,7 +19,6 @@ from planewise.kernels.curvature import (
     QUADRIC,
     ROUND,
     SIZE,
-    SURE,
     C,
     find_round,
     leave_out,
@@ -34,10 +33,13 @@ from planewise.kernels.quadrics import (
     LEFT,
     OWN,
     PARTLY,
+    SURE,
     TOLD_U,
     TOLD_V,
     UNTOLD,
 )
+
+from . import spatial_oracles as oracles
 
 CAMERA = curved_frames.CAMERA
 U, V, _ = np.moveaxis(curved_frames.rays(), -1, 0)
@@ -111,6 +113,7 @@ def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
         ("waves", 5),
         ("waves", 10),
         ("silo", 1),
+        ("silo", 2),
         ("silo", 5),
         ("tank", 2),
     ],
@@ -280,11 +283,10 @@ def surfaces(rng, tilted):
     quadrics[:, :3] = planes
     quadrics[:, EXTENT] = np.sqrt(9 * np.bincount(of_unit, minlength=5)) / UNIT
     grid = np.arange(600, dtype=np.int32).reshape(20, 30)
-    of_cell, sides = of_unit[grid], []
-    for i, j, k in np.ndindex(20, 30, 2):
-        below, right = i + k, j + 1 - k
-        if below < 20 and right < 30 and of_cell[i, j] != of_cell[below, right]:
-            sides.append((grid[i, j], grid[below, right], 2 * grid[i, j] + k))
+    sides = [
+        (grid[i, j], grid[i + down, j + 1 - down], 2 * grid[i, j] + down)
+        for down, i, j, _, _ in oracles.sides(of_unit[grid])
+    ]
     *pairs, at = np.array(sides, np.int32).T
     return grid, units, of_unit, quadrics, np.stack(pairs, axis=1), at, slopes, spread
 
@@ -432,3 +434,6 @@ def test_pairs_and_narrow_ones_alone_are_left_out(sides, kinds):
     states = np.array([GOES_ON | SURE * side[2] for side in sides], np.int8)
     leave_out(pairs, states, together, curved)
     assert curved.tolist() == expected
+    leave_out(pairs, states, together, alone := together.copy())
+    leave_out(pairs, states, together, together)  # may be the same array
+    assert_array_equal(together, alone)

@@ -252,7 +252,7 @@ def whole_misfits(moments, misfits, out):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _own_plane(m):  # type: ignore[no-untyped-def]
+def own_plane(m):  # type: ignore[no-untyped-def]
     """Best plane of a row of moments: centroid, w there, slopes, their covariance, and chi^2."""
     cx, cy, mean = m[1] / m[0], m[2] / m[0], m[6] / m[0]
     xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
@@ -357,7 +357,7 @@ def unit_planes(units, planes):  # type: ignore[no-untyped-def]
     """
     for k in range(units.shape[0]):
         m = units[k]
-        cx, cy, mean, tx, ty, vxx, vxy, vyy, misfit = _own_plane(m)
+        cx, cy, mean, tx, ty, vxx, vxy, vyy, misfit = own_plane(m)
         planes[0, k], planes[1, k], planes[2, k] = cx, cy, mean
         planes[3, k], planes[4, k], planes[5, k] = tx, ty, misfit
         planes[6, k], planes[7, k], planes[8, k], planes[9, k] = m[0], vxx, vxy, vyy

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.kernels.cells import COUNT, SIDE, UNIT, own_plane
 from planewise.kernels.jit import compiled, inlined
+from planewise.kernels.pairs import first_of_pairs
 from planewise.kernels.planes import affine_planes
 from planewise.kernels.quadrics import (
     FLAT,
@@ -19,6 +20,7 @@ from planewise.kernels.quadrics import (
     LEFT,
     OWN,
     PARTLY,
+    SURE,
     TOLD_U,
     TOLD_V,
     UNTOLD,
@@ -30,11 +32,10 @@ from planewise.kernels.roots import root_of
 QUADRIC = 14
 CENTRE, C, EXTENT, SIZE, BENT = 3, 5, 11, 12, 13
 APART, MEET, NEAR, ROUND = 0, 1, 2, 3  # how segments are at a side of two cells
-SURE = 8  # state of a side, as `kernels.quadrics`: it goes on as far as what is bent tells
 
 _TURN = 0.5  # cosine of 60 degrees: edges turn by more, as a rule
 _INTO = 0.1  # of the width of a segment
-_SURE, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs between units
+_BEYOND, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs between units
 
 
 @compiled
@@ -102,17 +103,6 @@ def _half_way(i, j):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _own_slopes(row):  # type: ignore[no-untyped-def]
-    """Slopes of a unit's own plane, and their covariance (xx, xy, yy); infinite if it has none."""
-    scale = 1.0 / row[0]
-    cx, cy = scale * row[1], scale * row[2]
-    xx, xy, yy = row[3] - cx * row[1], row[4] - cx * row[2], row[5] - cy * row[2]
-    xw, yw = row[7] - cx * row[6], row[8] - cy * row[6]
-    over = 1.0 / max(xx * yy - xy * xy, 0.0)
-    return over * (yy * xw - xy * yw), over * (xx * yw - xy * xw), over * yy, -over * xy, over * xx
-
-
-@inlined
 def _unit_beyond(at, far, grid, wraps):  # type: ignore[no-untyped-def]
     """Unit some cells from the first one of a side, across it; -1 where there is none."""
     rows, columns = grid.shape
@@ -158,49 +148,66 @@ def find_round(ends, at, grid, of_unit, rows, quadrics, chosen, wraps, how):  # 
     on average of all sides between the same two; edges that are rounded are so by less than that.
     """
     size, count = ends.shape[0], quadrics.shape[0]
-    last, before = np.full(count, -1, np.int32), np.empty(size, np.int32)
-    sides = np.zeros(count)
+    first, sides = np.empty(size, np.int32), np.zeros(count)
+    first_of_pairs(ends, count, first)
+    for e in range(size):
+        sides[ends[e, 0]] += 1.0
+        sides[ends[e, 1]] += 1.0
+    total, mean = np.zeros(size), np.zeros(size)  # by where the pair comes first
     for e in range(size):
         u, v = ends[e, 0], ends[e, 1]
-        sides[u] += 1.0
-        sides[v] += 1.0
-        if how[e] == NEAR and chosen[u] and chosen[v]:
-            first = min(u, v)
-            before[e], last[first] = last[first], e
-    known_of, pair = np.full(count, -1, np.int32), np.full(size, -1, np.int32)
-    total, mean = np.zeros(size), np.zeros(size)
-    for first in range(count):
-        e = last[first]
-        while e >= 0:
-            u, v = ends[e, 0], ends[e, 1]
-            other, a, b = max(u, v), quadrics[u], quadrics[v]
-            known = known_of[other]
-            if known < 0 or min(ends[known, 0], ends[known, 1]) != first:
-                known_of[other] = known = e
-            pair[e] = known
-            # Pixels are twice the width times the border, and those of a square its extent^2.
-            scale = _INTO * 2.0 * (UNIT / SIDE) ** 2
-            left, right = scale * a[EXTENT] ** 2 / sides[u], scale * b[EXTENT] ** 2 / sides[v]
-            i = _unit_beyond(at[e], -int(left), grid, wraps)
-            j = _unit_beyond(at[e], 1 + int(right), grid, wraps)
-            if i >= 0 and j >= 0 and of_unit[i] == u and of_unit[j] == v:
-                d1, d2 = a[1] - b[1], a[2] - b[2]
-                i1, i2, ixx, ixy, iyy = _own_slopes(rows[i])
-                j1, j2, jxx, jxy, jyy = _own_slopes(rows[j])
-                # The mean, by precision, of what they turn by against what the planes do.
-                turn = d1 * d1 + d2 * d2
-                variance = (ixx + jxx) * d1 * d1 + (iyy + jyy) * d2 * d2
-                variance += 2.0 * (ixy + jxy) * d1 * d2
-                weight = turn * turn / variance
-                if weight > 0.0 and weight < np.inf:
-                    total[known] += weight
-                    mean[known] += weight * ((i1 - j1) * d1 + (i2 - j2) * d2) / turn
-            e = before[e]
+        if how[e] != NEAR or not (chosen[u] and chosen[v]):
+            continue
+        a, b = quadrics[u], quadrics[v]
+        # Pixels are twice the width times the border, and those of a square its extent^2.
+        scale = _INTO * 2.0 * (UNIT / SIDE) ** 2
+        left, right = scale * a[EXTENT] ** 2 / sides[u], scale * b[EXTENT] ** 2 / sides[v]
+        i = _unit_beyond(at[e], -int(left), grid, wraps)
+        j = _unit_beyond(at[e], 1 + int(right), grid, wraps)
+        if i < 0 or j < 0 or of_unit[i] != u or of_unit[j] != v:
+            continue
+        _, _, _, i1, i2, ixx, ixy, iyy, _ = own_plane(rows[i])
+        _, _, _, j1, j2, jxx, jxy, jyy, _ = own_plane(rows[j])
+        # The mean, by precision, of what they turn by against what the planes do.
+        d1, d2 = a[1] - b[1], a[2] - b[2]
+        turn = d1 * d1 + d2 * d2
+        variance = (ixx + jxx) * d1 * d1 + (iyy + jyy) * d2 * d2 + 2.0 * (ixy + jxy) * d1 * d2
+        weight = turn * turn / variance
+        if weight > 0.0 and weight < np.inf:
+            total[first[e]] += weight
+            mean[first[e]] += weight * ((i1 - j1) * d1 + (i2 - j2) * d2) / turn
     for e in range(size):
-        if pair[e] >= 0 and total[pair[e]] > 0.0:
-            weight = total[pair[e]]
-            if mean[pair[e]] / weight + _SURE * np.sqrt(_TWICE / weight) < LEFT:
-                how[e] = ROUND
+        if how[e] != NEAR or total[first[e]] == 0.0:
+            continue
+        weight = total[first[e]]
+        if mean[first[e]] / weight + _BEYOND * np.sqrt(_TWICE / weight) < LEFT:
+            how[e] = ROUND
+
+
+@inlined
+def _state(a, b, i, j, near):  # type: ignore[no-untyped-def]
+    """State of a side, by quadrics of parts and unit rows of cells; 0 if they say nothing."""
+    told = max(a[BENT], b[BENT])
+    if told in (FLAT, UNTOLD):
+        return 0
+    d1, d2 = a[1] - b[1], a[2] - b[2]
+    turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
+    least, state = OWN * np.sqrt(turn) / extents, 0
+    if near if a[BENT] < 0.0 else a[SIZE] >= least:
+        state |= TOLD_U
+    if near if b[BENT] < 0.0 else b[SIZE] >= least:
+        state |= TOLD_V
+    if state == 0:
+        return state
+    if told == PARTLY:
+        return state | GOES_ON
+    x, y, _, _ = _half_way(i, j)
+    over, ux, uy = _surface(a, x, y)
+    under, vx, vy = _surface(b, x, y)
+    jump = 2.0 * (over - under) / extents
+    if (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump <= LEFT * LEFT * turn:
+        state |= GOES_ON | SURE
+    return state
 
 
 @compiled
@@ -223,29 +230,11 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
         u, v = ends[e, 0], ends[e, 1]
         border[segment[u]] += 1.0
         border[segment[v]] += 1.0
-        a, b = quadrics[u], quadrics[v]
-        told, state = max(a[BENT], b[BENT]), 0
-        if how[e] == ROUND:
-            state = GOES_ON | SURE | TOLD_U | TOLD_V
-        elif told not in (FLAT, UNTOLD):
-            d1, d2 = a[1] - b[1], a[2] - b[2]
-            turn, extents, near = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT], how[e] == NEAR
-            least = OWN * np.sqrt(turn) / extents
-            if near if a[BENT] < 0.0 else a[SIZE] >= least:
-                state |= TOLD_U
-            if near if b[BENT] < 0.0 else b[SIZE] >= least:
-                state |= TOLD_V
-            if state == 0:
-                continue
-            x, y, _, _ = _half_way(rows[units[e, 0]], rows[units[e, 1]])
-            over, ux, uy = _surface(a, x, y)
-            under, vx, vy = _surface(b, x, y)
-            jump = 2.0 * (over - under) / extents
-            if told == PARTLY:
-                state |= GOES_ON
-            elif (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump <= LEFT * LEFT * turn:
-                state |= GOES_ON | SURE
-        else:
+        state = GOES_ON | SURE | TOLD_U | TOLD_V
+        if how[e] != ROUND:
+            i, j = rows[units[e, 0]], rows[units[e, 1]]
+            state = _state(quadrics[u], quadrics[v], i, j, how[e] == NEAR)
+        if state == 0:
             continue
         pairs[found, 0], pairs[found, 1] = segment[u], segment[v]
         points[found], states[found] = 1.0, state

@@ -1,10 +1,32 @@
-"""Loops over pairs of patches that are neighbours."""
+"""Loops over pairs of patches or segments that are neighbours."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import in_order
+from planewise.kernels.jit import in_order, internal
+
+
+@internal
+def first_of_pairs(ends, count, first):  # type: ignore[no-untyped-def]
+    """Find where every pair comes for the first time: writes first (m,).
+
+    ends (m, 2): of 0 ... count - 1, in either order.
+    """
+    head = np.full(count, -1, np.int32)  # of a list of the pairs whose smaller end it is
+    latest = np.full(count, -1, np.int32)  # the last new pair whose larger end it is
+    for e in range(first.size - 1, -1, -1):
+        u = min(ends[e, 0], ends[e, 1])
+        first[e], head[u] = head[u], e  # first: until its turn comes, what follows in the list
+    for u in range(count):
+        e = head[u]
+        while e >= 0:
+            v, following = max(ends[e, 0], ends[e, 1]), first[e]
+            k = latest[v]
+            if k < 0 or min(ends[k, 0], ends[k, 1]) != u:
+                k = latest[v] = e
+            first[e] = k
+            e = following
 
 
 @in_order
@@ -13,27 +35,14 @@ def pairs_once(ends, values, count):  # type: ignore[no-untyped-def]
 
     ends (m, 2): of 0 ... count - 1, in either order; values (m,). Both are changed.
     """
-    head = np.full(count, -1, np.int32)  # of a list of the pairs whose smaller end it is
-    first = np.full(count, -1, np.int32)  # the last pair found whose larger end it is
-    following = np.empty(values.size, np.int32)
-    for e in range(values.size - 1, -1, -1):
-        u = min(ends[e, 0], ends[e, 1])
-        following[e] = head[u]
-        head[u] = e
-    for u in range(count):
-        e = head[u]
-        while e >= 0:
-            v = max(ends[e, 0], ends[e, 1])
-            k = first[v]
-            if k >= 0 and min(ends[k, 0], ends[k, 1]) == u:
-                values[k] += values[e]
-                ends[e, 0] = ends[e, 1] = count  # comes again
-            else:
-                first[v] = e
-            e = following[e]
+    first = np.empty(values.size, np.int32)
+    first_of_pairs(ends, count, first)
+    for e in range(values.size):
+        if first[e] != e:
+            values[first[e]] += values[e]
     found = 0
     for e in range(values.size):
-        if ends[e, 0] < count:
+        if first[e] == e:
             ends[found, 0], ends[found, 1], values[found] = ends[e, 0], ends[e, 1], values[e]
             found += 1
     return found
