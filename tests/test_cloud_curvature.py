@@ -59,6 +59,12 @@ def test_ellipsoids_of_any_size_have_no_planes(radius, flat, seed):
     assert len(planes_of(points, 0.002 * radius**0.5, seed)) == 0
 
 
+@pytest.mark.parametrize("seed", [2058124, 4198205842])
+def test_patches_side_by_side_that_tell_no_quadric_are_curved_with_those_about_them(seed):
+    points = shapes.ellipsoid(15_000, (1.0, 1.0, 0.5), np.random.default_rng(seed))
+    assert len(planes_of(points, 0.002, seed)) == 0
+
+
 BESIDE = dict(shapes.beside_planes(40_000, np.random.default_rng(1)))
 
 
@@ -187,6 +193,10 @@ def borders_by_numpy(segments):
         pair = u, v = of_cell[i], of_cell[j]
         if u == v:
             continue
+        bent = quadrics[list(pair), kernels.BENT]
+        close = abs(rows[u, of.NX : of.NZ + 1] @ rows[v, of.NX : of.NZ + 1]) > 0.5
+        if close and (bent < 0).all():
+            continue
         border[[u, v]] += side
         middle = cells.rows[[i, j], of.CX : of.CZ + 1].mean(axis=0)
         flat, curved, height = [], [], []
@@ -199,10 +209,8 @@ def borders_by_numpy(segments):
             height.append(normal @ d - quadric)
         sign = 1.0 if flat[0] @ flat[1] > 0 else -1.0
         turn = np.linalg.norm(sign * flat[1] - flat[0])
-        bent = quadrics[list(pair), kernels.BENT]
         if not (bent > 0).any():
             continue
-        close = sign * (flat[0] @ flat[1]) > 0.5
         told = quadrics[list(pair), kernels.SIZE] * (extent[u] + extent[v]) >= 0.5 * turn
         told |= (bent < 0) & close
         if not told.any():

@@ -108,10 +108,11 @@ def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, point
     """Find where the surfaces of segments may go on, from pairs of cells side by side.
 
     ends (m, 2), sides (m,): cells, and the points along their border, which are added to border
-    (N,) of either segment. Writes of each pair of cells whose segments may be one curved surface
-    the segments (., 2), points (.) and states (.): GOES_ON if half way between the cells the
-    quadrics, the step from one to the other included, turn by at most half the angle of the planes;
-    TOLD_U, TOLD_V of a segment whose own K makes a fair share of that angle, or is not known.
+    (N,) of either segment, but where neither tells a quadric: that says nothing.
+    Writes of each pair of cells whose segments may be one curved surface the segments (., 2),
+    points (.) and states (.): GOES_ON if half way between the cells the quadrics, the step from one
+    to the other included, turn by at most half the angle of the planes; TOLD_U, TOLD_V of a segment
+    whose own K makes a fair share of that angle, or is not known.
     Returns how many there are.
     """
     found = 0
@@ -120,17 +121,19 @@ def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, point
         u, v = of_cell[i], of_cell[j]
         if u == v:
             continue
+        cosine = rows[u, NX] * rows[v, NX] + rows[u, NY] * rows[v, NY] + rows[u, NZ] * rows[v, NZ]
+        sign = 1.0 if cosine > 0.0 else -1.0
+        near = sign * cosine > _STEEP
+        if near and quadrics[u, BENT] < 0.0 and quadrics[v, BENT] < 0.0:
+            continue
         border[u] += sides[e]
         border[v] += sides[e]
         if quadrics[u, BENT] <= 0.0 and quadrics[v, BENT] <= 0.0:
             continue
-        cosine = rows[u, NX] * rows[v, NX] + rows[u, NY] * rows[v, NY] + rows[u, NZ] * rows[v, NZ]
-        sign = 1.0 if cosine > 0.0 else -1.0
         turn = 2.0 - 2.0 * sign * cosine
         extents = math.sqrt(rows[u, AREA]) + math.sqrt(rows[v, AREA])
         least = OWN * math.sqrt(max(turn, 0.0)) / extents
         state = 0
-        near = sign * cosine > _STEEP
         if quadrics[u, SIZE] >= least or (quadrics[u, BENT] < 0.0 and near):
             state |= TOLD_U
         if quadrics[v, SIZE] >= least or (quadrics[v, BENT] < 0.0 and near):
