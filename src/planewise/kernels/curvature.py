@@ -148,12 +148,14 @@ def find_round(ends, at, grid, of_unit, rows, quadrics, chosen, wraps, how):  # 
     on average of all sides between the same two; edges that are rounded are so by less than that.
     """
     size, count = ends.shape[0], quadrics.shape[0]
-    first, sides = np.empty(size, np.int32), np.zeros(count)
+    first, sides = np.empty(size, np.int32), np.empty(count)
     first_of_pairs(ends, count, first)
+    sides[:] = 0.0
     for e in range(size):
         sides[ends[e, 0]] += 1.0
         sides[ends[e, 1]] += 1.0
-    total, mean = np.zeros(size), np.zeros(size)  # by where the pair comes first
+    total, mean = np.empty(size), np.empty(size)  # by where the pair comes first
+    total[:] = mean[:] = 0.0
     for e in range(size):
         u, v = ends[e, 0], ends[e, 1]
         if how[e] != NEAR or not (chosen[u] and chosen[v]):
@@ -249,8 +251,10 @@ def leave_out(pairs, states, together, curved):  # type: ignore[no-untyped-def]
     pairs (m, 2), states (m,): as `surface_borders` writes them; together (n,): those that may be
     between curved ones, which are among them; curved (n,), which may be the same array.
     """
-    group, size = np.arange(curved.size), np.zeros(curved.size, np.int64)
-    sure = np.zeros(curved.size, np.bool_)
+    group, size = np.empty(curved.size, np.int64), np.empty(curved.size, np.int64)
+    sure = np.empty(curved.size, np.bool_)
+    for s in range(curved.size):
+        group[s], size[s], sure[s] = s, 0, False
     for e in range(pairs.shape[0]):
         u, v = pairs[e, 0], pairs[e, 1]
         if together[u] and together[v]:

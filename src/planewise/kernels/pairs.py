@@ -13,8 +13,9 @@ def first_of_pairs(ends, count, first):  # type: ignore[no-untyped-def]
 
     ends (m, 2): of 0 ... count - 1, in either order.
     """
-    head = np.full(count, -1, np.int32)  # of a list of the pairs whose smaller end it is
-    latest = np.full(count, -1, np.int32)  # the last new pair whose larger end it is
+    head = np.empty(count, np.int32)  # of a list of the pairs whose smaller end it is
+    latest = np.empty(count, np.int32)  # the last new pair whose larger end it is
+    head[:] = latest[:] = -1
     for e in range(first.size - 1, -1, -1):
         u = min(ends[e, 0], ends[e, 1])
         first[e], head[u] = head[u], e  # first: until its turn comes, what follows in the list

@@ -18,7 +18,7 @@ from planewise.kernels.forms import (
     write_form,
 )
 from planewise.kernels.heap import SPARE, clear, update
-from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.jit import called, compiled, inlined, internal
 
 _CELL = 36.0
 _BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
@@ -72,7 +72,7 @@ def _share_left(evidence, boundary, misfit, most, longest):  # type: ignore[no-u
     return gain / saved if gain > 0.0 else gain
 
 
-@internal
+@called
 def _merge_value(  # type: ignore[no-untyped-def]
     segments,
     forms,
@@ -279,13 +279,13 @@ def agglomerate(  # type: ignore[no-untyped-def]
             degree[ends[edge, 0]] += 1
             degree[ends[edge, 1]] += 1
             valued[edge] = 0
-            size = update(keys, items, place, size, edge, gains[edge - start])
+            size = update(keys, items, place, size, np.int32(edge), gains[edge - start])
     while True:
         if size == 0:
             # What saved nothing may, now that its segments have grown: all are valued again.
             for edge in range(edges):
                 if alive[edge] and valued[edge] != version[ends[edge, 0]] + version[ends[edge, 1]]:
-                    size = update(keys, items, place, size, edge, np.inf)
+                    size = update(keys, items, place, size, np.int32(edge), np.inf)
             if size == 0:
                 break
         edge, gain = items[0], 0.0
