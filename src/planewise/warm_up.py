@@ -98,16 +98,19 @@ def later_stages() -> None:
 
 
 def _surfaces(rows: NDArray[np.float64]) -> None:
-    """Two segments side by side, as if one of them were bent."""
+    """Two segments side by side, as if one of them were bent; the last loop first.
+
+    Here the two processes meet, and in the same order both would compile the same loops.
+    """
     ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
     pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
     of_unit, at, how = np.arange(2, dtype=np.int32), np.zeros(1, np.int32), np.zeros(1, np.int8)
     quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
-    meet(ends, ends, rows, quadrics, 1.0, how)
-    find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
-    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
-    spread(border, pairs, points, states, curved)
     leave_out(pairs, states, curved, curved)
+    spread(border, pairs, points, states, curved)
+    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
+    find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
+    meet(ends, ends, rows, quadrics, 1.0, how)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:

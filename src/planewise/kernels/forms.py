@@ -22,6 +22,8 @@ X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW = range(FORM)
 _HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
 _TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
 _BEND_SMALL, _BEND_LARGE = PLANE_BEND
+# Unsigned indices spare the check for negative ones.
+_0, _1 = np.uintp(0), np.uintp(1)
 
 
 @compiled
@@ -150,20 +152,16 @@ def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _compare_columns(a, forms, shift, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
+def _compare_columns(a, b, shift, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
     """`compare_forms` of columns of forms (12, .), the second `shift` farther on."""
-    a0, a1, a2, a3, a4, a5 = a[0], a[1], a[2], a[3], a[4], a[5]
-    a6, a7, a8, a9, a10, a11 = a[6], a[7], a[8], a[9], a[10], a[11]
-    b0, b1, b2 = forms[0, shift:], forms[1, shift:], forms[2, shift:]
-    b3, b4, b5 = forms[3, shift:], forms[4, shift:], forms[5, shift:]
-    b6, b7, b8 = forms[6, shift:], forms[7, shift:], forms[8, shift:]
-    b9, b10, b11 = forms[9, shift:], forms[10, shift:], forms[11, shift:]
-    for j in range(discord.size):
+    for n in range(discord.size):
+        j = np.uintp(n)
+        k = j + shift
         x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-            a0[j], a1[j], a2[j], a3[j], a4[j], a5[j],
-            a6[j], a7[j], a8[j], a9[j], a10[j], a11[j],
-            b0[j], b1[j], b2[j], b3[j], b4[j], b5[j],
-            b6[j], b7[j], b8[j], b9[j], b10[j], b11[j],
+            a[0, j], a[1, j], a[2, j], a[3, j], a[4, j], a[5, j],
+            a[6, j], a[7, j], a[8, j], a[9, j], a[10, j], a[11, j],
+            b[0, k], b[1, k], b[2, k], b[3, k], b[4, k], b[5, k],
+            b[6, k], b[7, k], b[8, k], b[9, k], b[10, k], b[11, k],
         )  # fmt: skip
         near = _determinant(c00, c01, c02, c11, c12, c22)
         discord[j] = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
@@ -177,7 +175,7 @@ def compare_pairs(forms, pairs, offset_prior, slope_prior, discord, evidence):  
     a, b = np.empty((FORM, discord.size)), np.empty((FORM, discord.size))
     _take(pairs[:, 0], forms, a)
     _take(pairs[:, 1], forms, b)
-    _compare_columns(a, b, np.intp(0), offset_prior, slope_prior, discord, evidence)
+    _compare_columns(a, b, _0, offset_prior, slope_prior, discord, evidence)
 
 
 @compiled
@@ -194,10 +192,10 @@ def square_discords(squares, forms, right, below):  # type: ignore[no-untyped-de
         prior[j] = 0.0
     _take(squares[0], forms, upper)
     for i in range(rows):
-        _compare_columns(upper, upper, np.intp(1), prior, prior, right[i, :-1], evidence)
+        _compare_columns(upper, upper, _1, prior, prior, right[i, :-1], evidence)
         if i + 1 < rows:
             _take(squares[i + 1], forms, lower)
-            _compare_columns(upper, lower, np.intp(0), prior, prior, below[i], evidence)
+            _compare_columns(upper, lower, _0, prior, prior, below[i], evidence)
             upper, lower = lower, upper
 
 
