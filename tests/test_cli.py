@@ -387,7 +387,7 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     )
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
-    assert started == [[sys.executable, "-m", "planewise.warm_up"]]
+    assert started == [[sys.executable, "-m", "planewise.warm_up", "ledger", "labelling"]]
     assert "compiling" in errors
     assert "ms, compiling included, files in" in text
     assert "compiling for this machine" not in text

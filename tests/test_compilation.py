@@ -1,9 +1,11 @@
 """What happens around the first compilation."""
 
+import ast
 import gc
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from numba import njit
@@ -54,8 +56,8 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
     """A change to a loop of clouds does not announce a compilation for images, nor the reverse."""
     cache, sources = tmp_path / "cache", tmp_path / "sources"
     for folder, names in (
-        (cache, ("cells.merge-1.nbi", "cloud_cells.merge-1.nbi")),
-        (sources, ("cells.py", "cloud_cells.py")),
+        (cache, ("segments.merge-1.nbi", "cloud_segments.merge-1.nbi", "pairs.once-1.nbi")),
+        (sources, ("segments.py", "cloud_segments.py", "pairs.py")),
     ):
         folder.mkdir()
         for name in names:
@@ -64,13 +66,31 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
     monkeypatch.setattr(compilation, "cache_directory", lambda: cache)
     monkeypatch.setattr(compilation, "_SOURCES", sources)
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, True]
-    os.utime(sources / "cloud_cells.py", (100, 300))
+    os.utime(sources / "cloud_segments.py", (100, 300))
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, False]
     compilation.confirm(cloud=True)  # it was written anew without a change
     assert compilation.is_cached(cloud=True)
-    os.utime(sources / "cells.py", (100, 300))
-    (cache / "cloud_cells.merge-1.nbi").unlink()
+    os.utime(sources / "segments.py", (100, 300))
+    (cache / "cloud_segments.merge-1.nbi").unlink()  # what both need is left, and tells nothing
     assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [False, False]
+
+
+def test_loops_that_tell_what_is_compiled_are_needed_by_one_of_the_two_alone():
+    package = Path(compilation.__file__).parent
+    clouds = {*package.glob("clouds/*.py"), *package.glob("kernels/cloud_*.py")}
+    for cloud, name in ((False, "segments"), (True, "cloud_segments")):
+        users = {
+            path
+            for path in package.glob("**/*.py")
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+            if isinstance(node, ast.ImportFrom)
+            and (
+                node.module == f"planewise.kernels.{name}"
+                or (node.module == "planewise.kernels" and name in {n.name for n in node.names})
+            )
+        }
+        assert users
+        assert users <= clouds if cloud else users.isdisjoint(clouds)
 
 
 def test_the_process_that_helps_can_be_waited_for(monkeypatch):

@@ -1,4 +1,4 @@
-"""What a second process compiles is what the first one needs."""
+"""What other processes compile is what the first one needs."""
 
 import json
 import subprocess
@@ -41,7 +41,10 @@ points[:3000, 2] = 0
 points[3000:, 0] = 0
 pw.detect_planes_in_points(points, pw.Sensor(max_depth=10, noise=0.01))
 """
-LATER = {"labels", "creases", "units", "groups", "group_data", "masks", "plane_sums"}
+LATER = {
+    "labels", "creases", "units", "groups", "group_data", "masks", "plane_sums", "segments",
+    "squares",
+}  # fmt: skip
 LATER_OF_CLOUDS = {"cloud_segments", "cloud_labels", "cloud_information"}
 
 

@@ -21,8 +21,10 @@ from planewise.threads import available
 
 _LOG = logging.getLogger("planewise")
 _SOURCES = Path(kernels.__path__[0])
-_CLOUD = ("cloud_", "cubes", "pairs")  # modules of kernels that only clouds need
+_CLOUD = ("cloud_", "cubes")  # modules of kernels that only clouds need
+_TELLING = {False: "segments.", True: "cloud_segments."}  # loops that only images, or clouds, need
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
+_PARTS = "ledger", "labelling", "merging"  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody has to wait for them
 
 
@@ -39,7 +41,7 @@ def is_cached(*, cloud: bool = False) -> bool:
     cloud : bool
         Those of clouds, not of depth images.
     """
-    written = _times(cache_directory().glob("*.nbi"), cloud)
+    written = _times(cache_directory().glob(f"{_TELLING[cloud]}*.nbi"), cloud)
     return bool(written) and max(written) >= max(_times(_SOURCES.glob("*.py"), cloud))
 
 
@@ -49,10 +51,10 @@ def _times(files: Iterable[Path], cloud: bool) -> list[float]:
 
 
 def announce(*, cloud: bool = False) -> bool:
-    """Say once, before the wait, that code has to be compiled, and have another core help.
+    """Say once, before the wait, that code has to be compiled, and have other cores help.
 
-    A second process compiles the loops of the later stages; where none can be started, or its work
-    is not done in time, this one does it all.
+    Up to three processes compile the loops of the later stages; where none can be started, or their
+    work is not done in time, this one does it all.
 
     Parameters
     ----------
@@ -72,18 +74,28 @@ def _announced(cloud: bool) -> bool:
     if is_cached(cloud=cloud):
         return False
     _LOG.warning("compiling for this machine, once (10 to 30 s) ...")
-    if available() > 1 and sys.executable and not os.environ.get(_HELPED):
+    if sys.executable and not os.environ.get(_HELPED):
         with contextlib.suppress(OSError):
-            helper = subprocess.Popen(
-                [sys.executable, "-m", f"planewise.{'clouds.' if cloud else ''}warm_up"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                env=os.environ | {_HELPED: "1"},
-            )
-            helper.returncode = 0  # nobody waits for it, nor should Python complain of that at exit
-            _helpers.append(helper)
+            for share in _shares(available() - 1, cloud):
+                helper = subprocess.Popen(
+                    [sys.executable, "-m", *share],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    env=os.environ | {_HELPED: "1"},
+                )
+                helper.returncode = 0  # nobody waits for it, nor should Python complain at exit
+                _helpers.append(helper)
     return True
+
+
+def _shares(idle: int, cloud: bool) -> list[list[str]]:
+    """Modules, and their arguments, that help on so many more cores."""
+    if cloud:
+        return [["planewise.clouds.warm_up"]][:idle]
+    if idle == 1:
+        return [["planewise.warm_up", *_PARTS[:2]]]
+    return [["planewise.warm_up", part] for part in _PARTS[:idle]]
 
 
 def confirm(*, cloud: bool = False) -> None:

@@ -1,13 +1,17 @@
-"""Compile the loops of the later stages in a process of their own, while the first ones are.
+"""Compile the loops of the later stages in processes of their own, while the first ones are.
 
-``python -m planewise.warm_up`` is what `compilation.announce` starts; what it compiles is found in
-Numba's cache by the time the call that waits gets there. It begins with the last stage, so that the
-two meet, whichever is faster.
+``python -m planewise.warm_up ledger labelling`` is what `compilation.announce` starts, or a process
+for each of these and for ``merging`` where there are more cores; what they compile is found in
+Numba's cache by the time the call that waits gets there. They begin with the last stage, so that a
+single one and the call meet, whichever is faster.
 """
 
 from __future__ import annotations
 
 import gc
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import Any
 
@@ -27,6 +31,7 @@ from planewise.kernels.curvature import (
 from planewise.kernels.forms import FORM
 from planewise.kernels.planes import in_space
 from planewise.kernels.quadrics import spread
+from planewise.kernels.segments import agglomerate, room
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import ErrorTable, Frame
@@ -35,21 +40,43 @@ from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.joining import joined
 from planewise.spatial.labels import label_planes, residual_correlation, units_inside
+from planewise.spatial.merging import merged
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation
 from planewise.spatial.segments import Segments
+from planewise.workspace import Workspace
 
 _SIZE = 36  # pixels to a side of the frame
 _CREASE = 0.18  # where its two planes meet, in units of 100 pixels
 _PLANES = np.array([[0.5 + _CREASE, -1.0, 0.0], [0.5 - _CREASE, 1.0, 0.0]])  # w = t0 + t1 x + t2 y
+_LIMITS = 10.0, 0.001  # R and eps in metres
+_CAMERA = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
 
 
-def later_stages() -> None:
-    """Describe, value, label and join the two planes of a made-up frame, a valley.
+@dataclass(frozen=True)
+class _Valley:
+    """A made-up frame of two planes, whose arrays have the types and layouts of a real one's.
 
-    Its arrays have the types and layouts of a real one's.
+    Attributes
+    ----------
+    frame, cells
+        Every cell is a unit.
+    labels : ndarray of uint16, shape (H, W)
+        1 on the first plane and 2 on the second.
+    rows : ndarray, shape (2, 13)
+        Of both as segments of a cell.
+    of_unit : ndarray of int32, shape (units,)
+        On which of them every unit is.
     """
-    camera = PinholeCamera(fx=500, fy=500, cx=0, cy=0)
+
+    frame: Frame
+    cells: Cells
+    labels: NDArray[np.uint16]
+    rows: NDArray[np.float64]
+    of_unit: NDArray[np.int32]
+
+
+def _valley() -> _Valley:
     y, x = np.indices((_SIZE, _SIZE), np.float32) / np.float32(100)
     frame = Frame(
         w=(0.5 + np.abs(x - _CREASE)).astype(np.float32),
@@ -60,30 +87,40 @@ def later_stages() -> None:
         table=ErrorTable(1000.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
         estimated=False,
-        resolution=0.001,
-        sectors=camera.sectors((_SIZE, _SIZE)),
+        resolution=_LIMITS[1],
+        sectors=_CAMERA.sectors((_SIZE, _SIZE)),
     )
+    side = _SIZE // SIDE
+    of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)
+    rows = np.array([_row(plane) for plane in _PLANES])
     labels = np.where(x < _CREASE, 1, 2).astype(np.uint16)
-    area, place = camera.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
+    return _Valley(frame, _cells(rows[of_unit]), labels, rows, of_unit)
+
+
+def ledger() -> None:
+    """Describe the planes, the last stage, and value them, the one before."""
+    valley = _valley()
+    frame, cells, labels = valley.frame, valley.cells, valley.labels
+    area, place = _CAMERA.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
     rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
     in_space(_PLANES, np.tile(np.eye(3), (2, 1, 1)), np.eye(3), rows, covariances)
     describe_image(frame, area, _PLANES, rows, covariances, labels, place)
 
-    side = _SIZE // SIDE
-    of_unit = (np.arange(side * side) % side >= side // 2).astype(np.int32)
-    rows = np.array([_row(plane) for plane in _PLANES])
-    cells = _cells(rows[of_unit])
-    groups = groups_of(frame, cells, labels, 2, 10.0, 0.001, (0.002, 0.002))
+    groups = groups_of(frame, cells, labels, 2, *_LIMITS, (0.002, 0.002))
     found = Segmentation(np.tile(np.eye(3), (2, 1, 1)), labels, np.ones(2), _PLANES)
     before = groups.data(_PLANES)
     joined(groups, found, before, 1e9)
     _, data = refitted(groups, _PLANES, before)
-    book_of(groups, data, mask_of(frame, labels), 10.0, 0.001)
-
-    limits: Any = SimpleNamespace(range=10.0, resolution=0.001)
-    both = np.arange(2)
+    book_of(groups, data, mask_of(frame, labels), *_LIMITS)
     residual_correlation(cells, units_inside(frame, cells, labels), _PLANES, frame.sectors)
-    label_planes(frame, cells, of_unit, both, rows[None], both, limits)
+
+
+def labelling() -> None:
+    """Label pixels, and before that join segments through gaps, and look for curved surfaces."""
+    valley = _valley()
+    rows, cells, both = valley.rows, valley.cells, np.arange(2)
+    limits: Any = SimpleNamespace(range=_LIMITS[0], resolution=_LIMITS[1])
+    label_planes(valley.frame, cells, valley.of_unit, both, rows[None], both, limits)
     segments = Segments(
         rows=rows,
         forms=np.ones((2, FORM)),
@@ -91,10 +128,25 @@ def later_stages() -> None:
         offset_prior=cells.offset_prior[:2],
         slope_prior=cells.slope_prior[:2],
         home=np.zeros(2, np.int32),
-        of_unit=of_unit,
+        of_unit=valley.of_unit,
     )
-    join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), frame.sectors)
+    join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), valley.frame.sectors)
     _surfaces(rows)
+
+
+def merging() -> None:
+    """Merge cells into segments, by the largest of all loops first."""
+    valley = _valley()
+    cells, turns = valley.cells, valley.frame.sectors.turns
+    rows, grid = cells.rows.copy(), cells.grid
+    forms, home = np.ones((len(rows), FORM)), np.zeros(len(rows), np.int32)
+    ints, floats = room(2 * grid.size, len(rows))
+    agglomerate(
+        grid, np.ones((2, *grid.shape)), (0.0, 0.0, 1.0), rows, forms, cells.drift.copy(),
+        cells.offset_prior, cells.slope_prior, home, turns, False, 1.0, 1.0, 4.0, home.copy(),
+        np.empty(ints, np.int32), np.empty(floats),
+    )  # fmt: skip
+    merged(cells, valley.frame.sectors, 1.0, Workspace())
 
 
 def _surfaces(rows: NDArray[np.float64]) -> None:
@@ -140,7 +192,16 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
     )
 
 
+_PARTS = {part.__name__: part for part in (ledger, labelling, merging)}
+
+
+def later_stages(parts: Iterable[str] = tuple(_PARTS)) -> None:
+    """Compile these parts of them, in this order."""
+    for name in parts:
+        _PARTS[name]()
+
+
 if __name__ == "__main__":
     gc.disable()  # a short life
-    later_stages()
+    later_stages(sys.argv[1:])
     confirm()

@@ -10,13 +10,14 @@ import gc
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.clouds.cells import CloudCells, CloudError, residual_correlation
+from planewise.clouds.cells import PRIOR, CloudCells, CloudError, residual_correlation
 from planewise.clouds.cloud import Cloud
+from planewise.clouds.curvature import curved_segments
 from planewise.clouds.labels import label_points
 from planewise.clouds.model import CloudPlanes, ranked_model
 from planewise.clouds.order import Grid
 from planewise.clouds.rows import planes_of
-from planewise.clouds.segments import segments_of
+from planewise.clouds.segments import PAIRS_AT_ONCE, segments_of
 from planewise.compilation import confirm
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels.cloud_keys import TURN
@@ -34,6 +35,7 @@ from planewise.kernels.cloud_rows import (
     XX,
     ZZ,
 )
+from planewise.kernels.cloud_segments import agglomerate
 from planewise.sensor import Sensor
 
 _WIDE, _HIGH = 4, 6  # cubes to a side of each of two squares, and from one to the other
@@ -42,24 +44,31 @@ _SIGMA = 0.01  # metres; cubes have a metre
 
 
 def later_stages() -> None:
-    """Merge the cells of two squares, one over the other, label their points and rank them.
+    """Rank the planes of two squares, one over the other, label their points, merge their cells.
 
-    The arrays have the types and layouts of a real cloud's.
+    The arrays have the types and layouts of a real cloud's. What comes last comes first, and of
+    merging the largest loop: so little is compiled twice once the call has got that far.
     """
     cloud, cells = _made_up()
     sensor = Sensor(max_depth=10.0, resolution=0.001, noise=_SIGMA)
-    limits = sensor.range, sensor.resolution
-    found = segments_of(
-        cells, plane_information(3, *limits), sensor.range, significance=0.0,
-        max_planes=9, workers=1,
-    )  # fmt: skip
-    planes, areas = planes_of(found.rows), found.rows[:, AREA]
-    labels = label_points(
-        cloud, cells, found.of_cell, planes, areas, coordinate_information(*limits), limits[1]
-    )
-    correlation = residual_correlation(cells, found.of_cell, planes)
-    told = CloudPlanes(cloud, labels, found.rows, cells.error, found.significance, correlation)
+    limits, count = (sensor.range, sensor.resolution), len(cells.rows)
+    of_cell = np.arange(count) * 2 // count
+    labels, rows = np.repeat(of_cell + 1, _POINTS).astype(np.uint16), cells.rows[[0, -1]]
+    told = CloudPlanes(cloud, labels, rows, cells.error, np.ones(2), np.zeros(2))
     ranked_model(len(labels), told, sensor, 9, {})
+
+    planes = planes_of(rows)
+    coordinate, cost = coordinate_information(*limits), plane_information(3, *limits)
+    label_points(cloud, cells, of_cell, planes, rows[:, AREA], coordinate, limits[1])
+    residual_correlation(cells, of_cell, planes)
+
+    curved_segments(cells, cells.rows, np.arange(count), PAIRS_AT_ONCE, cloud.memory)
+    nats = np.ones((3, len(cells.ends)))
+    agglomerate(
+        cells.ends.copy(), *nats, cells.rows.copy(), cells.error.drift, (*PRIOR, 0.0), cost,
+        np.zeros(count, np.bool_), np.empty(count, np.int64),
+    )  # fmt: skip
+    segments_of(cells, cost, sensor.range, significance=0.0, max_planes=9, workers=1)
 
 
 def _made_up() -> tuple[Cloud, CloudCells]:
