@@ -101,3 +101,17 @@ def test_the_process_that_helps_can_be_waited_for(monkeypatch):
     with pytest.raises(ChildProcessError):
         os.waitpid(helper.pid, os.WNOHANG)
     compilation.wait_for_help()  # there is none any more
+
+
+@pytest.mark.parametrize(
+    ("idle", "images", "clouds"),
+    [
+        (0, [], 0),
+        (1, [["ledger", "labelling"]], 1),
+        (2, [["ledger"], ["labelling"]], 1),
+        (7, [["ledger"], ["labelling"], ["merging"]], 1),
+    ],
+)
+def test_as_many_processes_help_as_there_are_idle_cores(idle, images, clouds):
+    assert compilation._shares(idle, False) == [["planewise.warm_up", *parts] for parts in images]
+    assert compilation._shares(idle, True) == [["planewise.clouds.warm_up"]] * clouds
