@@ -2,10 +2,12 @@
 
 import ast
 import gc
+import multiprocessing
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from numba import njit
@@ -115,3 +117,24 @@ def test_the_process_that_helps_can_be_waited_for(monkeypatch):
 def test_as_many_processes_help_as_there_are_idle_cores(idle, images, clouds):
     assert compilation._shares(idle, False) == [["planewise.warm_up", *parts] for parts in images]
     assert compilation._shares(idle, True) == [["planewise.clouds.warm_up"]] * clouds
+
+
+def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeypatch):
+    started = []
+    monkeypatch.setattr(
+        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
+    )
+    monkeypatch.setattr(compilation, "_helpers", [])
+    monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
+    monkeypatch.setattr(compilation, "available", lambda: 8)
+    monkeypatch.setenv("PLANEWISE_COMPILES_FOR_ANOTHER", "")
+    announce = compilation._announced.__wrapped__  # not what it has answered before
+    counts = []
+    for parent in (None, multiprocessing.current_process()):
+        monkeypatch.setattr(multiprocessing, "parent_process", lambda parent=parent: parent)
+        started.clear()
+        assert announce(False)
+        counts.append(len(started))
+    compilation.without_help()
+    assert announce(False)
+    assert [*counts, len(started)] == [3, 1, 1]

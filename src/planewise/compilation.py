@@ -75,8 +75,11 @@ def _announced(cloud: bool) -> bool:
         return False
     _LOG.warning("compiling for this machine, once (10 to 30 s) ...")
     if sys.executable and not os.environ.get(_HELPED):
+        from multiprocessing import parent_process  # few wait for this import
+
+        most = 1 if parent_process() else len(_PARTS)  # it may be one of many that compile
         with contextlib.suppress(OSError):
-            for share in _shares(available() - 1, cloud):
+            for share in _shares(min(available() - 1, most), cloud):
                 helper = subprocess.Popen(
                     [sys.executable, "-m", *share],
                     stdin=subprocess.DEVNULL,
@@ -110,6 +113,11 @@ def confirm(*, cloud: bool = False) -> None:
         for index in cache_directory().glob("*.nbi"):
             if index.name.startswith(_CLOUD) == cloud:
                 index.touch()
+
+
+def without_help() -> None:
+    """Let this process compile alone, for the cores have others of its kind."""
+    os.environ[_HELPED] = "1"
 
 
 def wait_for_help() -> None:

@@ -27,6 +27,9 @@ def _do(key: str, work: list[Any], number: int, frame: str) -> Outcome:
     if key not in _works:
         import ray
 
+        from planewise.compilation import without_help  # loads Numba
+
+        without_help()
         _works.clear()
         _works[key] = ray.get(work[0])
     return _works[key](number, frame)
