@@ -70,16 +70,12 @@ class Workspace:
         """
         start = self._kept
         self._kept += _size(shape, dtype)
-        if self._kept + self._lent > self._held:
-            return self._allocated(shape, dtype)
-        return np.ndarray(shape, dtype, self._memory, start)
+        return self._part(start, shape, dtype)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
         self._lent += _size(shape, dtype)
-        if self._kept + self._lent > self._held:
-            return self._allocated(shape, dtype)
-        return np.ndarray(shape, dtype, self._memory, self._held - self._lent)
+        return self._part(self._held - self._lent, shape, dtype)
 
     def copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return a copy that lasts as long as the stage."""
@@ -92,10 +88,12 @@ class Workspace:
         """Memory held."""
         return self._held
 
-    def _allocated(self, shape: int | tuple[int, ...], dtype: Type) -> NDArray[Any]:
-        """Return an array that does not fit, for which the memory is to be larger."""
-        self._most = max(self._most, self._kept + self._lent)
-        return np.empty(shape, dtype)
+    def _part(self, start: int, shape: int | tuple[int, ...], dtype: Type) -> NDArray[Any]:
+        used = self._kept + self._lent
+        if used > self._held:
+            self._most = max(self._most, used)
+            return np.empty(shape, dtype)
+        return np.ndarray(shape, dtype, self._memory, start)
 
 
 _BYTES: dict[Type, int] = {}  # of an item
