@@ -13,7 +13,7 @@ import pytest
 from numba import njit
 from numba.core import event
 
-from planewise import compilation
+from planewise import compilation, warm_up
 
 
 @pytest.mark.parametrize(
@@ -115,6 +115,7 @@ def test_the_process_that_helps_can_be_waited_for(monkeypatch):
     ],
 )
 def test_as_many_processes_help_as_there_are_idle_cores(idle, images, clouds):
+    assert set(compilation._PARTS) == set(warm_up._PARTS)
     assert compilation._shares(idle, False) == [["planewise.warm_up", *parts] for parts in images]
     assert compilation._shares(idle, True) == [["planewise.clouds.warm_up"]] * clouds
 
