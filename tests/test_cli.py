@@ -451,6 +451,62 @@ main()
     assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
 
 
+@pytest.mark.parametrize("drops", ["an object that is deleted", "a callback from C"])
+def test_an_interrupt_that_python_drops_comes_again(depth, out, drops):
+    code = f"""
+import ctypes, sys, time
+import planewise.search
+class Dropped:
+    def __del__(self): raise KeyboardInterrupt
+@ctypes.CFUNCTYPE(None)
+def callback(): raise KeyboardInterrupt
+def find(*_, **__):
+    if {drops!r} == "a callback from C": callback()
+    else: Dropped()
+    for _ in range(1000): time.sleep(0.01)
+planewise.search.find = find
+from planewise.cli import main
+sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
+main()
+"""
+    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert job.returncode == 130
+    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
+    assert not out.parent.exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_an_interrupt_while_llvm_calls_back_ends_the_command(depth, out, tmp_path):
+    """Numba would go on without what LLVM has compiled."""
+    code = f"""
+import os, signal, sys
+from numba.core.codegen import CPUCodeLibrary
+compiled = CPUCodeLibrary._object_compiled_hook
+@classmethod
+def with_ctrl_c(cls, module, code):
+    os.kill(os.getpid(), signal.SIGINT)
+    compiled(module, code)
+CPUCodeLibrary._object_compiled_hook = with_ctrl_c
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from planewise.cli import main
+sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
+main()
+"""
+    job = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ
+        | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PLANEWISE_COMPILES_FOR_ANOTHER": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert job.returncode == 130
+    announced, *rest = job.stderr.strip().splitlines()
+    assert announced.startswith("compiling for this machine")
+    assert rest == ["error: interrupted; nothing was left half-written"]
+    assert not out.parent.exists()
+
+
 def test_only_the_command_that_is_asked_for_is_loaded():
     loaded = (
         "import sys; from planewise.commands.app import command_line; command_line(sys.argv[1:]);"

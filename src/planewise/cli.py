@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from planewise.commands.exit_codes import interrupted
+from planewise.commands.interrupts import heed_interrupts, interrupted
 
 _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
 
@@ -13,6 +13,7 @@ _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and
 def main() -> None:
     """Run the command line; never ends with a traceback for what a user can put right."""
     gc.set_threshold(_COLLECT_AFTER)
+    heed_interrupts()
     try:
         try:
             from planewise.commands.app import command_line

@@ -24,7 +24,8 @@ from planewise.commands.command_line import (
     reported,
     sensor_of,
 )
-from planewise.commands.exit_codes import FAILED, interrupted
+from planewise.commands.exit_codes import FAILED
+from planewise.commands.interrupts import interrupt, interrupted
 from planewise.commands.shared_options import (
     CameraInstead,
     DepthScale,
@@ -276,7 +277,7 @@ def _run(job: Batch, engine: Engine) -> None:
 @contextmanager
 def _ended_like_by_hand() -> Iterator[None]:
     """Let what ends processes politely, such as a cluster's scheduler, be as Ctrl-C."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    before = signal.signal(signal.SIGTERM, interrupt)
     try:
         yield
     finally:

@@ -15,7 +15,8 @@ import typer
 
 from planewise import sensors
 from planewise.commands import terminal
-from planewise.commands.exit_codes import FAILED, interrupted
+from planewise.commands.exit_codes import FAILED
+from planewise.commands.interrupts import interrupted
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_sensor
 from planewise.sensor import Sensor

@@ -1,0 +1,59 @@
+"""Ctrl-C ends a command wherever it comes."""
+
+from __future__ import annotations
+
+import _thread
+import signal
+import sys
+import threading
+from types import FrameType
+from typing import TYPE_CHECKING
+
+from planewise.commands.exit_codes import INTERRUPTED
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+_CALLBACKS = "_raw_object_cache_"  # of llvmlite: LLVM calls them after each loop it has compiled
+_PAUSE = 0.02  # seconds, after which what would drop an exception is most likely over
+
+
+def heed_interrupts() -> None:
+    """Have Ctrl-C wait, or come again, where Python would drop it.
+
+    That is in callbacks from C, after which Numba would miss what they were to do, and in what
+    deletes objects.
+    """
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = _repeat_interrupt
+
+
+def interrupt(signum: int, frame: FrameType | None) -> None:
+    """Raise KeyboardInterrupt, as a handler of signals, now or as soon as it will be seen."""
+    outer = frame
+    while outer is not None:
+        if outer.f_code.co_name.startswith(_CALLBACKS):
+            _interrupt_later()
+            return
+        outer = outer.f_back
+    signal.default_int_handler(signum, frame)
+
+
+def _repeat_interrupt(dropped: UnraisableHookArgs) -> None:
+    if issubclass(dropped.exc_type, KeyboardInterrupt):
+        _interrupt_later()
+    else:
+        sys.__unraisablehook__(dropped)
+
+
+def _interrupt_later() -> None:
+    again = threading.Timer(_PAUSE, _thread.interrupt_main)
+    again.daemon = True
+    again.start()
+
+
+def interrupted() -> int:
+    """INTERRUPTED; objects that Ctrl-C left half-made do not complain when they are deleted."""
+    sys.unraisablehook = lambda _: None
+    return INTERRUPTED
