@@ -376,9 +376,10 @@ def test_info_and_version():
 def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     from planewise import compilation
 
-    compilation._announced.cache_clear()
+    compilation.announce.cache_clear()
+    monkeypatch.setattr(compilation, "_said", set())
     monkeypatch.setattr(compilation, "_helpers", [])
-    monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
+    monkeypatch.setattr(compilation, "is_cached", lambda _: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
     started = []
@@ -391,10 +392,10 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
     assert "compiling" in errors
     assert "ms, compiling included, files in" in text
     assert "compiling for this machine" not in text
-    compilation.announce(cloud=True)
+    compilation.announce("cloud")
     assert started[1:] == [[sys.executable, "-m", "planewise.clouds.warm_up"]]
     monkeypatch.undo()
-    compilation._announced.cache_clear()
+    compilation.announce.cache_clear()
     text = run("detect", depth, *ARGUMENTS, "-o", out)[1]
     assert "compiling" not in text
 

@@ -67,20 +67,25 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
             os.utime(folder / name, (100, 200 if folder == cache else 100))
     monkeypatch.setattr(compilation, "cache_directory", lambda: cache)
     monkeypatch.setattr(compilation, "_SOURCES", sources)
-    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, True]
+    assert [compilation.is_cached(loops) for loops in ("spatial", "cloud")] == [True, True]
     os.utime(sources / "cloud_segments.py", (100, 300))
-    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [True, False]
+    assert [compilation.is_cached(loops) for loops in ("spatial", "cloud")] == [True, False]
     compilation.confirm(cloud=True)  # it was written anew without a change
-    assert compilation.is_cached(cloud=True)
+    assert compilation.is_cached("cloud")
     os.utime(sources / "segments.py", (100, 300))
     (cache / "cloud_segments.merge-1.nbi").unlink()  # what both need is left, and tells nothing
-    assert [compilation.is_cached(cloud=cloud) for cloud in (False, True)] == [False, False]
+    assert [compilation.is_cached(loops) for loops in ("spatial", "cloud")] == [False, False]
 
 
-def test_loops_that_tell_what_is_compiled_are_needed_by_one_of_the_two_alone():
+def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
     package = Path(compilation.__file__).parent
-    clouds = {*package.glob("clouds/*.py"), *package.glob("kernels/cloud_*.py")}
-    for cloud, name in ((False, "segments"), (True, "cloud_segments")):
+    modules = {
+        "paper": {*package.glob("paper/*.py")},
+        "spatial": {*package.glob("spatial/*.py")},
+        "cloud": {*package.glob("clouds/*.py"), *package.glob("kernels/cloud_*.py")},
+    }
+    for loops, its_own in modules.items():
+        name = compilation._TELLING[loops].rstrip(".")
         users = {
             path
             for path in package.glob("**/*.py")
@@ -91,8 +96,34 @@ def test_loops_that_tell_what_is_compiled_are_needed_by_one_of_the_two_alone():
                 or (node.module == "planewise.kernels" and name in {n.name for n in node.names})
             )
         }
-        assert users
-        assert users <= clouds if cloud else users.isdisjoint(clouds)
+        assert users & its_own
+        assert users.isdisjoint(set().union(*modules.values()) - its_own)
+
+
+@pytest.mark.parametrize("loops", ["spatial", "paper"])
+def test_who_needs_some_loops_only_hears_nothing_once_these_are_compiled(
+    monkeypatch, loops, caplog
+):
+    """The sequential search has none of the default's, and would be announced for ever."""
+    compiled: set[str] = set()
+    monkeypatch.setattr(compilation, "is_cached", compiled.__contains__)
+    monkeypatch.setattr(compilation, "_helpers", [])
+    started = []
+    monkeypatch.setattr(
+        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
+    )
+    heard = []
+    for already in ((), ("depth image",), ("depth image", loops)):
+        compiled.update(already)
+        compilation.announce.cache_clear()
+        monkeypatch.setattr(compilation, "_said", set())
+        caplog.clear()
+        compilation.announce("depth image")
+        compilation.announce(loops)
+        assert compilation.has_compiled() == bool(caplog.messages)
+        heard.append(len(caplog.messages))
+    compilation.announce.cache_clear()
+    assert heard == [1, 1, 0]
 
 
 def test_the_process_that_helps_can_be_waited_for(monkeypatch):
@@ -126,16 +157,22 @@ def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeyp
         compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
     )
     monkeypatch.setattr(compilation, "_helpers", [])
-    monkeypatch.setattr(compilation, "is_cached", lambda **_: False)
+    monkeypatch.setattr(compilation, "is_cached", lambda _: False)
     monkeypatch.setattr(compilation, "available", lambda: 8)
     monkeypatch.setenv("PLANEWISE_COMPILES_FOR_ANOTHER", "")
-    announce = compilation._announced.__wrapped__  # not what it has answered before
+    announce = compilation.announce.__wrapped__  # whatever it has said before
     counts = []
-    for parent in (None, multiprocessing.current_process()):
+    for parent, loops in (
+        (None, "spatial"),
+        (multiprocessing.current_process(), "spatial"),
+        (None, "paper"),
+    ):
         monkeypatch.setattr(multiprocessing, "parent_process", lambda parent=parent: parent)
+        monkeypatch.setattr(compilation, "_said", set())
         started.clear()
-        assert announce(False)
+        announce(loops)
         counts.append(len(started))
     compilation.without_help()
-    assert announce(False)
-    assert [*counts, len(started)] == [3, 1, 1]
+    monkeypatch.setattr(compilation, "_said", set())
+    announce("spatial")
+    assert [*counts, len(started)] == [3, 1, 0, 0]

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from numba.core import event
 
@@ -22,10 +22,18 @@ from planewise.threads import available
 _LOG = logging.getLogger("planewise")
 _SOURCES = Path(kernels.__path__[0])
 _CLOUD = ("cloud_", "cubes")  # modules of kernels that only clouds need
-_TELLING = {False: "segments.", True: "cloud_segments."}  # loops that only images, or clouds, need
+Loops = Literal["depth image", "paper", "spatial", "cloud"]
+"""By which a depth image is seen, and those of each search; in clouds, the spatial one."""
+_TELLING: dict[Loops, str] = {  # modules that nothing else needs
+    "depth image": "images.",
+    "paper": "readings.",
+    "spatial": "segments.",
+    "cloud": "cloud_segments.",
+}
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _PARTS = "ledger", "labelling", "merging"  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody has to wait for them
+_said: set[bool] = set()  # whether of clouds; of images, to see one and to search it is one wait
 
 
 def cache_directory() -> Path:
@@ -33,15 +41,10 @@ def cache_directory() -> Path:
     return Path(score_rays.stats.cache_path or "")
 
 
-def is_cached(*, cloud: bool = False) -> bool:
-    """Whether the loops of this version have been compiled on this machine before.
-
-    Parameters
-    ----------
-    cloud : bool
-        Those of clouds, not of depth images.
-    """
-    written = _times(cache_directory().glob(f"{_TELLING[cloud]}*.nbi"), cloud)
+def is_cached(loops: Loops) -> bool:
+    """Whether these loops of this version have been compiled on this machine before."""
+    cloud = loops == "cloud"
+    written = _times(cache_directory().glob(f"{_TELLING[loops]}*.nbi"), cloud)
     return bool(written) and max(written) >= max(_times(_SOURCES.glob("*.py"), cloud))
 
 
@@ -50,31 +53,19 @@ def _times(files: Iterable[Path], cloud: bool) -> list[float]:
     return [each.stat().st_mtime for each in files if each.name.startswith(_CLOUD) == cloud]
 
 
-def announce(*, cloud: bool = False) -> bool:
-    """Say once, before the wait, that code has to be compiled, and have other cores help.
+@lru_cache(maxsize=len(_TELLING))
+def announce(loops: Loops) -> None:
+    """Say once, before the wait, that these loops have to be compiled, and have other cores help.
 
-    Up to three processes compile the loops of the later stages; where none can be started, or their
-    work is not done in time, this one does it all.
-
-    Parameters
-    ----------
-    cloud : bool
-        The loops are those of clouds, not of depth images.
-
-    Returns
-    -------
-    bool
-        Whether this process has to compile, however often it is asked.
+    Up to three processes compile the loops of a spatial search's later stages; where none can be
+    started, or their work is not done in time, this one does it all.
     """
-    return _announced(cloud)
-
-
-@lru_cache(maxsize=2)
-def _announced(cloud: bool) -> bool:
-    if is_cached(cloud=cloud):
-        return False
+    cloud = loops == "cloud"
+    if cloud in _said or is_cached(loops):
+        return
+    _said.add(cloud)
     _LOG.warning("compiling for this machine, once (10 to 30 s) ...")
-    if sys.executable and not os.environ.get(_HELPED):
+    if loops != "paper" and sys.executable and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
         most = 1 if parent_process() else len(_PARTS)  # it may be one of many that compile
@@ -89,7 +80,11 @@ def _announced(cloud: bool) -> bool:
                 )
                 helper.returncode = 0  # nobody waits for it, nor should Python complain at exit
                 _helpers.append(helper)
-    return True
+
+
+def has_compiled() -> bool:
+    """Whether this process had to."""
+    return bool(_said)
 
 
 def _shares(idle: int, cloud: bool) -> list[list[str]]:

@@ -133,7 +133,7 @@ def _find_in_tiles(
     tile_points: int,
     disk: Disk,
 ) -> PlaneModel:
-    compilation.announce(cloud=True)
+    compilation.announce("cloud")
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.cells import as_loud_as_seen
     from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart

@@ -295,7 +295,7 @@ def observe(
     """
     from planewise import compilation  # loads Numba
 
-    compilation.announce()
+    compilation.announce("depth image")
     image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
     checked_camera(camera).check(image.shape)
     seen = RayObservation(

@@ -68,7 +68,7 @@ def find(
     if observation.count < observation.dimension:
         return _no_planes(observation, options, objective.empty(observation))
 
-    compilation.announce()
+    compilation.announce("spatial" if spatial else "paper")
     keep_freed()
     regions = _regions(observation, options, rgb)
     if spatial and isinstance(observation, RayObservation):
@@ -162,7 +162,7 @@ def find_in_cloud(
     """
     errors = checked_sigma(sigma, len(points))
     seen_from = checked_origin(origin, points.shape)
-    compilation.announce(cloud=True)
+    compilation.announce("cloud")
     keep_freed()
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.copies import places_of

@@ -20,7 +20,7 @@ def info() -> None:
 
         from planewise import compilation, threads
 
-        state = "compiled" if compilation.is_cached() else "not compiled yet"
+        state = "compiled" if compilation.is_cached("spatial") else "not compiled yet"
         terminal.say(f"planewise {__version__}")
         terminal.say(
             f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}"

@@ -120,9 +120,9 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     """Print how many planes there are, what they are worth and where the files are."""
     without = f"({model.curve[0]:,.0f} without planes)" if len(model) else "without planes"
     say(f"{counted(len(model), 'plane')}, Phi = {model.information:,.0f} nats {without}")
-    from planewise.compilation import announce  # loads Numba, which has been used by now
+    from planewise.compilation import has_compiled  # loads Numba, which has been used by now
 
-    with_it = "compiling" if announce(cloud=model.labels.ndim == 1) else "loading"
+    with_it = "compiling" if has_compiled() else "loading"
     readings = counted(model.readings, "reading")
     say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
     if not len(model):
