@@ -64,7 +64,7 @@ def announce(loops: Loops) -> None:
     if cloud in _said or is_cached(loops):
         return
     _said.add(cloud)
-    _LOG.warning("compiling for this machine, once (10 to 30 s) ...")
+    _LOG.warning("compiling for this machine, once (10 s to a minute) ...")
     if loops != "paper" and sys.executable and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
