@@ -91,7 +91,7 @@ def test_three_faces_and_all_files(tmp_path, out, corner):
 def test_command_line_and_python_agree(tmp_path, out, corner):
     points, _ = corner
     np.save(tmp_path / "a.npy", points)
-    run("points", tmp_path / "a.npy", "--sigma", SIGMA, "--seed", 3, "--max-planes", 2, "-o", out)
+    run("points", tmp_path / "a.npy", "--sigma", "10mm", "--seed", 3, "--max-planes", 2, "-o", out)
     extent = float(np.linalg.norm(np.ptp(points, axis=0)))
     sensor = pw.Sensor(max_depth=extent, noise=SIGMA)
     model = pw.detect_planes_in_points(points, sensor, rng=3, max_planes=2)

@@ -20,6 +20,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
+from planewise.files.camera import read_length
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
@@ -51,8 +52,8 @@ def points(
     sigma: Annotated[
         str,
         typer.Option(
-            metavar="auto|METRES",
-            help="Standard deviation of a point from its surface; 0.01 is a centimetre. 'auto': "
+            metavar="auto|LENGTH",
+            help="Standard deviation of a point from its surface: 0.01 (metres) or 10mm. 'auto': "
             "estimated from the points.",
         ),
     ] = _AUTO,
@@ -153,13 +154,11 @@ def _noise(text: str) -> float | Auto:
     """Standard deviation that is asked for."""
     if text == _AUTO:
         return AUTO
-    try:
-        sigma = float(text)
-    except ValueError:
-        sigma = 0.0
-    if not 0 < sigma < float("inf"):
+    sigma = read_length(text)
+    if sigma is None or not 0 < sigma < float("inf"):
         raise PlanewiseError(
-            f"sigma must be a positive number of metres, such as 0.01, or '{_AUTO}', got '{text}'"
+            f"sigma must be a positive length, such as 0.01 (metres) or 10mm, or '{_AUTO}', "
+            f"got '{text}'"
         )
     return sigma
 

@@ -165,12 +165,24 @@ def read_noise(text: str) -> Noise:
     try:
         if number := re.fullmatch(rf"({_NUMBER})\s*%", name):
             return noise.proportional(float(number[1]) / 100)
-        if number := re.fullmatch(rf"({_NUMBER})\s*mm", name):
-            return noise.constant(float(number[1]) / 1000)
+        if (sigma := read_length(name)) is not None:
+            return noise.constant(sigma)
         return _formula(name.removesuffix("m"))
     except ValueError as error:
         detail = f" ({error})" if str(error) else ""
         raise PlanewiseError(f"noise: {text!r} is not {NOISE_HELP}{detail}") from None
+
+
+def read_length(text: str) -> float | None:
+    """Metres from ``"0.005"``, ``"0.005 m"``, ``"0.5cm"`` or ``"5mm"``; ``None`` from other text.
+
+    Examples
+    --------
+    >>> read_length("5mm")
+    0.005
+    """
+    length = re.fullmatch(rf"({_NUMBER})\s*(mm|cm|m)?", text.strip().lower())
+    return None if length is None else float(length[1]) / {"mm": 1000, "cm": 100}.get(length[2], 1)
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|[-+]?inf"
