@@ -214,11 +214,12 @@ def _splat(view: _View, nearest: NDArray[np.int64], radius: float) -> NDArray[np
     dy, dx = (each.ravel() for each in np.meshgrid(reach, reach, indexing="ij"))
     dot = np.hypot(dy, dx) <= radius
     height, width = nearest.shape
-    rows = (row[order, None] + dy[dot]).clip(0, height - 1)
-    columns = (column[order, None] + dx[dot]).clip(0, width - 1)
-    out = np.full_like(nearest, -1)
-    out[rows, columns] = index[order, None]
-    return out
+    edge = int(radius)  # around the picture, for the dots at its border
+    stride = width + 2 * edge
+    out = np.full((height + 2 * edge, stride), -1)
+    middle = (row + edge) * stride + column + edge
+    out.reshape(-1)[middle[order, None] + dy[dot] * stride + dx[dot]] = index[order, None]
+    return out[edge : edge + height, edge : edge + width]
 
 
 def _moved(image: NDArray, dy: int, dx: int, empty: float) -> NDArray:  # type: ignore[type-arg]
