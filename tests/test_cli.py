@@ -478,6 +478,29 @@ main()
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_an_error_that_comes_of_an_interrupt_is_no_traceback(depth, out):
+    """Numba's registries, if they are interrupted: RuntimeError, generator raised StopIteration."""
+    code = f"""
+import os, signal, sys
+import planewise.search
+def find(*_, **__):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        raise RuntimeError("half-made")
+planewise.search.find = find
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from planewise.cli import main
+sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
+main()
+"""
+    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert job.returncode == 130
+    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
+    assert not out.parent.exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_an_interrupt_while_llvm_calls_back_ends_the_command(depth, out, tmp_path):
     """Numba would go on without what LLVM has compiled."""
     code = f"""

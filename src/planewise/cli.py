@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import sys
 
-from planewise.commands.interrupts import heed_interrupts, interrupted
+from planewise.commands.interrupts import heed_interrupts, interrupted, was_interrupted
 
 _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
 
@@ -28,7 +28,9 @@ def main() -> None:
             )
             raise SystemExit(1) from None
         app(prog_name="planewise")
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, Exception) as error:
+        if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
+            raise
         sys.stderr.write("error: interrupted; nothing was left half-written\n")
         raise SystemExit(interrupted()) from None
 

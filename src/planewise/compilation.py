@@ -83,7 +83,7 @@ def announce(loops: Loops) -> None:
 
 
 def has_compiled() -> bool:
-    """Whether this process had to."""
+    """Whether this process had loops to compile."""
     return bool(_said)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import _thread
 import signal
 import sys
-import threading
+import time
 from types import FrameType
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _CALLBACKS = "_raw_object_cache_"  # of llvmlite: LLVM calls them after each loop it has compiled
 _PAUSE = 0.02  # seconds, after which what would drop an exception is most likely over
+_came: list[int] = []  # signals
 
 
 def heed_interrupts() -> None:
@@ -31,6 +32,7 @@ def heed_interrupts() -> None:
 
 def interrupt(signum: int, frame: FrameType | None) -> None:
     """Raise KeyboardInterrupt, as a handler of signals, now or as soon as it will be seen."""
+    _came.append(signum)
     outer = frame
     while outer is not None:
         if outer.f_code.co_name.startswith(_CALLBACKS):
@@ -38,6 +40,11 @@ def interrupt(signum: int, frame: FrameType | None) -> None:
             return
         outer = outer.f_back
     signal.default_int_handler(signum, frame)
+
+
+def was_interrupted() -> bool:
+    """Whether an error may come of Ctrl-C: Numba can fail where it cleans up."""
+    return bool(_came)
 
 
 def _repeat_interrupt(dropped: UnraisableHookArgs) -> None:
@@ -48,9 +55,13 @@ def _repeat_interrupt(dropped: UnraisableHookArgs) -> None:
 
 
 def _interrupt_later() -> None:
-    again = threading.Timer(_PAUSE, _thread.interrupt_main)
-    again.daemon = True
-    again.start()
+    # Not by `threading`, whose locks the one that is interrupted may hold.
+    _thread.start_new_thread(_interrupt_soon, ())
+
+
+def _interrupt_soon() -> None:
+    time.sleep(_PAUSE)
+    _thread.interrupt_main()
 
 
 def interrupted() -> int:
