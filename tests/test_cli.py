@@ -23,6 +23,7 @@ from tests.command import run
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
+INTERRUPTED = "error: interrupted; nothing was left half-written"
 
 
 @pytest.fixture(scope="module")
@@ -430,8 +431,26 @@ def test_interrupt_leaves_nothing(depth, out):
     assert job.returncode in (130, -signal.SIGINT)
     assert time.monotonic() - interrupted < 5
     assert text == ""
-    assert errors.strip() == "error: interrupted; nothing was left half-written"
+    assert errors.strip() == INTERRUPTED
     assert not out.parent.exists()
+
+
+def detect_after(code, depth, out, **environment):
+    """Exit code and lines on stderr of `planewise detect` in a process that runs `code` first."""
+    code += f"""
+from planewise.cli import main
+sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
+main()
+"""
+    job = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert not out.parent.exists()
+    return job.returncode, job.stderr.strip().splitlines()
 
 
 @pytest.mark.parametrize("where", ["planewise.commands.app.command_line", "planewise.search.find"])
@@ -444,13 +463,8 @@ class Half:
     def __init__(self, *_, **__): raise KeyboardInterrupt
     def __del__(self): self.missing
 setattr(importlib.import_module("{module}"), "{name}", Half)
-from planewise.cli import main
-sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
-main()
 """
-    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert job.returncode == 130
-    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
+    assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
 @pytest.mark.parametrize("drops", ["an object that is deleted", "a callback from C"])
@@ -467,20 +481,14 @@ def find(*_, **__):
     else: Dropped()
     for _ in range(1000): time.sleep(0.01)
 planewise.search.find = find
-from planewise.cli import main
-sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
-main()
 """
-    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert job.returncode == 130
-    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
-    assert not out.parent.exists()
+    assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_an_error_that_comes_of_an_interrupt_is_no_traceback(depth, out):
     """Numba's registries, if they are interrupted: RuntimeError, generator raised StopIteration."""
-    code = f"""
+    code = """
 import os, signal, sys
 import planewise.search
 def find(*_, **__):
@@ -490,20 +498,14 @@ def find(*_, **__):
         raise RuntimeError("half-made")
 planewise.search.find = find
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from planewise.cli import main
-sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
-main()
 """
-    job = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert job.returncode == 130
-    assert job.stderr.strip() == "error: interrupted; nothing was left half-written"
-    assert not out.parent.exists()
+    assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_an_interrupt_while_llvm_calls_back_ends_the_command(depth, out, tmp_path):
     """Numba would go on without what LLVM has compiled."""
-    code = f"""
+    code = """
 import os, signal, sys
 from numba.core.codegen import CPUCodeLibrary
 compiled = CPUCodeLibrary._object_compiled_hook
@@ -513,23 +515,12 @@ def with_ctrl_c(cls, module, code):
     compiled(module, code)
 CPUCodeLibrary._object_compiled_hook = with_ctrl_c
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from planewise.cli import main
-sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
-main()
 """
-    job = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ
-        | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PLANEWISE_COMPILES_FOR_ANOTHER": "1"},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert job.returncode == 130
-    announced, *rest = job.stderr.strip().splitlines()
+    anew = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PLANEWISE_COMPILES_FOR_ANOTHER": "1"}
+    ended, (announced, *rest) = detect_after(code, depth, out, **anew)
+    assert ended == 130
     assert announced.startswith("compiling for this machine")
-    assert rest == ["error: interrupted; nothing was left half-written"]
-    assert not out.parent.exists()
+    assert rest == [INTERRUPTED]
 
 
 def test_only_the_command_that_is_asked_for_is_loaded():

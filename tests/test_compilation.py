@@ -100,6 +100,19 @@ def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
         assert users.isdisjoint(set().union(*modules.values()) - its_own)
 
 
+@pytest.fixture
+def started(monkeypatch):
+    """Commands of the processes that help, which are not run; nothing has been said before."""
+    commands = []
+    monkeypatch.setattr(
+        compilation.subprocess, "Popen", lambda *a, **_: commands.append(a[0]) or SimpleNamespace()
+    )
+    monkeypatch.setattr(compilation, "_helpers", [])
+    monkeypatch.setattr(compilation, "_said", set())
+    return commands
+
+
+@pytest.mark.usefixtures("started")
 @pytest.mark.parametrize("loops", ["spatial", "paper"])
 def test_who_needs_some_loops_only_hears_nothing_once_these_are_compiled(
     monkeypatch, loops, caplog
@@ -107,22 +120,16 @@ def test_who_needs_some_loops_only_hears_nothing_once_these_are_compiled(
     """The sequential search has none of the default's, and would be announced for ever."""
     compiled: set[str] = set()
     monkeypatch.setattr(compilation, "is_cached", compiled.__contains__)
-    monkeypatch.setattr(compilation, "_helpers", [])
-    started = []
-    monkeypatch.setattr(
-        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
-    )
+    announce = compilation.announce.__wrapped__  # whatever it has said before
     heard = []
     for already in ((), ("depth image",), ("depth image", loops)):
         compiled.update(already)
-        compilation.announce.cache_clear()
-        monkeypatch.setattr(compilation, "_said", set())
+        compilation._said.clear()
         caplog.clear()
-        compilation.announce("depth image")
-        compilation.announce(loops)
+        announce("depth image")
+        announce(loops)
         assert compilation.has_compiled() == bool(caplog.messages)
         heard.append(len(caplog.messages))
-    compilation.announce.cache_clear()
     assert heard == [1, 1, 0]
 
 
@@ -151,12 +158,7 @@ def test_as_many_processes_help_as_there_are_idle_cores(idle, images, clouds):
     assert compilation._shares(idle, True) == [["planewise.clouds.warm_up"]] * clouds
 
 
-def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeypatch):
-    started = []
-    monkeypatch.setattr(
-        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
-    )
-    monkeypatch.setattr(compilation, "_helpers", [])
+def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeypatch, started):
     monkeypatch.setattr(compilation, "is_cached", lambda _: False)
     monkeypatch.setattr(compilation, "available", lambda: 8)
     monkeypatch.setenv("PLANEWISE_COMPILES_FOR_ANOTHER", "")
@@ -168,11 +170,11 @@ def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeyp
         (None, "paper"),
     ):
         monkeypatch.setattr(multiprocessing, "parent_process", lambda parent=parent: parent)
-        monkeypatch.setattr(compilation, "_said", set())
+        compilation._said.clear()
         started.clear()
         announce(loops)
         counts.append(len(started))
     compilation.without_help()
-    monkeypatch.setattr(compilation, "_said", set())
+    compilation._said.clear()
     announce("spatial")
     assert [*counts, len(started)] == [3, 1, 0, 0]
