@@ -503,6 +503,44 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@pytest.mark.parametrize("where", ["shutil.rmtree", "planewise.commands.terminal.error"])
+def test_a_second_interrupt_lets_the_command_tidy_up(depth, out, where):
+    module, name = where.rsplit(".", 1)
+    code = f"""
+import importlib, os, signal, sys
+import planewise.search
+module = importlib.import_module("{module}")
+ends = module.{name}
+def find(*_, **__): os.kill(os.getpid(), signal.SIGINT)
+def with_ctrl_c(*arguments, **options):
+    os.kill(os.getpid(), signal.SIGINT)
+    ends(*arguments, **options)
+planewise.search.find, module.{name} = find, with_ctrl_c
+signal.signal(signal.SIGINT, signal.default_int_handler)
+"""
+    assert detect_after(code, depth, out) == (130, [INTERRUPTED])
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_an_interrupt_that_is_caught_does_not_make_the_next_one_vain():
+    code = """
+import os, signal, time
+from planewise.commands import interrupts
+signal.signal(signal.SIGINT, signal.default_int_handler)
+interrupts.heed_interrupts()
+for _ in range(2):
+    try:
+        os.kill(os.getpid(), signal.SIGINT)
+        for _ in range(100): time.sleep(0.01)
+    except KeyboardInterrupt:
+        print("caught")
+        time.sleep(interrupts._ENDING)
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stdout.split() == ["caught", "caught"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_an_interrupt_while_llvm_calls_back_ends_the_command(depth, out, tmp_path):
     """Numba would go on without what LLVM has compiled."""
     code = """

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 _CALLBACKS = "_raw_object_cache_"  # of llvmlite: LLVM calls them after each loop it has compiled
 _PAUSE = 0.02  # seconds, after which what would drop an exception is most likely over
-_came: list[int] = []  # signals
+_ENDING = 2.0  # seconds that a command has to tidy up, undisturbed by a second Ctrl-C
+_raised: list[float] = []  # times of the interrupts that Python did not drop
 
 
 def heed_interrupts() -> None:
@@ -31,24 +32,30 @@ def heed_interrupts() -> None:
 
 
 def interrupt(signum: int, frame: FrameType | None) -> None:
-    """Raise KeyboardInterrupt, as a handler of signals, now or as soon as it will be seen."""
-    _came.append(signum)
+    """Raise KeyboardInterrupt, as a handler of signals, now or as soon as it will be seen.
+
+    A command that is ending is left to tidy up.
+    """
+    if _raised and time.monotonic() - _raised[-1] < _ENDING:
+        return
     outer = frame
     while outer is not None:
         if outer.f_code.co_name.startswith(_CALLBACKS):
             _interrupt_later()
             return
         outer = outer.f_back
+    _raised.append(time.monotonic())
     signal.default_int_handler(signum, frame)
 
 
 def was_interrupted() -> bool:
     """Whether an error may come of Ctrl-C: Numba can fail where it cleans up."""
-    return bool(_came)
+    return bool(_raised)
 
 
 def _repeat_interrupt(dropped: UnraisableHookArgs) -> None:
     if issubclass(dropped.exc_type, KeyboardInterrupt):
+        _raised.clear()
         _interrupt_later()
     else:
         sys.__unraisablehook__(dropped)
