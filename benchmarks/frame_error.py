@@ -46,7 +46,7 @@ def told(frame: Frame) -> list[float] | None:
     found = cells.cells_of(image, seen.pixel_size)
     if found is None:
         return None
-    described = np.median(image.table.at(image.w[image.p > 0])[2]) / cells._SATURATION
+    described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / cells._SATURATION
     by_lag = []
     for lag in LAGS:
         with patch.object(frame_error, "_LAG", lag), patch.object(frame_error, "_LAGS", ()):

@@ -116,8 +116,8 @@ def told(z, sensor):
     image = frame_of(seen)
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
-    drift = image.table.at(image.w[image.p > 0])[2]
-    return found.error, float(np.median(drift)) / cells._SATURATION
+    drift = image.table.at(float(np.median(image.w[image.p > 0])))[2]
+    return found.error, drift / cells._SATURATION
 
 
 SIGMA = 0.0015  # of inverse depth
@@ -214,7 +214,7 @@ def test_distortion_is_that_of_cameras_whose_error_drifts():
         """Of a drift of so many times the white part."""
         seen = pw.observe(np.full(shape, 2.0), camera, pw.Sensor(max_depth=10, noise=sigma))
         table, sectors = frame_of(seen).table, frame_of(seen).sectors
-        white, _, described, _ = (float(part) for part in table.at(np.array(0.5)))
+        white, _, described, _ = table.at(0.5)
         factor = drift * white / described
         drifting, distorted, _ = frame_error.drift_and_distortion(1.0, factor, 0.5, table, sectors)
         return drifting, distorted

@@ -139,7 +139,7 @@ def test_an_error_of_cells_is_no_walk():
     seen = pw.observe(1 / w, camera, sensor)
     frame = frame_of(seen)
     error = cells.cells_of(frame, seen.pixel_size).error
-    _, shared, drift, _ = (float(part) for part in frame.table.at(0.5))
+    _, shared, drift, _ = frame.table.at(0.5)
     assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
     walk = error.drift / cells._SATURATION * drift
     assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it

@@ -45,14 +45,14 @@ class ErrorTable:
     drift: Array
     step: Array
 
-    def at(self, w: NDArray[np.floating]) -> tuple[Array, Array, Array, Array]:
-        """White, shared, drift and step at inverse depths w > 0."""
-        row = np.minimum(self.per_metre / np.asarray(w, np.float64), self.white.size - 2)
-        below = row.astype(np.intp)
-        between = row - below
+    def at(self, w: float) -> tuple[float, float, float, float]:
+        """White, shared, drift and step at inverse depth w > 0."""
+        row = min(self.per_metre / w, self.white.size - 2.0)
+        below = int(row)
 
-        def linear(table: Array) -> Array:
-            return np.asarray(table[below] + between * (table[below + 1] - table[below]))
+        def linear(table: Array) -> float:
+            near, far = table[below : below + 2].tolist()
+            return float(near + (row - below) * (far - near))
 
         return linear(self.white), linear(self.shared), linear(self.drift), linear(self.step)
 

@@ -99,7 +99,7 @@ def drift_and_distortion(
     A camera whose error drifts is distorted on the scale of the image, too; a range image is not,
     nor are readings that stray farther than those of cameras do, as of leaves.
     """
-    described, _, wandering, step = (float(part) for part in table.at(np.array(w)))
+    described, _, wandering, step = table.at(w)
     total, white, drift = white * (described + step), white * described, drift * wandering
     random = max(total - step, white)
     if step:  # what noise dithers of steps is random, too (`kernels.frame_error.unit_errors`)
@@ -161,7 +161,7 @@ def white_of_quiet(
     if larger > _AS_MUCH * seen:
         return 1.0
     w = float(np.median(moments[:, 6][whole] / moments[:, 0][whole]))
-    white, _, _, step = (float(part) for part in table.at(np.array(w)))
+    white, _, _, step = table.at(w)
     rounding = max(step, w**4 * resolution**2 / 12) / (white + step)
     return min(max(larger, rounding), 1.0)
 
@@ -192,11 +192,10 @@ def lateral_variance(
     steep, sizes = workspace.empty(len(units)), np.empty(bins, np.int64)
     samples = workspace.empty((bins, 2, _SAMPLE))
     kernels.steepness(units, planes, whole, np.square(_STEEPNESS), steep, sizes, samples)
-    told = np.flatnonzero(sizes >= _FEWEST)
+    told = [(sample, n) for sample, n in zip(samples, sizes.tolist(), strict=True) if n >= _FEWEST]
     lateral = 0.0
-    if told.size > 1:
-        points = [_medians(samples[b], int(sizes[b])) for b in told]
-        slope, base = _line(points, np.sqrt(sizes[told]).tolist())
+    if len(told) > 1:
+        slope, base = _line([_medians(*each) for each in told], [math.sqrt(n) for _, n in told])
         lateral = min(max(slope / max(base, 0.1), 0.0), _LATERAL_LIMIT)
     return lateral, steep
 
