@@ -128,6 +128,34 @@ def test_an_error_that_neighbours_share_is_seen():
     assert_allclose(found.drift(z), 3.5 * found.shared(z))
 
 
+def sweep_of_a_room(columns):
+    """A sweep of 64 beams in a room of 8 x 6 x 3 metres, and its ranges."""
+    camera = pw.SphericalCamera.spinning(elevation=np.linspace(20, -20, 64), columns=columns)
+    rays = camera.rays((64, columns))
+    faces = np.abs(rays) / np.linalg.norm(rays, axis=-1, keepdims=True) / (4.0, 3.0, 1.5)
+    return camera, 1 / faces.max(axis=-1)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 1.0])
+def test_an_error_that_neighbours_of_a_sweep_share_is_seen(ratio):
+    """Off the axis of its sector a ray is longer than z, by which inverse depth errs."""
+    camera, exact = sweep_of_a_room(1024)
+    rng = np.random.default_rng(0)
+    shared = np.kron(rng.standard_normal((16, 256)), np.ones((4, 4)))
+    depth = exact + 0.01 * (rng.standard_normal(exact.shape) + ratio * shared)
+    found = pw.estimate_noise(depth, camera, AUTO)
+    assert_allclose(found.white(seen(found)), 0.01, rtol=0.05)
+    assert found.shared_ratio == pytest.approx(ratio, abs=0.05)
+
+
+@pytest.mark.parametrize("columns", [48, 98])
+def test_cells_of_different_sectors_are_not_in_a_row(columns):
+    """Coordinates start anew in each, so that of three cells two may have the same."""
+    camera, exact = sweep_of_a_room(columns)
+    depth = exact + 0.01 * np.random.default_rng(0).standard_normal(exact.shape)
+    assert pw.estimate_noise(depth, camera, AUTO).shared_ratio < 0.2
+
+
 def test_real_kinects_are_near_what_was_measured_by_hand(real_frames):
     for folder, name in (("nyu_dpd", "nyu_0342"), ("mosd_boxes", "learn11")):
         depth, camera, scale = real_frames(folder, name)
