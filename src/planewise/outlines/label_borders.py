@@ -15,6 +15,9 @@ from planewise.outlines.outlines import load_shapely
 
 Labels = NDArray[np.integer]
 
+_MOST_LINES = 10_000  # that are simplified together, which takes the square of their number: 1 s
+_APART = 0.49  # pixels: lines that move by less do not meet, each for itself
+
 
 def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
     """Polygons of every label but 0; pieces are connected by the sides of pixels.
@@ -26,7 +29,8 @@ def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
     tolerance : float
         How far a simplified border may be from that of the pixels, in pixels; 0 keeps it exactly.
         Above 0, pieces and holes that are nowhere wider than a pixel are left out. From 1.5 on a
-        straight border at any angle becomes one line.
+        straight border at any angle becomes one line. Labels of more than 10,000 lines, such as
+        those of frames half of whose readings are missing here and there, keep to half a pixel.
 
     Returns
     -------
@@ -36,7 +40,10 @@ def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
     shapely = load_shapely()
     lines = shapely.line_merge(shapely.multilinestrings(_lines(shapely, labels)))
     if tolerance:
-        lines = shapely.simplify(lines, tolerance, preserve_topology=True)
+        if shapely.get_num_geometries(lines) > _MOST_LINES:
+            lines = shapely.simplify(lines, min(tolerance, _APART), preserve_topology=False)
+        else:
+            lines = shapely.simplify(lines, tolerance, preserve_topology=True)
     faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
     inside = shapely.point_on_surface(faces)
     rows = np.clip(np.rint(shapely.get_y(inside)), 0, labels.shape[0] - 1).astype(int)
