@@ -160,8 +160,8 @@ def test_neighbours_keep_a_common_border():
 
 
 def test_ragged_labels_keep_to_half_a_pixel():
-    """Half of the readings of two planes are missing here and there: 20,000 lines."""
-    labels = np.where(np.arange(320) < 150, 1, 2) * np.ones((240, 1), int)
+    """Half of the readings of two planes are missing here and there: 11,000 lines."""
+    labels = np.where(np.arange(220) < 100, 1, 2) * np.ones((200, 1), int)
     labels[np.random.default_rng(0).random(labels.shape) < 0.5] = 0
     exact, found = regions(labels, 0.0), regions(labels, 1.5)
     for label in (1, 2):
