@@ -486,14 +486,18 @@ planewise.search.find = find
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-def test_an_error_that_comes_of_an_interrupt_is_no_traceback(depth, out):
+@pytest.mark.parametrize("where", ["it works", "an object is deleted"])
+def test_an_error_that_comes_of_an_interrupt_is_no_traceback(depth, out, where):
     """Numba's registries, if they are interrupted: RuntimeError, generator raised StopIteration."""
-    code = """
+    code = f"""
 import os, signal, sys
 import planewise.search
+class Deleted:
+    def __del__(self): os.kill(os.getpid(), signal.SIGINT)
 def find(*_, **__):
     try:
-        os.kill(os.getpid(), signal.SIGINT)
+        if {where!r} == "it works": os.kill(os.getpid(), signal.SIGINT)
+        else: Deleted()
     finally:
         raise RuntimeError("half-made")
 planewise.search.find = find

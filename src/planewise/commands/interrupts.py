@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import _thread
+import math
 import signal
 import sys
 import time
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _CALLBACKS = "_raw_object_cache_"  # of llvmlite: LLVM calls them after each loop it has compiled
 _PAUSE = 0.02  # seconds, after which what would drop an exception is most likely over
 _ENDING = 2.0  # seconds that a command has to tidy up, undisturbed by a second Ctrl-C
-_raised: list[float] = []  # times of the interrupts that Python did not drop
+_raised: list[float] = []  # times of interrupts, -inf of what Python dropped
 
 
 def heed_interrupts() -> None:
@@ -55,7 +56,7 @@ def was_interrupted() -> bool:
 
 def _repeat_interrupt(dropped: UnraisableHookArgs) -> None:
     if issubclass(dropped.exc_type, KeyboardInterrupt):
-        _raised.clear()
+        _raised.append(-math.inf)
         _interrupt_later()
     else:
         sys.__unraisablehook__(dropped)
