@@ -90,15 +90,15 @@ def _triples(cells: NoiseCells, white: Noise, axis: int) -> Array:
         return rows[:, _APART * k : max(rows.shape[1] - 2 * _APART, 0) + _APART * k]
 
     whole = ahead(flat, 0) & ahead(flat, 1) & ahead(flat, 2)
+    # Coordinates start anew where sectors meet: cells on both sides are not in order there.
+    near, middle, far = (ahead(cells.centroid[1 - axis], k) for k in range(3))
+    whole &= (middle - near) * (far - middle) > 0
     # w = 1 / z and z = c depth: the variance of depth over z^2 depth^2 is that of w.
     to_w = np.where(cells.usable, cells.inverse / depth, 0.0) ** 2
     x, w, known, own = (
         [ahead(values, k)[whole] for k in range(3)]
         for values in (cells.centroid[1 - axis], cells.inverse, mean * to_w, noise * to_w)
     )
-    # Coordinates start anew where sectors meet: cells on both sides are not in order there.
-    together = (x[1] - x[0]) * (x[2] - x[1]) > 0
-    x, w, known, own = ([each[together] for each in three] for three in (x, w, known, own))
     t = (x[2] - x[1]) / (x[2] - x[0])
     off = t * w[0] + (1 - t) * w[2] - w[1]
     sums = [t**2 * v[0] + (1 - t) ** 2 * v[2] + v[1] for v in (known, own)]
