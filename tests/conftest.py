@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,6 +26,18 @@ def compiled():
     for search in ("joint", "sequential"):
         pw.detect_planes(np.full((48, 64), 2.0), camera, pw.Sensor(), search=search)
     compilation.wait_for_help()
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """Commands of the processes that help, which are not run; nothing has been said before."""
+    commands = []
+    monkeypatch.setattr(
+        compilation.subprocess, "Popen", lambda *a, **_: commands.append(a[0]) or SimpleNamespace()
+    )
+    monkeypatch.setattr(compilation, "_helpers", [])
+    monkeypatch.setattr(compilation, "_said", set())
+    return commands
 
 
 @pytest.fixture(scope="session")

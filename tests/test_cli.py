@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,11 +18,12 @@ import planewise as pw
 from planewise import scenes
 from planewise.commands.app import command_line
 from planewise.results.image import FILES
-from tests.command import run
+from tests.command import run, run_python
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
 INTERRUPTED = "error: interrupted; nothing was left half-written"
+with_signals = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 
 
 @pytest.fixture(scope="module")
@@ -374,19 +374,13 @@ def test_info_and_version():
         assert command in run("--help")[1]
 
 
-def test_library_warnings_go_to_stderr(depth, out, monkeypatch):
+def test_library_warnings_go_to_stderr(depth, out, monkeypatch, started):
     from planewise import compilation
 
     compilation.announce.cache_clear()
-    monkeypatch.setattr(compilation, "_said", set())
-    monkeypatch.setattr(compilation, "_helpers", [])
     monkeypatch.setattr(compilation, "is_cached", lambda _: False)
     monkeypatch.setattr(compilation, "available", lambda: 2)
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
-    started = []
-    monkeypatch.setattr(
-        compilation.subprocess, "Popen", lambda *a, **_: started.append(a[0]) or SimpleNamespace()
-    )
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
     assert started == [[sys.executable, "-m", "planewise.warm_up", "ledger", "labelling"]]
@@ -409,7 +403,7 @@ def process(*arguments, **options):
     )
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@with_signals
 def test_interrupt_leaves_nothing(depth, out):
     def interruptible():
         signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -442,13 +436,7 @@ from planewise.cli import main
 sys.argv = ["planewise", "detect", {str(depth)!r}, *{ARGUMENTS!r}, "-o", {str(out)!r}]
 main()
 """
-    job = subprocess.run(
-        [sys.executable, "-c", code],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    job = run_python(code, check=False, **environment)
     assert not out.parent.exists()
     return job.returncode, job.stderr.strip().splitlines()
 
@@ -485,7 +473,7 @@ planewise.search.find = find
     assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@with_signals
 @pytest.mark.parametrize("where", ["it works", "an object is deleted"])
 def test_an_error_that_comes_of_an_interrupt_is_no_traceback(depth, out, where):
     """Numba's registries, if they are interrupted: RuntimeError, generator raised StopIteration."""
@@ -506,7 +494,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
     assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@with_signals
 @pytest.mark.parametrize("where", ["shutil.rmtree", "planewise.commands.terminal.error"])
 def test_a_second_interrupt_lets_the_command_tidy_up(depth, out, where):
     module, name = where.rsplit(".", 1)
@@ -525,7 +513,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
     assert detect_after(code, depth, out) == (130, [INTERRUPTED])
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@with_signals
 def test_an_interrupt_that_is_caught_does_not_make_the_next_one_vain():
     code = """
 import os, signal, time
@@ -540,11 +528,10 @@ for _ in range(2):
         print("caught")
         time.sleep(interrupts._ENDING)
 """
-    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stdout.split() == ["caught", "caught"]
+    assert run_python(code).stdout.split() == ["caught", "caught"]
 
 
-@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+@with_signals
 def test_an_interrupt_while_llvm_calls_back_ends_the_command(depth, out, tmp_path):
     """Numba would go on without what LLVM has compiled."""
     code = """
@@ -572,8 +559,7 @@ def test_only_the_command_that_is_asked_for_is_loaded():
     )
 
     def modules(*arguments):
-        command = [sys.executable, "-c", loaded, *arguments]
-        return subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+        return run_python(loaded, *arguments).stdout.split()
 
     everything = {f"planewise.commands.{name}" for name in ("detect", "batch", "eval", "info")}
     assert everything <= set(modules("--help"))

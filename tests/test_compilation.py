@@ -7,7 +7,6 @@ import os
 import subprocess
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from numba import njit
@@ -98,18 +97,6 @@ def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
         }
         assert users & its_own
         assert users.isdisjoint(set().union(*modules.values()) - its_own)
-
-
-@pytest.fixture
-def started(monkeypatch):
-    """Commands of the processes that help, which are not run; nothing has been said before."""
-    commands = []
-    monkeypatch.setattr(
-        compilation.subprocess, "Popen", lambda *a, **_: commands.append(a[0]) or SimpleNamespace()
-    )
-    monkeypatch.setattr(compilation, "_helpers", [])
-    monkeypatch.setattr(compilation, "_said", set())
-    return commands
 
 
 @pytest.mark.usefixtures("started")

@@ -4,8 +4,6 @@ import json
 import os
 import random
 import struct
-import subprocess
-import sys
 import zipfile
 import zlib
 
@@ -20,6 +18,7 @@ from planewise.errors import PlanewiseError
 
 from . import dataset_files as files
 from .bag_files import DEPTH, INFO, START, frames, write_bag
+from .command import run_python
 from .dataset_files import CAMERA, COUNT, FRAMES, POSES, sens_frame, units
 from .nyu_files import write_archive, write_mat
 
@@ -99,10 +98,8 @@ def test_memory_is_not_taken_for_a_claim(tmp_path):
         "list(dataset.readable(lambda *_: None))\n"
         "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before)"
     )
-    ran = subprocess.run(
-        [sys.executable, "-c", code, path], capture_output=True, text=True, check=True
-    )
-    assert int(ran.stdout) < 12_000  # kilobytes, the decoder of pictures included
+    taken = int(run_python(code, path).stdout)
+    assert taken < 12_000  # kilobytes, the decoder of pictures included
 
 
 @pytest.mark.parametrize(

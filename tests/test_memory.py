@@ -1,11 +1,10 @@
 """Memory from call to call."""
 
-import os
 import platform
-import subprocess
-import sys
 
 import pytest
+
+from tests.command import run_python
 
 # In a process of its own: what came before shapes the heap.
 SCRIPT = """
@@ -30,14 +29,7 @@ print((faults() - before) // 3)
 
 
 def faults_per_call(**environment):
-    out = subprocess.run(
-        [sys.executable, "-c", SCRIPT],
-        env=os.environ | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return int(out.stdout)
+    return int(run_python(SCRIPT, **environment).stdout)
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="other C libraries keep what they do")

@@ -23,6 +23,7 @@ from planewise.metrics import (
     summarise,
 )
 from planewise.metrics.confidence import mean_interval, student_t
+from tests.command import run_python
 
 REFERENCE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score.py"
 POLICIES = {"a": "labelled", "b": "k_best", "c": "frame", "v": "valid"}
@@ -404,8 +405,5 @@ def test_summary_leaves_out_what_is_not_defined():
 
 
 def test_every_module_that_a_user_calls_is_an_attribute():
-    import subprocess
-    import sys
-
     code = "import planewise as pw; [getattr(pw, name) for name in pw.__all__]; pw.metrics.evaluate"
-    subprocess.run([sys.executable, "-c", code], check=True)
+    run_python(code)
