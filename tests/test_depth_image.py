@@ -49,3 +49,39 @@ def test_which_levels_occur_and_how_often(low, high):
     assert_array_equal(np.flatnonzero(seen), np.unique(raw))
     assert count == ((low <= raw) & (raw <= high)).sum()
     assert present == np.count_nonzero(raw)
+
+
+LIMITS = pytest.mark.parametrize(
+    ("least", "most"), [(500, 5460), (900, 3200), (1300, 4100), (1400, 65_535)]
+)
+
+
+@LIMITS
+@pytest.mark.parametrize("how", ["divided", "multiplied"])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_readings_at_the_limits_are_readings_however_they_are_rounded(
+    camera, least, most, dtype, how
+):
+    units = np.random.default_rng(0).integers(least, most + 1, (48, 64)).astype(np.uint16)
+    units[0, :4] = least, most, least - 1, min(most + 1, 65_535)
+    metres = units.astype(dtype)
+    metres = metres / dtype(1000) if how == "divided" else metres * dtype(0.001)
+    sensor = pw.Sensor(min_depth=least / 1000, max_depth=most / 1000, noise=SIGMA)
+    seen, told = pw.observe(metres, camera, sensor), pw.observe(units, camera, sensor)
+    assert seen.count == len(seen.index) == told.count
+    assert_array_equal(seen.index, told.index)
+    assert_allclose(seen.depth, told.depth, rtol=4e-7)
+    assert_array_equal(frame_of(seen).w > 0, frame_of(told).w > 0)
+
+
+def test_one_reading_at_the_limit_in_single_precision(camera):
+    units = np.full((48, 64), 2000, np.uint16)
+    units[0, 0] = 5460
+    sensor = pw.sensors.AZURE_KINECT
+    for options in ({}, {"objective": "paper"}, {"search": "sequential"}):
+        found, told = (
+            pw.detect_planes(image, camera, sensor, **options)
+            for image in (units.astype(np.float32) / 1000, units)
+        )
+        assert found.readings == told.readings == units.size
+        assert_array_equal(found.labels, told.labels)

@@ -25,6 +25,7 @@ _GRID = 0.1  # of the sensor's resolution: readings in metres closer than that a
 _MOST_LEVELS = 1 << 18
 _MOST_UNITS = (1 << 16) - 1  # of integer depth
 _LEAST_DEPTH = 1e-6  # metres
+_ROUNDED = 4  # in the last place: a reading at the sensor's limit may lie so far beyond
 _WINDOW = 9  # gaps between levels over which the step is a median
 
 
@@ -99,11 +100,14 @@ class DepthImage:
         elif depth_scale is not None:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
         dtype = np.float32 if image.dtype == np.float32 else np.float64
+        rounding = _ROUNDED * float(np.finfo(dtype).eps)
+        low = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
+        high = sensor.max_depth * (1.0 + rounding)
         grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
         return cls._of_metres(
             np.ascontiguousarray(image, dtype),
-            max(sensor.min_depth, _LEAST_DEPTH),
-            sensor.max_depth,
+            float(dtype(low)),  # NumPy compares in single precision, loops in double
+            float(dtype(high)),
             1.0 / grid,
             workspace or Workspace(),
             unit,
