@@ -80,6 +80,9 @@ def test_presets_suit_their_own_image(name):
         ({"distortion": (1, 2)}, "got 2 numbers"),
         ({"distortion": "none"}, "distortion must be numbers, got 'none'"),
         ({"width": 640}, "width and height must be given together"),
+        ({"width": "640", "height": "480"}, "width and height must be .* got '640' and '480'"),
+        ({"width": 640.5, "height": 480}, "width and height must be .* whole numbers"),
+        ({"width": 0, "height": 480}, "width and height must be .* at least 1"),
     ],
 )
 def test_bad_cameras_are_refused(kwargs, message):
@@ -91,6 +94,7 @@ def test_distortion_may_be_a_row_as_opencv_gives_it():
     row = np.array([[0.1, -0.2, 0.001, 0.002, 0.05]])
     camera = pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240, distortion=row)
     assert camera.distortion == tuple(row[0].tolist())
+    assert pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240, distortion=None).distortion == ()
     assert hash(camera) == hash(pw.PinholeCamera(fx=500, fy=500, cx=320, cy=240, distortion=row))
 
 

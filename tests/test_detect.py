@@ -1,3 +1,5 @@
+import json
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,8 @@ import planewise as pw
 from planewise.observation import RayObservation
 from planewise.outlines.outlines import Surface
 from planewise.point_observation import PointObservation
+from planewise.results.planes_json import describe_model
+from planewise.sensor_files import describe_exactly
 
 from . import oracles
 from .conftest import render
@@ -265,6 +269,9 @@ def test_the_model_is_the_minimum_of_its_curve():
         ({"confidence": "x", "search": "sequential"}, "confidence must lie between 0 and 1"),
         ({"rng": "a"}, "rng must be a seed, not negative, or a numpy.random.Generator, got 'a'"),
         ({"rng": -1}, "rng must be a seed, not negative, .* got -1"),
+        ({"rng": True}, "rng must be a seed, not negative, .* got True"),
+        ({"max_planes": True}, "max_planes must lie in 1 ... 65535, a whole number, got True"),
+        ({"instances": "no"}, "instances must be True or False, got 'no'"),
     ],
 )
 def test_bad_options_are_refused(roof, camera, options, message):
@@ -272,7 +279,15 @@ def test_bad_options_are_refused(roof, camera, options, message):
         pw.detect_planes(roof[0], camera, SENSOR, **options)
 
 
-@pytest.mark.parametrize("given", ["nyu", None, (525.0, 525.0, 319.5, 239.5), np.eye(3)])
+@pytest.mark.parametrize("scale", [0, -0.001, np.nan, np.inf, "1mm", True])
+def test_a_detector_refuses_a_bad_unit_at_once(camera, scale):
+    with pytest.raises(ValueError, match="depth_scale must be a positive number of metres, got"):
+        pw.Detector(camera, SENSOR, depth_scale=scale)
+
+
+@pytest.mark.parametrize(
+    "given", ["nyu", None, (525.0, 525.0, 319.5, 239.5), np.eye(3), pw.PinholeCamera]
+)
 def test_what_is_no_camera_or_sensor_is_named(roof, camera, given):
     depth, points = roof[0], np.zeros((9, 3))
     for call in (
@@ -293,10 +308,49 @@ def test_what_is_no_camera_or_sensor_is_named(roof, camera, given):
             call()
 
 
-def test_a_seed_of_numpy_is_recorded_as_a_number(roof, camera):
-    model = pw.detect_planes(roof[0], camera, SENSOR, rng=np.int64(3))
-    assert model.settings["rng"] == 3
-    assert type(model.settings["rng"]) is int
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"rng": np.int64(3), "max_planes": np.uint8(3), "significance": np.float32(2)},
+        {"instances": np.True_, "threads": np.int64(1)},
+        {"search": "sequential", "confidence": np.float32(0.9), "inlier_ratio": np.float64(0.5)},
+    ],
+)
+def test_numbers_of_numpy_are_recorded_as_plain_ones(roof, camera, options):
+    lengths = {"max_depth": 10, "min_depth": 0.1, "resolution": 0.001, "depth_range": 9}
+    sensor = pw.Sensor(
+        **{name: np.float32(value) for name, value in lengths.items()},
+        noise=pw.noise.constant(np.float32(0.002)),
+    )
+    units = (1000 * roof[0]).astype(np.uint16)
+    model = pw.detect_planes(units, camera, sensor, depth_scale=np.float32(0.001), **options)
+    assert len(model) == 2
+    plain = {name: getattr(value, "item", lambda v=value: v)() for name, value in options.items()}
+    told = {name: model.settings[name] for name in options if name in model.settings}
+    assert json.loads(json.dumps(dict(model.settings))) == model.settings
+    assert told == {name: plain[name] for name in told}
+    json.dumps(describe_exactly(sensor))
+    record = describe_model(
+        model, camera=camera, sensor=sensor, depth=units, depth_scale=np.float32(0.001)
+    )
+    assert json.loads(json.dumps(record))["input"]["depth_scale"] == pytest.approx(0.001)
+
+
+def test_why_there_is_no_plane(camera):
+    rng = np.random.default_rng(0)
+    mixed = pw.PinholeCamera(fx=70, fy=70, cx=40, cy=30)
+    sensor = pw.Sensor(noise=0.005)
+    nothing = pw.detect_planes(rng.uniform(1, 5, (60, 80)), mixed, sensor, search="sequential")
+    assert len(nothing.curve) > 1
+    assert (len(nothing), nothing.note) == (0, "no plane saves more than it costs")
+    floor = rng.uniform(0, 3, (2000, 3)) * (1, 1, 0) + (0, 0, 2)
+    for options, count, why in (
+        ({}, 1, ""),
+        ({"significance": 1e6}, 0, "no plane saves more than it costs"),
+    ):
+        model = pw.detect_planes_in_points(floor, sensor, **options)
+        assert (len(model), model.note) == (count, why)
+    assert pw.detect_planes(np.full((48, 64), 2.0), camera, SENSOR).top(0).note
 
 
 def test_masked_readings_and_those_at_infinity_are_none(roof, camera):
@@ -339,6 +393,24 @@ def test_an_objective_can_be_put_together(roof, camera):
     assert model.objective == "custom"
     assert model.information < paper.information
     assert len(model) >= len(paper)
+
+
+@pytest.mark.parametrize(
+    ("nats", "message"),
+    [
+        (lambda count: np.full(count, np.nan), "null.information must return finite nats, got nan"),
+        (lambda count: np.zeros(count - 1), r"for each of 3072 readings, .* got shape \(3071,\)"),
+        (lambda count: 9.0, r"for each of 3072 readings, .* got shape \(\)"),
+        (lambda count: ["a"] * count, "for each of 3072 readings, .* got dtype"),
+    ],
+)
+def test_an_objective_has_to_price_every_reading(roof, camera, nats, message):
+    class Null:
+        def information(self, observation):
+            return nats(observation.count)
+
+    with pytest.raises(ValueError, match=f"objective: .*{message}"):
+        pw.detect_planes(roof[0], camera, SENSOR, objective=pw.Objective(null=Null()))
 
 
 def test_the_objective_follows_from_what_there_is(roof, camera):

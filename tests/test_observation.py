@@ -112,6 +112,8 @@ def test_bad_depth_is_refused(camera, depth, message):
         ({"noise": None}, "noise must be a function of depth, metres or 'auto', got None"),
         ({"noise": [1, 2]}, "noise must be a function of depth, metres or 'auto', got"),
         ({"noise": "0.01"}, "noise must be a function of depth, metres or 'auto', got '0.01'"),
+        ({"noise": True}, "noise must be a function of depth, metres or 'auto', got True"),
+        ({"parts": "kinect"}, "parts must be planewise.noise.ErrorParts or None, got 'kinect'"),
         ({"noise": 0.0}, "sigma must be positive"),
         ({"noise": -1.0}, "sigma must be positive"),
         ({"noise": float("nan")}, "sigma must be positive"),
@@ -127,6 +129,7 @@ def test_bad_sensors_are_refused(kwargs, message):
     [
         (lambda z: 0 * z, "noise must be positive and finite .* sigma = 0.0"),
         (lambda z: z - 3, "noise must be positive"),
+        (lambda z: "a", "noise must return one sigma per depth, got 'a'"),
         (lambda z: np.nan * z, "sigma = nan"),
         (lambda z: np.ones(3), "one sigma per depth"),
     ],

@@ -1,8 +1,9 @@
-"""What an argument may be: numbers, whether Python's or NumPy's."""
+"""What an argument may be: numbers, whether Python's or NumPy's, and Python's once it is taken."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from numbers import Integral, Real
 from typing import Any
 
@@ -12,10 +13,10 @@ def is_finite(value: Any) -> bool:
 
     Examples
     --------
-    >>> is_finite(1.5), is_finite("1.5"), is_finite(float("nan"))
-    (True, False, False)
+    >>> is_finite(1.5), is_finite("1.5"), is_finite(float("nan")), is_finite(True)
+    (True, False, False, False)
     """
-    return isinstance(value, Real) and math.isfinite(value)
+    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
 
 
 def is_whole(value: Any) -> bool:
@@ -23,7 +24,17 @@ def is_whole(value: Any) -> bool:
 
     Examples
     --------
-    >>> is_whole(3), is_whole(3.0)
-    (True, False)
+    >>> is_whole(3), is_whole(3.0), is_whole(True)
+    (True, False, False)
     """
-    return isinstance(value, Integral)
+    return not isinstance(value, bool) and isinstance(value, Integral)
+
+
+def make_plain(record: object, kind: Callable[[Any], Any], *names: str) -> None:
+    """Let attributes of a frozen record, unless they are ``None``, be of a plain kind.
+
+    Result files can hold Python's numbers, but not NumPy's.
+    """
+    for name in names:
+        if (value := getattr(record, name)) is not None:
+            object.__setattr__(record, name, kind(value))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_finite
+from planewise.arguments import is_finite, is_whole, make_plain
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -92,10 +92,11 @@ def checked_camera(camera: Camera) -> Camera:
     ValueError
         If it is not a `Camera`.
     """
-    if not (hasattr(camera, "ray_rows") and hasattr(camera, "check")):
+    if isinstance(camera, type) or not (hasattr(camera, "ray_rows") and hasattr(camera, "check")):
+        got = camera.__name__ if isinstance(camera, type) else f"a {type(camera).__name__}"
         raise ValueError(
             "camera must be a planewise.PinholeCamera or SphericalCamera, such as "
-            f"planewise.cameras.KINECT_V1, got {type(camera).__name__}"
+            f"planewise.cameras.KINECT_V1, got {got}"
         )
     return camera
 
@@ -138,8 +139,11 @@ class PinholeCamera:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        try:  # OpenCV gives a row, (1, 5)
-            coefficients = tuple(np.ravel(np.asarray(self.distortion, np.float64)).tolist())
+        given: Any = self.distortion
+        try:  # OpenCV gives a row, (1, 5), or None
+            coefficients = tuple(
+                np.ravel(np.asarray(() if given is None else given, np.float64)).tolist()
+            )
         except (TypeError, ValueError):
             raise ValueError(
                 f"camera: distortion must be numbers, got {self.distortion!r}"
@@ -161,13 +165,13 @@ class PinholeCamera:
                 "camera: distortion must be (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), "
                 f"got {counted(len(self.distortion), 'number')}"
             )
-        if (self.width is None) != (self.height is None) or min(
-            self.width or 1, self.height or 1
-        ) < 1:
+        size: tuple[Any, Any] = self.width, self.height
+        if size != (None, None) and not all(is_whole(n) and n > 0 for n in size):
             raise ValueError(
-                f"camera: width and height must be given together and be positive, "
-                f"got {self.width} and {self.height}"
+                "camera: width and height must be given together and be whole numbers of pixels, "
+                f"at least 1, got {self.width!r} and {self.height!r}"
             )
+        make_plain(self, int, "width", "height")
 
     @property
     def frame(self) -> str:

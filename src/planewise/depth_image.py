@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
+from planewise.arguments import is_finite
 from planewise.sensor import Sensor
 from planewise.wild import wild_readings
 from planewise.workspace import Workspace
@@ -82,14 +83,7 @@ class DepthImage:
         """
         image, unit = _checked(depth), None
         if image.dtype.kind != "f":
-            try:
-                scale = sensor.resolution if depth_scale is None else float(depth_scale)
-            except (TypeError, ValueError):
-                scale = math.nan
-            if not 0 < scale < math.inf:
-                raise ValueError(
-                    f"depth_scale must be a positive number of metres, got {depth_scale!r}"
-                )
+            scale = checked_scale(depth_scale) or sensor.resolution
             if image.dtype.kind == "i" and (image < 0).any():
                 raise _negative(image)
             if image.dtype.itemsize <= 2 or image.max() <= _MOST_UNITS:
@@ -101,13 +95,13 @@ class DepthImage:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
         dtype = np.float32 if image.dtype == np.float32 else np.float64
         rounding = _ROUNDED * float(np.finfo(dtype).eps)
-        low = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
-        high = sensor.max_depth * (1.0 + rounding)
+        nearest = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
+        farthest = sensor.max_depth * (1.0 + rounding)
         grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
         return cls._of_metres(
             np.ascontiguousarray(image, dtype),
-            float(dtype(low)),  # NumPy compares in single precision, loops in double
-            float(dtype(high)),
+            float(dtype(nearest)),  # NumPy compares in single precision, loops in double
+            float(dtype(farthest)),
             1.0 / grid,
             workspace or Workspace(),
             unit,
@@ -245,6 +239,21 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     kernels.running_medians(np.diff(levels), _WINDOW // 2, steps[:-1])
     steps[-1] = steps[-2]
     return steps
+
+
+def checked_scale(depth_scale: float | None) -> float | None:
+    """Metres per unit of integer depth, if it is said.
+
+    Raises
+    ------
+    ValueError
+        If it is no positive number.
+    """
+    if depth_scale is None:
+        return None
+    if not (is_finite(depth_scale) and depth_scale > 0):
+        raise ValueError(f"depth_scale must be a positive number of metres, got {depth_scale!r}")
+    return float(depth_scale)
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:

@@ -10,6 +10,7 @@ from typing import Any, Literal
 from numpy.typing import ArrayLike
 
 from planewise.camera import Camera, checked_camera
+from planewise.depth_image import checked_scale
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
@@ -222,7 +223,7 @@ class Detector:
         **options: object,
     ) -> None:
         self.camera, self.sensor = checked_camera(camera), checked_sensor(sensor)
-        self.depth_scale = depth_scale
+        self.depth_scale = checked_scale(depth_scale)
         self.options = Options(**options).resolved(spatial=True)  # type: ignore[arg-type]
         self._workspace = Workspace()
 

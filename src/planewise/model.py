@@ -35,8 +35,10 @@ class Plane:
     centroid : ndarray, shape (n,)
         Mean of its readings in space, metres.
     covariance : ndarray, shape (n + 1, n + 1)
-        Of (normal, distance): the inverse Fisher information. NaN where the readings do not
-        determine it.
+        Of (normal, distance): the inverse Fisher information under the error model. NaN where the
+        readings do not determine it. Of points in space it is up to twice as large where they err
+        apart, for cells are taken to share some of their error. It knows no bias: under the paper's
+        objective noise in proportion to depth brings planes nearer, by 2 (sigma / z)^2 of it.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border (spatial objective; NaN under the paper's).
@@ -45,8 +47,8 @@ class Plane:
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
         Area its readings cover, in square metres; of points in space that of its cells, up to
-        two fifths too large where noise is as thick as these. NaN in other dimensions and under the
-        paper's objective.
+        two fifths too large where noise is as thick as these. NaN of points in other dimensions,
+        and of points under the paper's objective.
     bounding_box : tuple of int
         (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an
         image all the way round, the shortest run of columns that holds the plane: across the end of
@@ -179,7 +181,7 @@ class PlaneModel:
 
     @property
     def coefficients(self) -> Array:
-        """Rows (normal, distance) of all planes, shape (N, n + 1)."""
+        """Rows (normal, distance) of all planes, shape (N, n + 1); (0, 4) where there is none."""
         if not self.planes:
             return np.empty((0, 4))
         return np.array([plane.coefficients for plane in self.planes])
@@ -207,4 +209,5 @@ class PlaneModel:
             planes=self.planes[:k],
             information=self.prefix[k],
             prefix=self.prefix[: k + 1],
+            note="" if k else "none of the planes was kept",
         )

@@ -13,6 +13,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import is_finite, make_plain
+
 Array = NDArray[np.float64]
 Noise = Callable[[Array], Array]
 Auto = Literal["auto"]
@@ -44,8 +46,12 @@ class Polynomial:
 
     def __post_init__(self) -> None:
         terms = (self.constant, self.linear, self.quadratic)
-        if not np.all(np.isfinite((*terms, self.offset))) or min(terms) < 0 or max(terms) == 0:
-            raise ValueError(f"noise: sigma must be positive and finite, got {self}")
+        for value in (*terms, self.offset):
+            if not is_finite(value):
+                raise ValueError(f"noise: sigma must be positive and a number, got {value!r}")
+        if min(terms) < 0 or max(terms) == 0:
+            raise ValueError(f"noise: sigma must be positive, got {self}")
+        make_plain(self, float, "constant", "linear", "quadratic", "offset")
 
     def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
@@ -190,8 +196,8 @@ def stereo(*, focal: float, baseline: float, subpixel: float = 0.08) -> Polynomi
         family takes 0.08 as typical of a textured surface.
     """
     for name, value in (("focal", focal), ("baseline", baseline), ("subpixel", subpixel)):
-        if not (np.isfinite(value) and value > 0):
-            raise ValueError(f"{name} must be positive, got {value}")
+        if not (is_finite(value) and value > 0):
+            raise ValueError(f"{name} must be positive and finite, got {value!r}")
     return Polynomial(quadratic=subpixel / (focal * baseline))
 
 

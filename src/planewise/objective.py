@@ -102,11 +102,13 @@ class Objective:
 
     def thresholds(self, observation: Observation) -> Array:
         """tau of every reading, shape (k,): null minus error information at an exact fit."""
-        return self.null.information(observation) - self.error.exact_fit(observation)
+        return self._outliers(observation) - _checked(
+            "error.exact_fit", self.error.exact_fit(observation), observation
+        )
 
     def empty(self, observation: Observation) -> float:
         """Phi_0: no plane."""
-        return float(self.null.information(observation).sum()) + self.mask.information(
+        return float(self._outliers(observation).sum()) + self.mask.information(
             observation.count, 0
         )
 
@@ -120,6 +122,25 @@ class Objective:
         cost = plane_information(observation.dimension, observation.range, observation.resolution)
         count = observation.count if readings is None else readings
         return planes * cost + self.mask.information(count, planes)
+
+    def _outliers(self, observation: Observation) -> Array:
+        return _checked("null.information", self.null.information(observation), observation)
+
+
+def _checked(name: str, nats: Array, observation: Observation) -> Array:
+    """Refuse what is not one finite number for each reading."""
+    given = np.asarray(nats)
+    if given.shape != (observation.count,) or given.dtype.kind not in "fiu":
+        found = f"shape {given.shape}" if given.dtype.kind in "fiu" else f"dtype {given.dtype}"
+        raise ValueError(
+            f"objective: {name} must return nats for each of {observation.count} readings, "
+            f"shape ({observation.count},), got {found}"
+        )
+    if not np.isfinite(given).all():
+        raise ValueError(
+            f"objective: {name} must return finite nats, got {given[~np.isfinite(given)][0]}"
+        )
+    return np.asarray(given, np.float64)
 
 
 PAPER = Objective()

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from planewise.arguments import is_finite, is_whole
+from planewise.arguments import is_finite, is_whole, make_plain
 from planewise.objective import SPATIAL, Objective, as_objective
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.paper.reassign import NormalReassignment, as_reassignment
@@ -90,6 +90,8 @@ class Options:
             raise ValueError(
                 f"significance must be a number of nats, not negative, got {self.significance!r}"
             )
+        if not isinstance(self.instances, bool | np.bool_):
+            raise ValueError(f"instances must be True or False, got {self.instances!r}")
         given = next((name for name in ("instances", "significance") if getattr(self, name)), None)
         if self.objective not in (None, SPATIAL):
             as_objective(self.objective)
@@ -113,6 +115,9 @@ class Options:
             )
         if threads is not None and not (is_whole(threads) and threads >= 1):
             raise ValueError(f"threads must be at least 1 and a whole number, got {threads!r}")
+        make_plain(self, float, "significance", "confidence", "inlier_ratio")
+        make_plain(self, int, "max_planes", "threads")
+        make_plain(self, bool, "instances")
         rng: Any = self.rng
         if is_whole(rng) and rng >= 0:
             object.__setattr__(self, "rng", int(rng))

@@ -137,7 +137,7 @@ def _separable_model(
         prefix=_prefix(solution.phi, [each.information for each in planes], problem.structure),
         search=options.search,
         objective=options.describe()["objective"],  # type: ignore[arg-type]
-        note="" if len(solution) else curve.reason,
+        note="" if len(solution) else _why_none(curve),
         settings=_settings(observation, options),
     )
 
@@ -223,6 +223,11 @@ def _prefix(phi: float, worth: list[float], structure: NDArray[np.float64]) -> t
     n = len(worth)
     lost = np.concatenate((np.cumsum(worth[::-1])[::-1], [0.0]))
     return tuple((phi - lost - (structure[n] - structure[: n + 1])).tolist())
+
+
+def _why_none(curve: Curve) -> str:
+    """Why there is no plane, by the curve of a search that found none, or none that pays."""
+    return curve.reason if len(curve) == 1 else "no plane saves more than it costs"
 
 
 def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:

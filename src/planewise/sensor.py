@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planewise.arguments import is_finite
+from planewise.arguments import is_finite, make_plain
 from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, constant, proportional
 
 
@@ -75,8 +75,12 @@ class Sensor:
                 f"resolution must be smaller than the range: got {self.resolution} m against "
                 f"{self.range} m; both are in metres"
             )
+        make_plain(self, float, "max_depth", "resolution", "min_depth", "depth_range")
+        parts: Any = self.parts
+        if not (parts is None or isinstance(parts, ErrorParts)):
+            raise ValueError(f"parts must be planewise.noise.ErrorParts or None, got {parts!r}")
         noise: Any = self.noise
-        if isinstance(noise, Real):
+        if not isinstance(noise, bool) and isinstance(noise, Real):
             object.__setattr__(self, "noise", constant(float(noise)))
         elif not (callable(noise) or (isinstance(noise, str) and noise == AUTO)):
             raise ValueError(f"noise must be a function of depth, metres or 'auto', got {noise!r}")
@@ -112,7 +116,11 @@ class Sensor:
             )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
-        sigma = np.asarray(self.noise(z.copy()), dtype=np.float64)  # it may work in place
+        given: Any = self.noise(z.copy())  # it may work in place
+        try:
+            sigma = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            raise ValueError(f"noise must return one sigma per depth, got {given!r}") from None
         if sigma.shape != z.shape:
             if sigma.ndim:
                 raise ValueError(

@@ -284,7 +284,7 @@ def ranked_model(
             ranked[cloud.rows[part]] = place[labels[part]]
         planes = _described(found, groups, rows, book.saved, order)
     reason = "no merge saves anything" if best else "no plane saves more than it costs"
-    if not len(rows):
+    if not len(rows) and not settings.get("significance"):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:
             reason = "all patches that are flat enough are pieces of curved surfaces"

@@ -59,7 +59,7 @@ def describe_model(
             "file": source,
             "width": width,
             "height": height,
-            "depth_scale": (depth_scale or sensor.resolution) if integer else None,
+            "depth_scale": float(depth_scale or sensor.resolution) if integer else None,
         },
     )
 
