@@ -167,6 +167,10 @@ def test_where_no_frame_can_be_done_something_is_wrong(frames, store):
     assert code == 2
     assert f"0 of {COUNT} frames done" in text
     assert errors.count("error: frame") == COUNT
+    code, text, errors = run("batch", frames, "-o", store, "--camera", "nyu", "--sensor", "nyu")
+    assert code == 2
+    assert "nothing to do: " in text
+    assert f"{COUNT} frames failed" in errors
 
 
 def test_a_dry_run_says_what_there_is_to_do_and_writes_nothing(frames, store):

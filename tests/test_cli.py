@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import io
 import json
 import os
 import re
@@ -12,11 +13,14 @@ import time
 import numpy as np
 import pytest
 from PIL import Image
+from rich.console import Console
 from typer.testing import CliRunner
 
 import planewise as pw
 from planewise import scenes
+from planewise.commands import terminal
 from planewise.commands.app import command_line
+from planewise.metrics.confidence import Interval
 from planewise.results.image import FILES
 from tests.command import run, run_python
 
@@ -112,6 +116,33 @@ def test_existing_results_are_replaced(depth, out):
     assert (out / "notes.txt").read_text() == "mine"
 
 
+def test_a_link_to_nothing_is_no_output(depth, tmp_path):
+    (tmp_path / "link").symlink_to("nowhere")
+    code, _, errors = run("detect", depth, *ARGUMENTS, "-o", tmp_path / "link")
+    assert code == 2
+    assert f"output: {tmp_path / 'link'} is a link to what is not there" in errors
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "link"]
+
+
+def test_what_a_stream_cannot_encode_is_no_error():
+    code = "import sys; sys.argv[1:] = ['info']; from planewise.cli import main; main()"
+    told = run_python(code, PYTHONIOENCODING="ascii", COLUMNS="60")
+    assert (told.returncode, told.stderr) == (0, "")
+    assert "kinect-v1" in told.stdout
+
+
+def test_no_number_is_cut_off_in_a_narrow_terminal(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", shown)
+    monkeypatch.setattr(terminal, "_OUT", Console(width=40, file=shown))
+    names = ("objective and noise", "VOI", "RI", "SC")
+    rows = [("published, 2 % of depth", "1.503±4.321", "0.895±0.123", "0.731±0.057")]
+    terminal.show_table("A table", rows, names)
+    terminal.show_scores({"voi_labelled": Interval(mean=0.571, low=0.48, high=0.66, count=35)})
+    for text in (*rows[0], "0.4800 ... 0.6600", "voi_labelled"):
+        assert text in shown.getvalue()
+
+
 BAD_ARGUMENTS = {
     "camera of another size": (("--camera", "nyu"), "camera"),
     "zero focal length": (("--camera", "0,125,80,60"), "fx"),
@@ -129,8 +160,10 @@ BAD_ARGUMENTS = {
     "resolution above range": (("--resolution", "20"), "resolution"),
     "scale zero": (("--depth-scale", "0"), "depth_scale"),
     "no planes": (("--max-planes", "0"), "max_planes"),
-    "confidence one": (("--confidence", "1"), "confidence"),
-    "inlier ratio zero": (("--inlier-ratio", "0"), "inlier_ratio"),
+    "confidence one": (("--search", "sequential", "--confidence", "1"), "confidence must lie"),
+    "inlier ratio zero": (("--search", "sequential", "--inlier-ratio", "0"), "inlier_ratio must"),
+    "confidence of no samples": (("--confidence", "0.9"), "confidence goes with --search seq"),
+    "inlier ratio of no samples": (("--inlier-ratio", "0.2"), "inlier_ratio goes with --search"),
     "seed negative": (("--seed", "-1"), "seed"),
     "no threads": (("--threads", "0"), "threads"),
     "search that is none": (("--search", "magic"), "--search"),

@@ -8,7 +8,13 @@ import planewise as pw
 from planewise import scenes
 from planewise.drawing.axes import CHOSEN, LINE
 from planewise.drawing.curve import draw_curve
-from planewise.drawing.overlay import draw_labels, draw_overlay, match_picture, read_picture
+from planewise.drawing.overlay import (
+    _short,
+    draw_labels,
+    draw_overlay,
+    match_picture,
+    read_picture,
+)
 from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
 from planewise.results.image import depth_in_metres
@@ -83,6 +89,18 @@ def test_pictures_are_read(tmp_path):
     for name in ("junk.png", "none.png"):
         with pytest.raises(PlanewiseError, match="rgb"):
             read_picture(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("nats", "text"),
+    [
+        (-949.6, "-950"), (-9949.4, "-9,949"), (-9950.0, "-9.9 k"), (-999_949.0, "-999.9 k"),
+        (-1_370_500.0, "-1.37 M"), (-133_174_321.0, "-133.17 M"),
+    ],
+)  # fmt: skip
+def test_nats_of_the_legend_fit_their_column(nats, text):
+    assert _short(nats) == text
+    assert len(text) <= len("-999.9 k") + 1
 
 
 def test_empty_and_crowded_models_are_drawn(scene, model):

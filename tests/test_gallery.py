@@ -199,14 +199,15 @@ def test_frames_that_changed_or_are_damaged_say_so(made, tmp_path):
     shutil.copy(tmp_path / "frames" / "room 0.npz", tmp_path / "frames" / "room 1.npz")
     store.label_file("room 2").write_bytes(b"none")
     shown = write_gallery(store, tmp_path / "g.html")
-    assert shown == Shown(frames=KNOWN, failed=1, alone=2, reason=shown.reason)
+    why, (unreadable,) = shown.reason, shown.damaged
+    assert shown == Shown(frames=KNOWN, failed=1, alone=1, reason=why, damaged=[unreadable])
     records, pictures = records_of(tmp_path / "g.html")
     found = {each["id"]: (each, data) for each, data in zip(records, pictures, strict=True)}
     changed, picture = found["room 1"]
     assert "no longer those of the store" in changed["alone"]
     assert picture is not None
     damaged, picture = found["room 2"]
-    assert "room 2" in damaged["alone"]
+    assert "room 2" in damaged["alone"] == unreadable
     assert picture is None
 
 

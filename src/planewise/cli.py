@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import io
 import sys
 
 from planewise.commands.interrupts import heed_interrupts, interrupted, was_interrupted
@@ -13,6 +14,9 @@ _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and
 def main() -> None:
     """Run the command line; never ends with a traceback for what a user can put right."""
     gc.set_threshold(_COLLECT_AFTER)
+    for stream in (sys.stdout, sys.stderr):  # what they cannot encode is no error
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="replace")
     heed_interrupts()
     try:
         try:

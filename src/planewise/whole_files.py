@@ -69,6 +69,8 @@ def output_folder(target: str | Path) -> Iterator[Path]:
     place = target if target.is_dir() else target.parent
     staging = place / f".{target.name}.{os.getpid()}.partial"
     try:
+        if target.is_symlink() and not target.exists():
+            raise PlanewiseError(f"output: {target} is a link to what is not there")
         if target.exists() and not target.is_dir():
             raise PlanewiseError(f"output: {target} exists and is not a folder")
         if target.exists() and not os.access(target, os.W_OK | os.X_OK):

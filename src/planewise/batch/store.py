@@ -149,7 +149,10 @@ class Store:
         return frame in self._statuses and self._statuses[str(frame)][0] == DONE
 
     def __iter__(self) -> Iterator[StoredFrame]:
-        """Frames that are done, a segment at a time in memory."""
+        """Frames that are done as they lie in the store, a segment at a time in memory.
+
+        That is the order of the source where one run has done them; shards lie one after another.
+        """
         for segment in segments_of(self.path):
             yield from self._frames_of(segment)
 

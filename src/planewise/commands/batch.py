@@ -19,6 +19,7 @@ from planewise.commands.batch_progress import Progress, show_forecast, show_resu
 from planewise.commands.command_line import (
     NO_ROOM,
     check_numbers,
+    of_samples,
     partition_of,
     preset_of,
     reported,
@@ -28,8 +29,10 @@ from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupt, interrupted
 from planewise.commands.shared_options import (
     CameraInstead,
+    Confidence,
     DepthScale,
     Every,
+    InlierRatio,
     Kind,
     Limit,
     MaxDepth,
@@ -104,8 +107,8 @@ def batch(
         float, typer.Option(help="Nats a plane has to save beyond its costs.")
     ] = 0.0,
     max_planes: MaxPlanes = None,
-    confidence: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.99,
-    inlier_ratio: Annotated[float, typer.Option(help="As for detect (sequential).")] = 0.1,
+    confidence: Confidence = None,
+    inlier_ratio: InlierRatio = None,
     reassign: Annotated[ReassignName | None, optional("As for detect (paper's objective).")] = None,
     partition: Annotated[
         str | None, optional("Regions to search, as for detect: auto, graph, blocks or sam.")
@@ -173,8 +176,7 @@ def batch(
             instances=instances,
             significance=significance,
             max_planes=max_planes,
-            confidence=confidence,
-            inlier_ratio=inlier_ratio,
+            **of_samples(search, confidence, inlier_ratio),
             rng=seed,
         )
         recipe = Recipe(
@@ -270,7 +272,7 @@ def _run(job: Batch, engine: Engine) -> None:
                 "stays, and the same command goes on"
             ) from None
     show_result(progress, job.store)
-    if progress.failed and not progress.done + plan.done:
+    if progress.failed + plan.failed and not progress.done + plan.done:
         raise typer.Exit(FAILED)
 
 

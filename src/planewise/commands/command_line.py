@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -91,6 +91,17 @@ def check_numbers(depth_scale: float | None, seed: int) -> None:
         raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
+
+
+def of_samples(
+    search: str, confidence: float | None, inlier_ratio: float | None
+) -> dict[str, Any]:
+    """Options of the sequential search as far as they are given; the joint one takes no samples."""
+    given = {"confidence": confidence, "inlier_ratio": inlier_ratio}
+    out = {name: value for name, value in given.items() if value is not None}
+    if out and search != "sequential":
+        raise PlanewiseError(f"{next(iter(out))} goes with --search sequential")
+    return out
 
 
 def check_output(

@@ -8,12 +8,20 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, partition_of, reported, sensor_of
+from planewise.commands.command_line import (
+    check_numbers,
+    of_samples,
+    partition_of,
+    reported,
+    sensor_of,
+)
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed, Job
 from planewise.commands.shared_options import (
     CameraName,
+    Confidence,
     DepthScale,
+    InlierRatio,
     MaxDepth,
     MaxPlanes,
     ObjectiveName,
@@ -84,12 +92,8 @@ def detect(
         typer.Option(help="Nats a plane has to save beyond its costs (spatial objective)."),
     ] = 0.0,
     max_planes: MaxPlanes = None,
-    confidence: Annotated[
-        float, typer.Option(help="Sequential: probability that a plane's sample is pure.")
-    ] = 0.99,
-    inlier_ratio: Annotated[
-        float, typer.Option(help="Sequential: share of the readings on the smallest plane.")
-    ] = 0.1,
+    confidence: Confidence = None,
+    inlier_ratio: InlierRatio = None,
     reassign: Annotated[
         ReassignName | None,
         optional(
@@ -138,8 +142,7 @@ def detect(
             instances=instances,
             significance=significance,
             max_planes=max_planes,
-            confidence=confidence,
-            inlier_ratio=inlier_ratio,
+            **of_samples(search, confidence, inlier_ratio),
             reassign=None if reassign is None else "normals",
             rng=seed,
             threads=threads,

@@ -78,8 +78,8 @@ def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
     camera = ", ".join(f"{name} {value}" for name, value in first.camera.describe().items())
     terminal.say(f"camera: {camera}")
     sensor = getattr(dataset, "sensor", None)
-    preset = next((name for name, each in sensors.PRESETS.items() if each == sensor), None)
-    terminal.say(f"sensor: {preset or 'not stated'}")
+    presets = [name for name, each in sensors.PRESETS.items() if each == sensor]  # some are equal
+    terminal.say(f"sensor: {' or '.join(presets) or 'not stated'}")
     scale = 1.0 if first.depth_scale is None else first.depth_scale
     unit = "metres" if first.depth_scale is None else f"units of {1000 * scale:g} mm"
     readings = scale * first.depth[first.valid].astype(np.float64)

@@ -44,6 +44,14 @@ CAMERA_HELP = (
 CameraName = Annotated[str | None, optional(CAMERA_HELP)]
 CameraInstead = Annotated[str | None, optional(f"Instead of the dataset's. {CAMERA_HELP}")]
 NoiseAsForDetect = Annotated[str | None, optional(f"As for detect: {NOISE_HELP}; or auto.")]
+Confidence = Annotated[
+    float | None,
+    optional("Sequential: probability that a plane's sample is pure. Default: 0.99."),
+]
+InlierRatio = Annotated[
+    float | None,
+    optional("Sequential: share of the readings on the smallest plane. Default: 0.1."),
+]
 MaxDepth = Annotated[
     float | None, optional("Largest depth in metres; what is beyond is no reading.")
 ]

@@ -140,7 +140,7 @@ def show_scores(scores: Mapping[str, Interval]) -> None:
             continue
         interval = f"{score.low:z.4f} ... {score.high:z.4f}" if score.count > 1 else ""
         table.add_row(name, f"{score.mean:z.4f}", interval, str(score.count))
-    _OUT.print(table)
+    _show(table)
 
 
 def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
@@ -231,7 +231,7 @@ def show_table(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, 
     for row in rows:
         table.add_row(*row)
     _OUT.print()
-    _OUT.print(table)
+    _show(table)
 
 
 def progress(items: Iterable[Item], total: int) -> Iterator[Item]:

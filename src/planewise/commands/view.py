@@ -61,6 +61,8 @@ def view(
                 f"the planes of {counted(shown.alone, 'frame')} are drawn without picture or "
                 f"depth: {shown.reason}"
             )
+        for reason in shown.damaged:
+            terminal.warning(f"not drawn: {reason}")
         terminal.say(
             f"{counted(shown.frames, 'frame')}, of which {shown.failed:,} failed, "
             f"{size(output.stat().st_size)} in {output}"

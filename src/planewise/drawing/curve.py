@@ -57,7 +57,8 @@ def draw_curve(curve: Curve) -> NDArray[np.uint8]:
     numbers = range(0, len(values), max(1, round(round_step(len(values) - 1, 14))))
     axes.floor(((x_at(number), str(number)) for number in numbers), "planes in the model")
     name = {1: "nats", 1_000: "thousand nats", 1_000_000: "million nats"}[unit]
-    axes.heading(f"information of the model, {name}")
+    before = any(move.kind == "reassign" for move in curve.moves)
+    axes.heading(f"information of the model{' before reassignment' * before}, {name}")
 
     points = [(x_at(number), y_at(value)) for number, value in enumerate(values)]
     _mark_chosen(pen, points, curve, axes.title)

@@ -368,7 +368,7 @@ def annotate(
         )
         middle = y + size / 2
         pen.text((at + 2.9 * size, middle), str(rank), fill=_INK, font=font, anchor="rm")
-        pen.text((at + 7.0 * size, middle), _thousands(plane.information), fill=_INK, font=font,
+        pen.text((at + 7.0 * size, middle), _short(plane.information), fill=_INK, font=font,
                  anchor="rm")  # fmt: skip
         share = f"{100 * plane.count / model.readings:.1f} %"
         pen.text((at + 11.0 * size, middle), share, fill=_INK, font=font, anchor="rm")
@@ -392,5 +392,8 @@ def _legend_columns(planes: int, height: int, row: int) -> int:
     return max(1, -(-planes // _legend_lines(height, row)))
 
 
-def _thousands(nats: float) -> str:
+def _short(nats: float) -> str:
+    """In a few digits, for a column of the legend."""
+    if abs(nats) >= 999_950:
+        return f"{nats / 1e6:,.2f} M"
     return f"{nats / 1000:,.1f} k" if abs(nats) >= 9950 else f"{nats:,.0f}"

@@ -42,12 +42,15 @@ class Shown:
         Frames whose planes are drawn alone.
     reason : str
         Why, of the first of them.
+    damaged : list of str
+        Why others are not drawn at all.
     """
 
     frames: int = 0
     failed: int = 0
     alone: int = 0
     reason: str = ""
+    damaged: list[str] = field(default_factory=list)
 
 
 @dataclass
@@ -76,8 +79,11 @@ class _Filling:
             self._count()
             record = record_of(frame_) | {"over": picture.over}
             if not picture.over:
-                self.shown.alone += 1
-                self.shown.reason = self.shown.reason or picture.reason
+                if picture.webp:
+                    self.shown.alone += 1
+                    self.shown.reason = self.shown.reason or picture.reason
+                else:
+                    self.shown.damaged.append(picture.reason)
                 record["alone"] = picture.reason
             yield record, base64.b64encode(picture.webp).decode("ascii") if picture.webp else None
 

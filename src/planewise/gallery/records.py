@@ -15,7 +15,7 @@ PLANE = (
 )  # fmt: skip
 """Columns of a plane, in the order in which the page has them."""
 
-_DECIMALS = (4, 4, 4, 4, 1, 0, 5, 4)
+_DECIMALS = (4, 4, 4, 4, 3, 0, 5, 4)
 
 
 def record_of(frame: StoredFrame) -> dict[str, Any]:
@@ -25,7 +25,7 @@ def record_of(frame: StoredFrame) -> dict[str, Any]:
         "id": frame.id,
         "number": row["number"],
         "readings": row["readings"],
-        "information": _rounded(row["information"], 1),
+        "information": _rounded(row["information"], 3),
         "curve": [_rounded(each, 1) for each in row["curve"]],
         "note": row["note"],
         "planes": [
