@@ -277,6 +277,39 @@ def test_las_copies_keep_every_field(tmp_path, points, colour, ending, version, 
     assert_array_equal(read_cloud(tmp_path / f"c{ending}").labels, labels[::-1])
 
 
+def test_the_order_of_a_copc_file_is_not_copied(tmp_path, points, colour):
+    source, target = tmp_path / "a.copc.laz", tmp_path / "b.laz"
+    before = las_file(source, points + UTM, colour)
+    before.header.vlrs.append(VLR("copc", 1, "copc info", bytes(160)))
+    before.header.vlrs.append(VLR("me", 7, "mine", b"data"))
+    before.write(source)
+    labels = (np.arange(500) % 7).astype(np.uint16)
+    copy_with_planes(source, target, labels)
+    after = laspy.read(target)
+    assert [each.user_id for each in after.header.vlrs if each.user_id in ("copc", "me")] == ["me"]
+    assert_array_equal(after["plane"], labels)
+    assert_array_equal(after.X, before.X)
+
+
+@pytest.mark.parametrize(
+    ("kind", "kept"), [(np.uint8, np.uint16), (np.int32, np.int32), (np.float32, np.float32)]
+)
+def test_labels_fit_a_dimension_of_their_name(tmp_path, points, colour, kind, kept):
+    source, target = tmp_path / "a.las", tmp_path / "b.las"
+    data = las_file(source, points, colour)
+    data.add_extra_dim(laspy.ExtraBytesParams("plane", kind))
+    data.add_extra_dim(laspy.ExtraBytesParams("behind", np.float64))
+    data["behind"] = np.arange(500) / 8
+    data.write(source)
+    labels = np.arange(500, dtype=np.uint16)
+    copy_with_planes(source, target, labels)
+    after = laspy.read(target)
+    assert after["plane"].dtype == kept
+    assert_array_equal(after["plane"], labels)
+    assert_array_equal(after["behind"], data["behind"])
+    assert_array_equal(after.X, data.X)
+
+
 @pytest.mark.parametrize("ending", [".las", ".laz"])
 def test_las_of_ours(tmp_path, points, colour, ending):
     cloud = PointCloud(points=points, offset=UTM, intensity=np.linspace(0, 1, 500, dtype="f4"))

@@ -171,7 +171,7 @@ def copy_with_planes(
     if target.suffix.lower() == ".laz":
         _need_lazrs("writing .laz files")
     with _reader(source, whole=True) as reader:
-        header = _with_plane(laspy, reader.header)
+        header = _with_plane(laspy, reader.header, int(labels.max(initial=0)))
         with laspy.open(target, mode="w", header=header) as writer:
             done = 0
             for rows in reader.chunk_iterator(size):
@@ -186,10 +186,18 @@ def copy_with_planes(
                 writer.write_evlrs(header.evlrs)
 
 
-def _with_plane(laspy: Any, header: Any) -> Any:
+def _with_plane(laspy: Any, header: Any, most: int) -> Any:
+    """Header with a dimension that holds labels up to `most`, without the order of a COPC file."""
     from copy import deepcopy
 
     header = deepcopy(header)
+    for records in (header.vlrs, header.evlrs or []):
+        for ordering in [each for each in records if each.user_id == "copc"]:
+            records.remove(ordering)
+    if "plane" in set(header.point_format.dimension_names):
+        there = header.point_format.dimension_by_name("plane")
+        if there.scales is None and there.dtype.kind in "iu" and np.iinfo(there.dtype).max < most:
+            header.remove_extra_dim("plane")
     if "plane" not in set(header.point_format.dimension_names):
         header.add_extra_dim(
             laspy.ExtraBytesParams(name="plane", type=np.uint16, description="plane, 0 for none")
@@ -221,7 +229,7 @@ def write_las(
     extent = float(np.max(bounds[1] - bounds[0]))
     header.scales = np.full(3, max(_FINEST, 10.0 ** np.ceil(np.log10(max(extent, 1e-9) / 1e9))))
     header.offsets = np.round(bounds.mean(axis=0))
-    header = _with_plane(laspy, header)
+    header = _with_plane(laspy, header, 0)
     with laspy.open(target, mode="w", header=header) as writer:
         for cloud, labels, colour in blocks:
             keep = cloud.finite
