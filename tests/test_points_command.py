@@ -192,6 +192,27 @@ def test_unusual_clouds(tmp_path, out, name):
     assert "Traceback" not in text + errors
 
 
+@pytest.mark.parametrize("tiles", [(), ("--tiles", 1000)])
+@pytest.mark.parametrize("place", [(0, 0, 0), (-9999, -9999, -9999), (1e30, 0, 0)])
+def test_points_that_are_missing_make_no_cloud_of_the_earth(tmp_path, out, corner, place, tiles):
+    points = corner[0] + UTM
+    for name, rows in (("with", np.vstack((points, [place, place]))), ("without", points)):
+        np.save(tmp_path / f"{name}.npy", rows)
+        code, _, errors = run(
+            *("points", tmp_path / f"{name}.npy", "--sigma", SIGMA, "-o", out / name), *tiles
+        )
+        assert code == 0
+        missing = name == "with"
+        assert ("left out: 2 points, a hundred times as far off as most" in errors) == missing
+    told, true = (check(out / name) for name in ("with", "without"))
+    assert len(told["planes"]) == len(true["planes"]) == 3
+    labels = plyfile.PlyData.read(out / "with" / "labelled.ply")["vertex"]["plane"]
+    assert not labels[-2:].any()
+    for one, other in zip(told["planes"], true["planes"], strict=True):
+        assert_allclose(one["normal"], other["normal"], atol=1e-3)
+        assert one["readings"] == pytest.approx(other["readings"], rel=0.01)
+
+
 def test_digits_that_a_file_has_lost_are_told(tmp_path, out):
     place = np.random.default_rng(0).uniform(0, 4, (2000, 3)) + np.array((500_000, 5_000_000, 100))
     place[0, 1] = 5_000_000.5  # one may lie on a step

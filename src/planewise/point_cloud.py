@@ -24,6 +24,8 @@ BLOCK = 1_000_000
 """Points that are read at a time unless another number is asked for."""
 
 _FAR = 10_000.0  # metres from which a coordinate gets an offset
+_SAMPLED = 100_000  # points that say where most of them lie
+_MOST, _STRAY = 0.9, 100.0  # this share of them; times as far from the middle: no place of a cloud
 _STEP = 100.0  # offsets are multiples of it
 _SAMPLE = 10_000  # points that tell to what step all were rounded
 
@@ -213,17 +215,14 @@ def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
     Parameters
     ----------
     coordinates : ndarray, shape (k, 3)
-        Metres; rows that are not finite are ignored.
+        Metres; rows that are not finite, and strays (`extent_of_most`), are ignored.
 
     Returns
     -------
     ndarray, shape (3,)
         Multiples of 100 m.
     """
-    valid = coordinates[np.isfinite(coordinates).all(axis=1)].astype(np.float64)
-    if not len(valid):
-        return np.zeros(3)
-    return offset_near((valid.min(axis=0) + valid.max(axis=0)) / 2)
+    return offset_near(extent_of_most(coordinates)[0].mean(axis=0))
 
 
 def extent(points: Points) -> Array:
@@ -234,13 +233,37 @@ def extent(points: Points) -> Array:
     points : ndarray, shape (k, 3)
         May lie on a disk: they are looked at block by block.
     """
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    return _extent(points, np.zeros(3), np.inf)[0]
+
+
+def extent_of_most(points: NDArray[np.floating]) -> tuple[Array, int]:
+    """`extent` without strays, and how many these are.
+
+    Strays are a hundred times as far off as most points, such as missing ones at the origin of a
+    cloud in map coordinates.
+    """
+    some = points[:: 1 + len(points) // _SAMPLED]
+    some = some[np.isfinite(some).all(axis=1)].astype(np.float64)
+    if not len(some):
+        return np.zeros((2, 3)), 0
+    middle = np.median(some, axis=0)
+    usual = float(np.quantile(np.abs(some - middle).max(axis=1), _MOST))
+    return _extent(points, middle, _STRAY * usual or np.inf)
+
+
+def _extent(points: NDArray[np.floating], middle: Array, farthest: float) -> tuple[Array, int]:
+    """Extent of the finite points that are near enough, and how many others there are."""
+    low, high, others = np.full(3, np.inf), np.full(3, -np.inf), 0
     for first in range(0, len(points), BLOCK):
         block = points[first : first + BLOCK]
         finite = block[np.isfinite(block).all(axis=1)]
-        if len(finite):
-            low, high = np.minimum(low, finite.min(axis=0)), np.maximum(high, finite.max(axis=0))
-    return np.array((low, high)) if (low <= high).all() else np.zeros((2, 3))
+        near = finite
+        if farthest < np.inf:
+            near = finite[(np.abs(finite - middle) <= farthest).all(axis=1)]
+        others += len(finite) - len(near)
+        if len(near):
+            low, high = np.minimum(low, near.min(axis=0)), np.maximum(high, near.max(axis=0))
+    return np.array((low, high)) if (low <= high).all() else np.zeros((2, 3)), others
 
 
 def offset_near(middle: Array) -> Array:

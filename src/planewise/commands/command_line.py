@@ -93,9 +93,7 @@ def check_numbers(depth_scale: float | None, seed: int) -> None:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
 
 
-def of_samples(
-    search: str, confidence: float | None, inlier_ratio: float | None
-) -> dict[str, Any]:
+def of_samples(search: str, confidence: float | None, inlier_ratio: float | None) -> dict[str, Any]:
     """Options of the sequential search as far as they are given; the joint one takes no samples."""
     given = {"confidence": confidence, "inlier_ratio": inlier_ratio}
     out = {name: value for name, value in given.items() if value is not None}

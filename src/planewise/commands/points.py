@@ -25,10 +25,11 @@ from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface
-from planewise.point_cloud import CloudFile, PointCloud, extent
+from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
 from planewise.results.image import OUTLINE_FILES
 from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
+from planewise.wording import counted
 
 _LARGEST = 1e8  # metres that points may lie apart
 _FROM_FILE = "file"  # as of `detect_planes_in_cloud`
@@ -122,7 +123,7 @@ def points(
                     "coordinates less an offset"
                 )
             stood = None if origin is None else _origin(place, read, memory)
-            sensor = Sensor(max_depth=_extent(read, resolution), resolution=resolution, noise=noise)
+            sensor = Sensor(max_depth=_range(read, resolution), resolution=resolution, noise=noise)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
@@ -208,12 +209,18 @@ def _origin(
     return origins_of(cloud, memory) if place is None else np.asarray(place - cloud.offset)
 
 
-def _extent(cloud: PointCloud, resolution: float) -> float:
+def _range(cloud: PointCloud, resolution: float) -> float:
     """R of the paper: the diagonal of the box around the points, which no coordinate exceeds.
 
     Points in one place have none; they are not refused for it.
     """
-    sides = np.ptp(extent(cloud.points), axis=0).astype(np.float64)
+    box, strays = extent_of_most(cloud.points)
+    if strays:
+        terminal.warning(
+            f"left out: {counted(strays, 'point')}, a hundred times as far off as most others; "
+            "missing ones, such as 0, 0, 0?"
+        )
+    sides = np.ptp(box, axis=0).astype(np.float64)
     if not sides.max() <= _LARGEST:
         raise PlanewiseError(
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "

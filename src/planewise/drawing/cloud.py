@@ -29,6 +29,7 @@ _MOST_CUTS = 2
 _LONGEST_LINE = 5000  # pixels
 _LOOSE = 0.3  # what a point on no plane counts when a side is chosen; one seen face on counts 1
 _BEHIND = 20  # pixels from which a point is behind another, not beside it
+_OUTSIDE = 1e9  # pixels from the middle of any picture
 _LAMP = np.array((0.45, 0.5, -0.75)) / np.linalg.norm((0.45, 0.5, -0.75))  # right, up, ahead
 _BACKGROUND, _NONE, _INK = (250, 250, 248), (150, 152, 156), (28, 30, 34)
 
@@ -48,7 +49,10 @@ class _Eye:
         x, y, depth = ((xyz - self.middle) @ axis for axis in self.axes)
         column = self.shape[1] / 2 + (x - self.centre[0]) / self.metres
         row = self.shape[0] / 2 - (y - self.centre[1]) / self.metres
-        return np.floor(row).astype(np.int64), np.floor(column).astype(np.int64), depth
+        whole = [
+            np.floor(each.clip(-_OUTSIDE, _OUTSIDE)).astype(np.int64) for each in (row, column)
+        ]
+        return whole[0], whole[1], depth
 
 
 @dataclass(frozen=True, kw_only=True)
