@@ -267,6 +267,34 @@ def test_a_given_spacing_is_used():
 
 
 @pytest.mark.parametrize(
+    ("length", "width", "number"),
+    [(20, 1.0, 100), (20, 0.6, 100), (20, 0.3, 400), (20, 0.1, 400), (20, 0.1, 2000)],
+)
+def test_narrow_strips_have_an_outline(length, width, number):
+    frame = PlaneFrame.of(TILTED)
+    turn = np.array(((0.8, 0.6), (-0.6, 0.8)))
+    areas = []
+    for seed in range(5):
+        flat = np.random.default_rng(seed).uniform(0, 1, (number, 2)) * (length, width) @ turn
+        (surface,) = outline_points(model_of(np.ones(number), TILTED), frame.to_space(flat))
+        (polygon,) = surface.polygons
+        assert Shape(polygon.shell).is_valid
+        assert surface.extent.length == pytest.approx(length, rel=0.1)
+        areas.append(surface.area / (length * width))
+    assert 0.75 < min(areas) <= max(areas) < 1.05
+
+
+def test_copies_of_points_do_not_change_an_outline():
+    points = sampled(FRAMED, TILTED, 8_000, np.random.default_rng(2))
+    copies = np.repeat(points, np.arange(len(points)) % 4 + 1, axis=0)
+    once, again = (
+        outline_points(model_of(np.ones(len(each)), TILTED), each)[0] for each in (points, copies)
+    )
+    assert again.area == pytest.approx(once.area, rel=1e-6)
+    assert len(again.polygons[0].holes) == len(once.polygons[0].holes) == 1
+
+
+@pytest.mark.parametrize(
     "flat",
     [
         np.ones((50, 2)),

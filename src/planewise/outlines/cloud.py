@@ -21,6 +21,9 @@ _FIRST = 1.5  # smallest cells that are tried: 2.25 points on the mean in those 
 _LADDER = math.sqrt(2.0)
 _MITRE = 2.0
 _STRAIGHT = 1.5  # cells; a straight border at any angle becomes one line
+_NARROW = 0.25  # of a narrow strip's cells across: they are not straightened by more
+_STRIP, _ROWS = 4.0, 3.0  # length over width; cells across, of which fewer are two
+_FILLED = 0.95  # of two rows of cells, in which nothing encloses a gap
 _FEWEST = 10  # points whose density can be told
 _ENOUGH = 50_000  # points that tell the direction of the grid
 
@@ -78,9 +81,17 @@ def outline_points(
     for label, plane in enumerate(model.planes, start=1):
         frame = PlaneFrame.of(plane)
         rows = order[ends[label] : ends[label + 1]]
-        flat = frame.to_plane(points[rows].astype(np.float64))
+        flat = _distinct(frame.to_plane(points[rows].astype(np.float64)))
         out.extend(surfaces_of(label, frame, _pieces(flat, spacing), instances=instances))
     return tuple(out)
+
+
+def _distinct(flat: Array) -> Array:
+    """Each place once: copies of a point say nothing of how densely points lie."""
+    places = np.ascontiguousarray(flat, np.float32).view(np.uint64)[:, 0]  # both, in one number
+    if (np.diff(np.sort(places)) > 0).all():
+        return flat
+    return flat[np.sort(np.unique(places, return_index=True)[1])]
 
 
 def _pieces(flat: Array, spacing: float | None) -> list[Any]:
@@ -93,11 +104,11 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
     low = local.min(axis=0)
     local -= low
     extent = local.max(axis=0)
-    side = spacing or derive_spacing(local)
-    side = max(side, float(extent.max()) / _MOST_CELLS)
-    overhang = _overhang(_counts(local, np.array((side, side))))
+    sides = derive_cells(local) if spacing is None else np.array((spacing, spacing))
+    sides = np.maximum(sides, extent / _MOST_CELLS)
+    overhang = _overhang(_counts(local, sides))
     # Cells that reach beyond the outermost points by what they do on the mean.
-    number = np.maximum(np.round(extent / side + 2 * overhang), 1)
+    number = np.maximum(np.round(extent / sides + 2 * overhang), 1)
     sides = extent / (number - 2 * overhang)
     cells = _counts(local + overhang * sides, sides) > 0
     for _ in range(2):
@@ -108,7 +119,8 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
         return np.asarray(((cell + 0.5) * sides + start) @ turn)
 
     out = []
-    for piece in regions(cells.T.astype(np.uint8), _STRAIGHT).get(1, []):
+    straight = min(_STRAIGHT, _NARROW * float(number.min()))
+    for piece in regions(cells.T.astype(np.uint8), straight).get(1, []):
         drawn_in = piece.buffer(-overhang, join_style="mitre", mitre_limit=_MITRE)
         out += [
             shapely.transform(each, back) for each in shapely.get_parts(drawn_in) if each.area > 0.5
@@ -159,25 +171,32 @@ def _outermost(flat: Array) -> Array:
     return np.asarray(flat[sorted(found)])
 
 
-def derive_spacing(local: Array) -> float:
-    """Side of the cells that points cover without gaps, in their unit.
+def derive_cells(local: Array) -> Array:
+    """Sides of the cells that points cover without gaps, in their unit, shape (2,).
+
+    They are squares, but where the points make a strip as narrow as that: then two lie across.
 
     Parameters
     ----------
     local : ndarray, shape (k, 2)
-        Points, from zero on.
+        Points, from zero on; x is along the longer side of their rectangle.
     """
     extent = local.max(axis=0)
-    largest = float(extent.max()) / 3
+    largest, half = float(extent.max()) / 3, 0.5 * float(extent.min())
     smallest = _sparse(local, float(extent.prod()), largest / _MOST_CELLS)
-    best, most = smallest, -1.0
+    best, most = np.array((smallest, smallest)), -1.0
     for side in _sides(smallest, largest):
-        held = _counts(local, np.array((side, side))) > 0
-        share, closed = share_in_surfaces(held)
-        if closed:
-            return side
+        two_rows = np.array((min(side * side / half, largest), half))
+        narrow = 2.0 * half < min(_ROWS * side, extent.max() / _STRIP)
+        if narrow and (_counts(local, two_rows)[1:-1, 1:3] > 0).mean() >= _FILLED:
+            return two_rows
+        sides = np.array((side, side)) if side < half else two_rows
+        share, closed = share_in_surfaces(_counts(local, sides) > 0)
+        if closed and not narrow:
+            return sides
+        share += closed  # ragged, but better than none that is closed
         if share > most:
-            best, most = side, share
+            best, most = sides, share
     return best
 
 
