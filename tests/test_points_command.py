@@ -144,6 +144,11 @@ def test_las_of_another_file_is_made_when_asked_for(tmp_path, out, corner):
     assert_allclose(data.xyz, points, atol=1e-5)
     assert_array_equal(data["plane"], vertex["plane"][:-1])
     assert vertex["plane"][-1] == 0
+    (out / "notes.txt").write_text("mine")
+    for name in OUTLINE_FILES:
+        (out / name).write_text("of other planes")
+    assert run("points", tmp_path / "a.npy", "--sigma", SIGMA, "-o", out)[0] == 0
+    assert sorted(each.name for each in out.iterdir()) == sorted((*CLOUD_FILES, "notes.txt"))
 
 
 def usual_cloud(name):
@@ -317,6 +322,8 @@ def test_outlines_of_a_depth_image(tmp_path, out):
     assert [each["properties"]["plane"] for each in features] == [1, 2, 3, 4]
     for plane, each in zip(record["planes"], features, strict=True):
         assert each["properties"]["area"] == pytest.approx(plane["area"], rel=0.04)
+    assert run("detect", path, *arguments, "-o", out)[0] == 0
+    assert sorted(each.name for each in out.iterdir()) == sorted(FILES)
 
 
 def known_model(points, truth, planes):

@@ -47,8 +47,8 @@ class Plane:
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
         Area its readings cover, in square metres; of points in space that of its cells, up to
-        two fifths too large where noise is as thick as these. NaN of points in other dimensions,
-        and of points under the paper's objective.
+        two fifths too large where noise is as thick as these, and up to twice where points are few.
+        NaN of points in other dimensions, and of points under the paper's objective.
     bounding_box : tuple of int
         (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an
         image all the way round, the shortest run of columns that holds the plane: across the end of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 @contextmanager
-def output_folder(target: str | Path) -> Iterator[Path]:
+def output_folder(target: str | Path, stale: Iterable[str] = ()) -> Iterator[Path]:
     """Give a folder to write to that becomes `target` when the block ends without error.
 
     Parameters
@@ -52,6 +52,9 @@ def output_folder(target: str | Path) -> Iterator[Path]:
     target : path
         Folder to make, with its parents. Where it exists, files of the same names are replaced and
         others stay.
+    stale : iterable of str
+        Names of others that do not stay: an earlier run may have written them, and they belong to
+        what is replaced.
 
     Yields
     ------
@@ -83,7 +86,7 @@ def output_folder(target: str | Path) -> Iterator[Path]:
                 f"output: the folder {target} cannot be made ({error.strerror or error})"
             ) from None
         yield staging
-        _publish(staging, target)
+        _publish(staging, target, stale)
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
         remove_empty(made[1:])
@@ -122,10 +125,13 @@ def remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
-def _publish(staging: Path, target: Path) -> None:
+def _publish(staging: Path, target: Path, stale: Iterable[str]) -> None:
     if not target.exists():
         staging.rename(target)
         return
+    for name in stale:
+        if not (staging / name).exists():
+            (target / name).unlink(missing_ok=True)
     for path in sorted(staging.iterdir()):
         path.replace(target / path.name)
     staging.rmdir()

@@ -106,14 +106,13 @@ def points(
 
         from planewise.detect_in_cloud import points_on_disk
         from planewise.files.cloud import open_cloud
-        from planewise.results.cloud import CLOUD_FILES, las_name, write_cloud_results
+        from planewise.results.cloud import CLOUD_FILES, LAS_FILES, write_cloud_results
 
-        names = [*CLOUD_FILES, *(OUTLINE_FILES if outlines else ())]
-        names += [name for name in (las_name(cloud, las),) if name]
-        check_kept([output / name for name in names], [cloud])
+        others = (*OUTLINE_FILES, *LAS_FILES)  # written now or not, none of before stays
+        check_kept([output / name for name in (*CLOUD_FILES, *others)], [cloud])
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
-        with output_folder(output) as folder:
+        with output_folder(output, others) as folder:
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
             if step := read.rounding:

@@ -24,6 +24,9 @@ from planewise.sensor import Sensor
 CLOUD_FILES = ("labelled.ply", "planes.json", "preview.png", "curve.png")
 """What `write_cloud_results` writes in any case."""
 
+LAS_FILES = ("labelled.las", "labelled.laz")
+"""Of which it writes one where that is asked for."""
+
 _LAS = (".las", ".laz")
 _NO_PLANE = (150, 152, 156)
 
@@ -78,12 +81,6 @@ def write_cloud_results(
         _write_las(folder / "labelled.las", cloud, model, memory)
     write_image(folder / "preview.png", draw_cloud(cloud.points, model, surfaces=surfaces))
     write_image(folder / "curve.png", draw_curve(model.curve))
-
-
-def las_name(source: Path, las: bool) -> str | None:
-    """Name of the LAS file that `write_cloud_results` writes, if any."""
-    ending = source.suffix.lower()
-    return f"labelled{ending}" if ending in _LAS else "labelled.las" if las else None
 
 
 def plane_colours(model: PlaneModel) -> NDArray[np.uint8]:
