@@ -194,6 +194,16 @@ def test_of_many_points_some_parts_of_space_stand_for_all(monkeypatch):
     assert 10_000 < seen[0] < 90_000
 
 
+@pytest.mark.parametrize("turn", [0, 1, 2])
+def test_a_wall_of_very_many_points_that_fill_cubes(turn):
+    rng = np.random.default_rng(turn)
+    wall = np.column_stack((rng.uniform(0, 3, (1_000_000, 2)), rng.normal(0, 0.03, 1_000_000)))
+    points = wall @ np.linalg.qr(rng.normal(size=(3, 3)))[0] if turn else wall
+    found = told(points, AUTO)
+    assert 0.5 < found.noise.constant / 0.03 < 1.1
+    assert len(pw.detect_planes_in_points(points, AUTO)) <= 5
+
+
 def test_where_most_is_rougher_than_what_is_quiet_phi_decides():
     rng = np.random.default_rng(0)
     sheets = []

@@ -44,6 +44,7 @@ _FEWEST = 8.0  # points of a cube
 _WIDE = 0.15  # least ratio of the variances of a cube's points in its plane
 _GRAZING = 0.1  # least cos^2 between ray and normal
 _THICK = 12.0  # standard deviations that the side of a cube has at least: it must not cut the sheet
+_FULL = 0.12  # of the side: at most 1 / sqrt 12, at which points fill a cube
 _CUBES = 50  # that can tell
 _HELD = 7.0  # points in an occupied cube of the middle level, on average
 _FINER, _LEVELS = 3, 9  # levels below that one, and all of them
@@ -164,18 +165,18 @@ def cloud_noise(
     if count < _FEWEST:
         return _assumed(sensor, 0.0)
     centre, reach = middle_of(points, low, high, sensor.range)
-    some, seen_from = _standing_for(points, origin, centre, reach, count, workers, memory)
+    some, seen_from, wide = _standing_for(points, origin, centre, reach, count, workers, memory)
     rounding, rays = Rounding.of(some, sensor.resolution, seen_from), seen_from
     if rays is None and rounding.has_steps:
         rays = np.zeros(3)  # where the camera is
-    levels: list[list[Array]] = [[] for _ in range(_LEVELS)]
-    side = 0.0
-    for order, finest in _grids(some, centre, reach, workers):
-        side = finest
-        for level, cubes in enumerate(_flat(some, order, rays)):
-            levels[level].append(cubes)
-    sizes = [(side * 2.0**k, np.concatenate(each)) for k, each in enumerate(levels) if each]
-    told = _best(sizes, rounding.between(0.0, math.inf))
+    sizes, floor = _sizes(some, centre, reach, rays, workers), rounding.between(0.0, math.inf)
+    if rays is None:
+        told = _best([each for each in sizes if each[0] < 0.5 * wide], floor, _FULL)
+        if told is None:
+            some = np.ascontiguousarray(points[:: 1 + count // _MOST])
+            return _of_thick(_sizes(some, centre, reach, None, workers), floor, sensor, reach)
+    else:
+        told = _best(sizes, floor)
     if told is None:
         return _assumed(sensor, reach)
     noise = constant(told.sigma)
@@ -184,6 +185,44 @@ def cloud_noise(
     if told.share < _SURE and not rounding.has_steps:
         noise = noise.scaled(_factor(some, sensor, noise, seen_from, workers))
     return CloudNoise(noise=noise, cubes=told.cubes, side=told.side)
+
+
+def _sizes(
+    points: Points, centre: Array, reach: float, rays: Array | None, workers: int
+) -> list[tuple[float, Array]]:
+    """Side and flat cubes (`kernels.flat_cubes`) of every size."""
+    levels: list[list[Array]] = [[] for _ in range(_LEVELS)]
+    side = 0.0
+    for order, finest in _grids(points, centre, reach, workers):
+        side = finest
+        for level, cubes in enumerate(_flat(points, order, rays)):
+            levels[level].append(cubes)
+    return [(side * 2.0**k, np.concatenate(each)) for k, each in enumerate(levels) if each]
+
+
+def _of_thick(
+    sizes: list[tuple[float, Array]], floor: float, sensor: Sensor, reach: float
+) -> CloudNoise:
+    """Noise of dense and thick sheets, from the cubes of every n-th point.
+
+    Parts of space that hold some thousands of points are thinner than such sheets. Of cubes that
+    are hardly wider than them, the median of the size that is flattest is not far from the truth,
+    unless these are full, too: points that fill space tell nothing.
+    """
+    told = _best(sizes, floor, _FULL)
+    if told is not None:
+        return CloudNoise(noise=constant(told.sigma), cubes=told.cubes, side=told.side)
+    assumed = _assumed(sensor, reach)
+    usual = [
+        (float(np.median(cubes[:, VARIANCE])) ** 0.5 / side, side, len(cubes))
+        for side, cubes in sizes
+        if len(cubes) >= _CUBES
+    ]
+    flattest, side, cubes = min(usual, default=(math.inf, 0.0, 0))
+    if flattest > _FULL or flattest * side < assumed.noise.constant:
+        return assumed
+    note = f"all cubes that tell are hardly wider than the noise; assumed {flattest * side:g} m"
+    return CloudNoise(noise=constant(flattest * side), cubes=cubes, side=side, note=note)
 
 
 def _factor(
@@ -220,26 +259,28 @@ def _standing_for(
     count: int,
     workers: int,
     memory: Memory,
-) -> tuple[Points, Array | None]:
-    """Points that stand for all, each place once, and where their rays begin.
+) -> tuple[Points, Array | None, float]:
+    """Points that stand for all, each place once, where their rays begin, and how wide parts are.
 
     Of many points those in parts of space that a hash draws, all that lie there.
     """
-    rows = None if count <= _MOST else _drawn(points, centre, reach, count, workers, memory)
+    rows, wide = None, math.inf
+    if count > _MOST:
+        rows, wide = _drawn(points, centre, reach, count, workers, memory)
     some = points if rows is None else points[rows]
     order = order_of(some, Grid.reaching(centre, reach, 0.0), workers)
     # Points that were copied err alike.
     chosen = order.rows[_begins(order.keys)]
     some = np.ascontiguousarray(some[chosen])
     if origin is None or origin.ndim == 1:
-        return some, origin
-    return some, origin[chosen] if rows is None else origin[rows[chosen]]
+        return some, origin, wide
+    return some, origin[chosen] if rows is None else origin[rows[chosen]], wide
 
 
 def _drawn(
     points: Points, centre: Array, reach: float, count: int, workers: int, memory: Memory
-) -> NDArray[np.int64]:
-    """Rows of the points in some cubes of `_BLOCK` points."""
+) -> tuple[NDArray[np.int64], float]:
+    """Rows of the points in some cubes of `_BLOCK` points, and the side of these."""
     sample = np.ascontiguousarray(points[:: 1 + len(points) // _SAMPLE])
     memory.release()
     held = max(_BLOCK * len(sample) / len(points), 1.0)
@@ -253,7 +294,7 @@ def _drawn(
         drawn = (part % share == 0) & (keys < np.uint64(1 << 3 * grid.levels))
         rows.append(np.flatnonzero(drawn) + first)
         first += len(block)
-    return np.concatenate(rows)
+    return np.concatenate(rows), side
 
 
 def _grids(
@@ -315,9 +356,17 @@ class _Told:
     side: float
 
 
-def _best(sizes: list[tuple[float, Array]], floor: float) -> _Told | None:
-    """What cubes of the size say whose flat ones hold most points."""
-    told = [_told(side, cubes, floor) for side, cubes in sizes if len(cubes) >= _CUBES]
+def _best(sizes: list[tuple[float, Array]], floor: float, full: float = math.inf) -> _Told | None:
+    """What cubes of the size say whose flat ones hold most points.
+
+    full: of their side; cubes that are half of them rougher are full of points, and in these some
+    are flat by chance, or because they reach into the edge of a sheet.
+    """
+    told = [
+        _told(side, cubes, floor)
+        for side, cubes in sizes
+        if len(cubes) >= _CUBES and np.median(cubes[:, VARIANCE]) <= (full * side) ** 2
+    ]
     told = [each for each in told if each.side >= _THICK * each.sigma]
     return max(told, key=lambda each: each.freedom, default=None)
 
