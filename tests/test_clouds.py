@@ -472,7 +472,11 @@ def test_a_dense_wall_that_is_thick_beside_its_cubes_is_one_plane(count, sigma, 
     (plane,) = pw.detect_planes_in_points(points, pw.Sensor(max_depth=8.0, noise=sigma)).planes
     normal = turned.apply([0, 0, 1])
     assert plane.count > 0.99 * count
-    assert abs(plane.normal @ normal) > np.cos(np.radians(0.2))
+    sign = np.sign(plane.normal @ normal)
+    off = np.append(sign * plane.normal - normal, sign * plane.distance + normal @ shift)
+    assert np.linalg.norm(off[:3]) < np.radians(0.03)
+    covered = np.linalg.pinv(plane.covariance, rcond=1e-9, hermitian=True)
+    assert off @ covered @ off < 7.8  # the 95th percentile of chi^2 with three degrees of freedom
     middle = turned.apply([1.5, 1, 0]) + shift
     assert abs(middle @ plane.normal + plane.distance) < 0.05 * sigma
     assert 6 < plane.area < 9  # some cells lie above others

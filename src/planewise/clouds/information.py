@@ -22,7 +22,7 @@ from planewise.clouds.groups import CloudGroups
 from planewise.clouds.masks import Mask
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_information as kernels
-from planewise.kernels.cloud_rows import ROW
+from planewise.kernels.cloud_rows import ROW, WEIGHT, XX, ZZ
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -98,12 +98,23 @@ def _over_groups(cloud: Cloud, groups: CloudGroups, work: Callable[[int, int], N
 def refitted(
     cloud: Cloud, groups: CloudGroups, alone: Array, data: Array, areas: Array, error: CloudError
 ) -> Array:
-    """Rows (N, 18) of planes through the groups on them, as one step of expectation says."""
-    rows = np.zeros((len(areas), ROW))
+    """Rows (N, 18) of planes through the groups on them, as one step of expectation says.
+
+    Where cubes cut thick sheets, planes go through all the pieces alike, but their information is
+    still that of points that share some of their error: what is cut at creases tilts them.
+    """
+    rows, weights = np.zeros((len(areas), ROW)), np.zeros((len(areas), 2))
+    pieces = cloud.cuts_sheets(error.white)
     drift = 0.113 * error.drift * np.sqrt(areas)
     for begin, end in cloud.runs():
         g = slice(groups.places[begin], groups.places[end])
-        kernels.plane_rows(groups.rows[g], groups.label[g], alone[g], data[g], SHARED, drift, rows)
+        kernels.plane_rows(
+            groups.rows[g], groups.label[g], alone[g], data[g], SHARED, drift, pieces, rows, weights
+        )
+    if pieces:
+        left = np.divide(weights[:, 1], weights[:, 0], np.ones(len(rows)), where=weights[:, 0] > 0)
+        rows[:, WEIGHT] *= left
+        rows[:, XX : ZZ + 1] *= left[:, None]
     return rows
 
 
