@@ -33,7 +33,6 @@ from planewise.kernels.masks import add_change, write_lengths
 
 BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
 _LATELY = 8192  # neighbourhoods of different labels that are remembered
-_CLEARLY = 5.0  # nats by which a surface of its own is shorter than a piece of a plane
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 
 
@@ -278,10 +277,10 @@ def plane_rows(groups, label, alone, data, error, drift_of, pieces, out, weights
 
     Each group counts with the information that its random offset leaves, times the probability
     that it is on its plane: none where it is shorter as a surface of its own. pieces: whether
-    groups are pieces of thick sheets, whose offsets cancel in the sum and do not count, and which
-    may well be shorter on their own. Adds to weights those that count, and those with offsets.
+    groups are pieces of thick sheets, whose offsets cancel in the sum and do not count. Adds to
+    weights those that count, and those with offsets.
     """
-    shared, clearly = (0.0, _CLEARLY) if pieces else (error, 0.0)
+    shared = 0.0 if pieces else error
     row = np.empty(ROW)
     for g in range(label.size):
         j = label[g] - 1
@@ -290,7 +289,7 @@ def plane_rows(groups, label, alone, data, error, drift_of, pieces, out, weights
         for e in range(ROW):
             row[e] = groups[g, e]
         variance, weight = row[COUNT] / row[WEIGHT], row[WEIGHT]
-        on = 1e-3 if data[g] >= alone[g] + clearly else 1.0
+        on = 1e-3 if data[g] >= alone[g] else 1.0
         share = on / (1.0 + (shared * variance + drift_of[j]) * weight)
         weights[j, 0] += weight * share
         weights[j, 1] += weight * on / (1.0 + (error * variance + drift_of[j]) * weight)
