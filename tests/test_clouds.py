@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 import planewise as pw
 from planewise.clouds.cells import cells_of
 from planewise.clouds.cloud import cloud_of
-from planewise.clouds.copies import places_of
+from planewise.copies import places_of
 
 SIGMA = 0.01
 SENSOR = pw.Sensor(max_depth=10.0, resolution=0.001, noise=SIGMA)

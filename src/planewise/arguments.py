@@ -30,6 +30,21 @@ def is_whole(value: Any) -> bool:
     return not isinstance(value, bool) and isinstance(value, Integral)
 
 
+def checked_scale(depth_scale: float | None) -> float | None:
+    """Metres per unit of integer depth, if it is said.
+
+    Raises
+    ------
+    ValueError
+        If it is no positive number.
+    """
+    if depth_scale is None:
+        return None
+    if not (is_finite(depth_scale) and depth_scale > 0):
+        raise ValueError(f"depth_scale must be a positive number of metres, got {depth_scale!r}")
+    return float(depth_scale)
+
+
 def make_plain(record: object, kind: Callable[[Any], Any], *names: str) -> None:
     """Let attributes of a frozen record, unless they are ``None``, be of a plain kind.
 

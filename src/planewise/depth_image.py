@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
-from planewise.arguments import is_finite
+from planewise.arguments import checked_scale
 from planewise.sensor import Sensor
 from planewise.wild import wild_readings
 from planewise.workspace import Workspace
@@ -239,21 +239,6 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     kernels.running_medians(np.diff(levels), _WINDOW // 2, steps[:-1])
     steps[-1] = steps[-2]
     return steps
-
-
-def checked_scale(depth_scale: float | None) -> float | None:
-    """Metres per unit of integer depth, if it is said.
-
-    Raises
-    ------
-    ValueError
-        If it is no positive number.
-    """
-    if depth_scale is None:
-        return None
-    if not (is_finite(depth_scale) and depth_scale > 0):
-        raise ValueError(f"depth_scale must be a positive number of metres, got {depth_scale!r}")
-    return float(depth_scale)
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:

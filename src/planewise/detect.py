@@ -9,8 +9,8 @@ from typing import Any, Literal
 
 from numpy.typing import ArrayLike
 
+from planewise.arguments import checked_scale
 from planewise.camera import Camera, checked_camera
-from planewise.depth_image import checked_scale
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe

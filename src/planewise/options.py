@@ -120,7 +120,7 @@ class Options:
         make_plain(self, bool, "instances")
         rng: Any = self.rng
         if is_whole(rng) and rng >= 0:
-            object.__setattr__(self, "rng", int(rng))
+            make_plain(self, int, "rng")
         elif not isinstance(rng, np.random.Generator):
             raise ValueError(
                 f"rng must be a seed, not negative, or a numpy.random.Generator, got {rng!r}"

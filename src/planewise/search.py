@@ -165,9 +165,9 @@ def find_in_cloud(
     compilation.announce("cloud")
     keep_freed()
     # Its compiled loops are loaded only where they are used.
-    from planewise.clouds.copies import places_of
     from planewise.clouds.model import cloud_model
     from planewise.clouds.noise import cloud_noise
+    from planewise.copies import places_of
 
     points, settings = np.ascontiguousarray(points), options.describe()
     workers = options.threads or threads.available()

@@ -173,8 +173,11 @@ def cloud_noise(
     if rays is None:
         told = _best([each for each in sizes if each[0] < 0.5 * wide], floor, _FULL)
         if told is None:
-            some = np.ascontiguousarray(points[:: 1 + count // _MOST])
-            return _of_thick(_sizes(some, centre, reach, None, workers), floor, sensor, reach)
+            if count > _MOST:
+                some = np.ascontiguousarray(points[:: 1 + count // _MOST])
+                memory.release()
+                sizes = _sizes(some, centre, reach, None, workers)
+            return _of_thick(sizes, floor, sensor, reach)
     else:
         told = _best(sizes, floor)
     if told is None:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from planewise import sensors
+from planewise.arguments import checked_scale
 from planewise.commands import terminal
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
@@ -87,8 +88,7 @@ def sensor_of(
 
 def check_numbers(depth_scale: float | None, seed: int) -> None:
     """Refuse a scale and a seed that are none."""
-    if depth_scale is not None and not 0 < depth_scale < float("inf"):
-        raise PlanewiseError(f"depth_scale must be a positive number of metres, got {depth_scale}")
+    checked_scale(depth_scale)
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
 

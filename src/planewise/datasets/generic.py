@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from planewise.arguments import checked_scale
 from planewise.camera import PinholeCamera
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
@@ -53,7 +54,7 @@ class GenericFolder(PictureFolder):
             root,
             depth_and_colour(root, "depth", ("rgb", "color", "image")),
             read_camera(str(path)) if camera is None else camera,
-            checked_scale(scale),
+            _scale_of(scale),
         )
 
     @classmethod
@@ -62,19 +63,12 @@ class GenericFolder(PictureFolder):
         return (path / "depth").is_dir() and (path / CAMERA).is_file()
 
 
-def checked_scale(value: Any) -> float | None:
-    """Metres per unit as a positive number, or ``None`` where it is not stated.
-
-    Raises
-    ------
-    PlanewiseError
-        If it is something else.
-    """
-    if value is None:
-        return None
-    if not isinstance(value, int | float) or not 0 < value < float("inf"):
-        raise PlanewiseError(f"depth_scale must be a positive number of metres, got {value!r}")
-    return float(value)
+def _scale_of(value: Any) -> float | None:
+    """Metres per unit as a positive number, or ``None`` where it is not stated."""
+    try:
+        return checked_scale(value)
+    except ValueError as error:
+        raise PlanewiseError(str(error)) from None
 
 
 def _stated(path: Path) -> Mapping[str, Any]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.copies import places_of
 from planewise.model import PlaneModel
 from planewise.outlines.label_borders import regions
 from planewise.outlines.occupancy import neighbours, share_in_surfaces
@@ -75,23 +76,19 @@ def outline_points(
     if spacing is not None and not 0 < spacing < math.inf:
         raise ValueError(f"spacing must be a positive number of metres, got {spacing}")
     load_shapely()
-    order = np.argsort(model.labels, kind="stable")
-    ends = np.searchsorted(model.labels[order], np.arange(len(model) + 2))
+    kind = np.float32 if points.dtype == np.float32 else np.float64
+    labels, places = model.labels, places_of(np.ascontiguousarray(points, kind))
+    if places is not None:  # copies say nothing of how densely points lie
+        points, labels = points[places.rows], labels[places.rows]
+    order = np.argsort(labels, kind="stable")
+    ends = np.searchsorted(labels[order], np.arange(len(model) + 2))
     out: list[Surface] = []
     for label, plane in enumerate(model.planes, start=1):
         frame = PlaneFrame.of(plane)
         rows = order[ends[label] : ends[label + 1]]
-        flat = _distinct(frame.to_plane(points[rows].astype(np.float64)))
+        flat = frame.to_plane(points[rows].astype(np.float64))
         out.extend(surfaces_of(label, frame, _pieces(flat, spacing), instances=instances))
     return tuple(out)
-
-
-def _distinct(flat: Array) -> Array:
-    """Each place once: copies of a point say nothing of how densely points lie."""
-    places = np.ascontiguousarray(flat, np.float32).view(np.uint64)[:, 0]  # both, in one number
-    if (np.diff(np.sort(places)) > 0).all():
-        return flat
-    return flat[np.sort(np.unique(places, return_index=True)[1])]
 
 
 def _pieces(flat: Array, spacing: float | None) -> list[Any]:
@@ -105,7 +102,7 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
     local -= low
     extent = local.max(axis=0)
     sides = derive_cells(local) if spacing is None else np.array((spacing, spacing))
-    sides = np.maximum(sides, extent / _MOST_CELLS)
+    sides *= max(1.0, float(extent[0]) / (_MOST_CELLS * float(sides[0])))
     overhang = _overhang(_counts(local, sides))
     # Cells that reach beyond the outermost points by what they do on the mean.
     number = np.maximum(np.round(extent / sides + 2 * overhang), 1)
