@@ -27,9 +27,10 @@ from planewise.clouds.information import (
     refitted,
 )
 from planewise.clouds.instances import apart
+from planewise.clouds.joining import joined
 from planewise.clouds.labels import label_points
 from planewise.clouds.masks import Mask, mask_of
-from planewise.clouds.rows import covariances, planes_of
+from planewise.clouds.rows import covariances, determined, planes_of
 from planewise.clouds.segments import segments_of
 from planewise.information import (
     coordinate_information,
@@ -37,7 +38,7 @@ from planewise.information import (
     plane_information,
 )
 from planewise.kernels.cloud_information import add_residuals
-from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW, WEIGHT, write_normals
+from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -165,22 +166,24 @@ def found_in(
             workers=cloud.workers,
             memory=cloud.memory,
         )
-    planes = planes_of(found.rows)
     with stage("labels"):
         labels = label_points(
             cloud,
             cells,
             found.of_cell,
-            planes,
+            planes_of(found.rows),
             found.rows[:, AREA],
             coordinate_information(sensor.range, sensor.resolution),
             sensor.resolution,
         )
-    correlation = residual_correlation(cells, found.of_cell, planes)
+        limits = sensor.range, sensor.resolution
+        rows, part = joined(cloud, labels, found.rows, cells.error, limits)
+    saved = np.asarray(np.bincount(part, found.significance, len(rows)), np.float64)
+    of_cell = np.append(part, -1)[found.of_cell]
+    correlation = residual_correlation(cells, of_cell, planes_of(rows))
     return CloudPlanes(
-        cloud, labels, found.rows, cells.error, found.significance, correlation, found.left_out,
-        found.curved,
-    )  # fmt: skip
+        cloud, labels, rows, cells.error, saved, correlation, found.left_out, found.curved
+    )
 
 
 def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
@@ -264,7 +267,7 @@ def ranked_model(
         groups = groups_of(cloud, labels, error)
         alone = alone_of(cloud, groups, *limits)
         data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
-        rows = _determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
+        rows = determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
         now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
         mask = mask_of(cloud, labels, groups, len(rows), error)
         book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
@@ -348,14 +351,6 @@ def _ranked(
         # Some pay only together with others that are cut.
         book, curve = keeping(first[:best])
     return book, curve
-
-
-def _determined(rows: Array, before: Array) -> Array:
-    """Refitted rows with their normals; those before where no points say."""
-    told = (rows[:, COUNT] >= 3) & (rows[:, WEIGHT] > 0)
-    out = np.where(told[:, None], rows, before)
-    write_normals(out)
-    return out
 
 
 def _described(

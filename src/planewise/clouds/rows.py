@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.kernels.cloud_rows import CX, CZ, NX, NZ, WEIGHT, XX, ZZ
+from planewise.kernels.cloud_rows import COUNT, CX, CZ, NX, NZ, WEIGHT, XX, ZZ, write_normals
 
 Array = NDArray[np.float64]
 
@@ -16,6 +16,14 @@ def planes_of(rows: Array) -> Array:
     """(normal, distance) of rows, shape (N, 4), relative to the centre of the cloud."""
     normals = rows[:, NX : NZ + 1]
     return np.column_stack((normals, -(normals * rows[:, CX : CZ + 1]).sum(axis=1)))
+
+
+def determined(rows: Array, before: Array) -> Array:
+    """Refitted rows with their normals; those before where no points say."""
+    told = (rows[:, COUNT] >= 3) & (rows[:, WEIGHT] > 0)
+    out = np.where(told[:, None], rows, before)
+    write_normals(out)
+    return out
 
 
 def covariances(rows: Array, centre: Array) -> Array:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from planewise import threads
 from planewise.clouds.cells import PRIOR, CloudCells
 from planewise.clouds.curvature import curved_segments
+from planewise.clouds.gaps import joined_through_gaps, pair_values
 from planewise.clouds.memory import Memory
 from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
@@ -22,7 +23,6 @@ Array = NDArray[np.float64]
 _MERGE_BORDER = (0.7, 2.0, 8.0)  # that a merge saves
 _PLANE_BORDER = (0.01, 1.25, 20.0)  # that a plane has to pay for
 _PLANE_COST = 0.6  # times 3 ln(R / eps): what a plane has to save besides its border
-_GAP_OFFSET = 0.05  # of the range: where an unrelated plane seen through a gap may lie
 _SAME = 7.81  # discord up to which cells of a cube are joined at once: chi^2 of three, 95 %
 _LEAST_PART = 5_000  # pairs or cells that are worth a thread
 PAIRS_AT_ONCE = 12_000_000  # of cells that merge together; some 1.3 GB
@@ -83,21 +83,13 @@ def segments_of(
     memory : Memory, optional
         Where large arrays lie.
     """
-    drift = cells.error.drift
     memory = memory or Memory()
     rows, of_cell, price = merged_cells(cells, cost, workers, memory)
     curved = curved_segments(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
     worth, accepted = _accepted(cells, rows, of_cell, price, curved, cost, significance)
-    owner = np.full(len(rows), -1)
-    order = np.argsort(-worth, kind="stable")
-    chosen = order[accepted[order]]
-    owner[chosen] = np.arange(len(chosen))
-    planes = rows[chosen]
-    if len(chosen):
-        rest = order[~accepted[order] & (worth[order] + _PLANE_COST * cost > 0)]
-        planes = _joined_through_gaps(planes, rows, chosen, rest, drift, range, owner)
-    kept = owner >= 0
-    total = np.asarray(np.bincount(owner[kept], worth[kept], len(planes)), np.float64)
+    planes, owner, total = joined_through_gaps(
+        rows, worth, accepted, _PLANE_COST * cost, significance, cells.error.drift, range
+    )
     left_out = max(0, len(planes) - max_planes)
     if left_out:
         keep = np.sort(np.argsort(-total, kind="stable")[:max_planes])
@@ -175,7 +167,7 @@ def _agglomerated(
 ) -> tuple[Array, NDArray[np.int64]]:
     """Merge rows, which are changed, as are ends, saved and waits; as `_roots`."""
     prior = (*PRIOR, 0.0)
-    values = _values(rows, ends, drift, prior, workers)
+    values = pair_values(rows, ends, drift, prior, workers)
     root = np.empty(len(rows), np.int64)
     waits = np.zeros(len(rows), np.bool_) if waits is None else waits
     kernels.agglomerate(ends, *values, saved, rows, drift, prior, cost, waits, root)
@@ -239,26 +231,6 @@ def _between(
     return new_ends[:found], new_nats[:found]
 
 
-def _values(
-    rows: Array,
-    ends: NDArray[np.int32],
-    drift: float,
-    prior: tuple[float, float, float],
-    workers: int,
-) -> tuple[Array, Array]:
-    """Discord and evidence of pairs of rows."""
-    discords, evidence = np.empty((2, len(ends)))
-    threads.over_chunks(
-        lambda first, last: kernels.value_pairs(
-            rows, ends, drift, prior, first, last, discords, evidence
-        ),
-        len(ends),
-        workers,
-        _LEAST_PART,
-    )
-    return discords, evidence
-
-
 def _accepted(
     cells: CloudCells,
     rows: Array,
@@ -268,7 +240,10 @@ def _accepted(
     cost: float,
     least: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """What each segment saves in nats, and which pay for being a plane; what is curved does not."""
+    """What each segment saves in nats, and which pay for being a plane; what is curved does not.
+
+    What does not pay is worth what it saves as part of a plane that is paid for.
+    """
     border, all_pairs, all_nats = np.zeros(len(rows)), [], []
     for first in range(0, len(price), PAIRS_AT_ONCE):
         part = slice(first, first + PAIRS_AT_ONCE)
@@ -282,51 +257,5 @@ def _accepted(
     worth[curved] = -np.inf
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, pairs, nats, least, accepted)
+    worth[~accepted] += _PLANE_COST * cost
     return worth, accepted
-
-
-def _joined_through_gaps(
-    planes: Array,
-    rows: Array,
-    chosen: NDArray[np.int64],
-    rest: NDArray[np.int64],
-    drift: float,
-    range: float,
-    owner: NDArray[np.int64],
-) -> Array:
-    """Join planes that do not touch, then to each what is left over and lies on it.
-
-    Writes the plane of each segment to owner, and returns their rows.
-    """
-    prior = (0.0, PRIOR[1], (_GAP_OFFSET * range) ** 2)
-    naming = float(np.log(len(rows)))  # nats to say which other segment it is
-    planes = planes.copy()
-    ends, _ = _gaps(planes, len(planes), drift, prior, naming)
-    root = np.arange(len(planes))
-    if len(ends):
-        discords, evidence = _values(planes, ends, drift, prior, 1)
-        saved, none = np.full(len(ends), -naming), np.zeros(len(planes), np.bool_)
-        kernels.agglomerate(
-            ends, discords, evidence, saved, planes, drift, prior, np.inf, none, root
-        )
-    alive, plane_of = np.unique(root, return_inverse=True)
-    planes = planes[alive]
-    owner[chosen] = plane_of
-    ends, gains = _gaps(np.vstack((planes, rows[rest])), len(planes), drift, prior, naming)
-    late = ends[:, 1] >= len(planes)
-    ends, gains = ends[late], gains[late]
-    order = np.argsort(gains, kind="stable")
-    owner[rest[ends[order, 1] - len(planes)]] = ends[order, 0]  # the best comes last
-    return planes
-
-
-def _gaps(
-    rows: Array, planes: int, drift: float, prior: tuple[float, float, float], least: float
-) -> tuple[NDArray[np.int32], Array]:
-    most = 4 * len(rows)
-    while True:
-        ends, gains = np.empty((most, 2), np.int32), np.empty(most)
-        found = kernels.pairs_through_gaps(rows, drift, prior, least, planes, ends, gains)
-        if found <= most:
-            return ends[:found], gains[:found]
-        most = found

@@ -1,0 +1,169 @@
+"""Planes of a cloud that turn out to be one, once points have labels.
+
+Along a scanner's rings and lines cells lie so far apart that pieces of one sheet do not merge, and
+what cells say of a narrow piece is too little to tell it from the sheet. The groups of Phi tell: on
+the other plane its points do not take so much more as standing apart costs. The same as
+`spatial.joining` for depth images.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise import threads
+from planewise.clouds.cells import CloudError
+from planewise.clouds.cloud import Cloud
+from planewise.clouds.groups import CloudGroups, groups_of
+from planewise.clouds.information import alone_of, data_of, refitted
+from planewise.clouds.masks import PointMask, mask_of
+from planewise.clouds.rows import determined, planes_of
+from planewise.information import plane_information
+from planewise.kernels import cloud_planes as kernels
+from planewise.kernels.cloud_rows import AREA
+
+Array = NDArray[np.float64]
+Labels = NDArray[np.uint16]
+
+_FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
+_NAME = 4.0  # nats of a point's name, at most, where two planes mix
+_LEAST_PART = 100  # planes that are worth a thread
+
+
+def joined(
+    cloud: Cloud, labels: Labels, rows: Array, error: CloudError, limits: tuple[float, float]
+) -> tuple[Array, NDArray[np.intp]]:
+    """Planes with those made one that do not save their parameters by standing apart.
+
+    Parameters
+    ----------
+    cloud : Cloud
+        The points.
+    labels : ndarray of uint16, shape (k,)
+        0 for none, j for row j - 1. Changed to what the planes become.
+    rows : ndarray, shape (N, 18)
+        Of the planes.
+    error : CloudError
+        Its size.
+    limits : (float, float)
+        Range and resolution in metres.
+
+    Returns
+    -------
+    ndarray, shape (M, 18)
+        Rows of the planes that are left.
+    ndarray of int, shape (N,)
+        Which of these each has become part of.
+    """
+    part, fresh = np.arange(len(rows)), np.ones(len(rows), np.bool_)
+    while True:
+        into = _larger(cloud, labels, rows, fresh, error, limits)
+        left, place = np.unique(into, return_inverse=True)
+        if len(left) == len(rows):
+            return rows, part
+        together = np.zeros((len(left), rows.shape[1]))
+        kernels.add_rows(rows, place, together)
+        rows, part, fresh = together, place[part], np.bincount(place) > 1
+        new = np.append(0, place + 1).astype(labels.dtype)
+        for first, last in cloud.runs():
+            inside = slice(cloud.starts[first], cloud.starts[last])
+            labels[inside] = new[labels[inside]]
+
+
+def _larger(
+    cloud: Cloud,
+    labels: Labels,
+    rows: Array,
+    fresh: NDArray[np.bool_],
+    error: CloudError,
+    limits: tuple[float, float],
+) -> NDArray[np.intp]:
+    """The plane that each is part of: itself, or the nearest larger one if that makes Phi smaller.
+
+    What one becomes part of becomes part of none itself, until its plane is known. fresh (N,): only
+    these, and those that are near them, are looked at.
+    """
+    price, n = plane_information(3, *limits), len(rows)
+    into, nearest, far = np.arange(n), np.empty(n, np.intp), np.empty(n)
+    threads.over_chunks(
+        lambda first, last: kernels.nearest_larger(rows, first, last, nearest, far),
+        n, cloud.workers, _LEAST_PART,
+    )  # fmt: skip
+    near = np.flatnonzero((far < _FAR * price) & (fresh | fresh[nearest]))
+    if not len(near):
+        return into
+    groups = groups_of(cloud, labels, error)
+    more = _more(cloud, groups, rows, near, nearest[near], error, limits) - price
+    names, settled = _Names(cloud, labels, groups, nearest, error), np.zeros(n, np.bool_)
+    for k in np.argsort(more, kind="stable"):
+        small, large = near[k], nearest[near[k]]
+        if settled[small] or into[large] != large:
+            continue
+        if more[k] < 0.0 or names.save(more[k], into, small):
+            into[small], settled[large] = large, True
+    return into
+
+
+def _more(
+    cloud: Cloud,
+    groups: CloudGroups,
+    rows: Array,
+    small: NDArray[np.intp],
+    large: NDArray[np.intp],
+    error: CloudError,
+    limits: tuple[float, float],
+) -> Array:
+    """Nats that the points of each small plane take more on the large one, both refitted."""
+    looked_at = np.zeros(len(rows) + 1, np.bool_)
+    looked_at[small + 1] = looked_at[large + 1] = True
+    mine = looked_at[groups.label]
+    places = np.append(0, np.cumsum(mine))[groups.places]
+    groups = CloudGroups(groups.rows[mine], groups.label[mine], places)
+    alone, areas = alone_of(cloud, groups, *limits), rows[:, AREA].copy()
+
+    def data(planes: Array) -> Array:
+        return data_of(cloud, groups, alone, planes, areas, error, *limits)
+
+    fitted = refitted(cloud, groups, alone, data(planes_of(rows)), areas, error)
+    planes = planes_of(determined(fitted, rows))
+    apart = data(planes)
+    planes[small], areas[small] = planes[large], areas[small] + areas[large]
+    more = np.bincount(groups.label, data(planes) - apart, len(looked_at))
+    return np.asarray(more[1:][small], np.float64)
+
+
+class _Names:
+    """What it costs to say which points are on which of two planes.
+
+    Two planes where one sheet is share its points, each those that are nearer: so these are shorter
+    than all on one, but have to be named.
+    """
+
+    def __init__(
+        self,
+        cloud: Cloud,
+        labels: Labels,
+        groups: CloudGroups,
+        nearest: NDArray[np.intp],
+        error: CloudError,
+    ) -> None:
+        self._nearest, self._mixed = nearest, np.zeros(len(nearest))
+        self._into, self._length = np.empty(0, np.intp), 0.0
+        mask = mask_of(cloud, labels, groups, len(nearest), error)
+        if isinstance(mask, PointMask):  # thick sheets name few points
+            self._mask = mask
+            kernels.mixed_points(mask.edges, nearest, self._mixed)
+
+    def save(self, nats: float, into: NDArray[np.intp], small: int) -> bool:
+        """Whether the mask is shorter by more if a plane becomes part of its nearest one, too."""
+        if nats > _NAME * self._mixed[small]:
+            return False
+        if not np.array_equal(into, self._into):
+            self._into, self._length = into.copy(), self._length_of(into)
+        one = into.copy()
+        one[small] = self._nearest[small]
+        return self._length - self._length_of(one) > nats
+
+    def _length_of(self, into: NDArray[np.intp]) -> float:
+        rank = np.unique(into, return_inverse=True)[1] + 1
+        return float(self._mask.nats(np.append(0, rank))[rank.max()])

@@ -1,0 +1,154 @@
+"""Planes of a cloud that turn out to be one, and rings of a LiDAR that pay only together."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.clouds import gaps, model
+from planewise.kernels import cloud_planes
+from planewise.kernels.cloud_rows import COUNT, CX, CZ, NX, NZ, ROW, WEIGHT, XX, ZZ
+
+SENSOR = pw.Sensor(max_depth=100.0, resolution=0.001, noise=0.005)
+LEAN = np.deg2rad(2.5)
+
+
+def ground(rows=160, columns=800, seed=0, lean=0.0):
+    """Level ground two metres below a scanner that turns, 5 mm off; behind x = 0 it may lean."""
+    rng = np.random.default_rng(seed)
+    grid = np.meshgrid(np.linspace(0, 360, columns), np.linspace(-60, -3, rows), indexing="ij")
+    around, down = (np.deg2rad(angles + rng.normal(0, 0.02, angles.shape)) for angles in grid)
+    out = 2.0 / np.tan(-down)
+    x, y = (out * np.cos(around)).ravel(), (out * np.sin(around)).ravel()
+    z = np.where(x > 0, np.tan(lean) * x, 0.0) - 2.0 + rng.normal(0, 0.005, x.size)
+    return np.column_stack((x, y, z))
+
+
+def ring_by_ring(sigma, seed):
+    """The same seen by 16 beams 1.8 m above it, which err along the ray."""
+    camera = pw.cameras.VELODYNE_VLP16
+    rays = camera.rays(camera.shape).reshape(-1, 3)
+    rays = rays[rays[:, 2] < np.sin(np.deg2rad(-1.5))]
+    away = np.random.default_rng(seed).normal(0, sigma, len(rays)) - 1.8 / rays[:, 2]
+    return rays * away[:, None]
+
+
+@pytest.mark.parametrize("noise", [0.005, "auto"])
+@pytest.mark.parametrize("seed", [0, 1])
+def test_ground_that_a_scanner_sees_is_one_plane(monkeypatch, noise, seed):
+    points = ground(seed=seed)
+    sensor = pw.Sensor(max_depth=100.0, resolution=0.001, noise=noise)
+    found = pw.detect_planes_in_points(points, sensor)
+    assert len(found) == 1
+    assert (found.labels == 1).mean() > 0.99
+    assert_allclose(np.abs(found.planes[0].normal), (0, 0, 1), atol=1e-4)
+    assert found.planes[0].significance > 0
+    monkeypatch.setattr(
+        model, "joined", lambda cloud, labels, rows, *_: (rows, np.arange(len(rows)))
+    )
+    apart = pw.detect_planes_in_points(points, sensor)
+    assert len(apart) > 1
+    assert found.information < apart.information
+
+
+def test_ground_that_bends_stays_two_planes():
+    points = ground(seed=2, lean=LEAN)
+    found = pw.detect_planes_in_points(points, SENSOR)
+    assert len(found) == 2
+    clear = np.abs(points[:, 0]) > 1.0
+    for side in (points[clear, 0] > 0, points[clear, 0] < 0):
+        share = np.bincount(found.labels[clear][side], minlength=3)[1:].max() / side.sum()
+        assert share > 0.97
+
+
+def test_walls_in_one_plane_stay_apart_if_wanted():
+    rng = np.random.default_rng(0)
+    walls = [rng.uniform((x, 0), (x + 3, 2), (4000, 2)) for x in (0, 5)]
+    points = np.column_stack((np.vstack(walls), rng.normal(0, 0.005, 8000)))
+    assert len(pw.detect_planes_in_points(points, SENSOR)) == 1
+    assert len(pw.detect_planes_in_points(points, SENSOR, instances=True)) == 2
+
+
+@pytest.mark.parametrize("sigma", [0.005, 0.02])
+@pytest.mark.parametrize("seed", [0, 2, 3, 6])
+def test_rings_none_of_which_pays_are_one_plane(sigma, seed):
+    sensor = pw.Sensor(max_depth=100.0, resolution=0.002, noise=sigma)
+    found = pw.detect_planes_in_points(ring_by_ring(sigma, seed), sensor)
+    assert len(found) == 1
+    assert (found.labels == 1).mean() > 0.95
+    assert found.planes[0].significance > 0
+
+
+def _gathered(*groups):
+    """Rows of points, as if each had the weight 1, and their planes."""
+    rows = np.zeros((len(groups), ROW))
+    for row, points in zip(rows, groups, strict=True):
+        centred = points - points.mean(axis=0)
+        row[[WEIGHT, COUNT]], row[CX : CZ + 1] = len(points), points.mean(axis=0)
+        row[XX : ZZ + 1] = (centred.T @ centred)[np.triu_indices(3)]
+        row[NX : NZ + 1] = np.linalg.svd(centred)[2][2]
+    return rows
+
+
+def test_the_nearest_of_the_larger_planes():
+    """Half of what the points of one take more on the other than on their own."""
+    rng = np.random.default_rng(0)
+    sheets = [rng.normal((0, 0, z), (1, 1, 0.01), (n, 3)) for n, z in ((9, 0), (30, 0.5), (20, 2))]
+    sheets.append(rng.normal(0, (1, 0.01, 1), (5, 3)))  # no other is parallel to it
+    rows = _gathered(*sheets)
+    nearest, far = np.empty(4, np.intp), np.empty(4)
+    cloud_planes.nearest_larger(rows, 0, 4, nearest, far)
+    assert_array_equal(nearest, [1, 1, 1, 3])
+
+    def squares(points, row):
+        return np.square((points - row[CX : CZ + 1]) @ row[NX : NZ + 1]).sum()
+
+    for k in (0, 2):
+        more = squares(sheets[k], rows[1]) - squares(sheets[k], rows[k])
+        assert_allclose(far[k], 0.5 * more, rtol=1e-9)
+    assert np.isinf(far[[1, 3]]).all()
+
+
+def test_rows_together_are_those_of_all_points():
+    rng = np.random.default_rng(1)
+    sheets = [rng.normal(0, (1, 1, 0.01), (n, 3)) for n in (7, 30, 20)]
+    out = np.zeros((2, ROW))
+    cloud_planes.add_rows(_gathered(*sheets), np.array([1, 0, 1]), out)
+    expected = _gathered(sheets[1], np.vstack((sheets[0], sheets[2])))
+    assert_allclose(out[:, :NX], expected[:, :NX], rtol=1e-9, atol=1e-12)
+    cosines = (out[:, NX : NZ + 1] * expected[:, NX : NZ + 1]).sum(axis=1)
+    assert_allclose(np.abs(cosines), 1.0, rtol=1e-9)
+
+
+def test_points_beside_those_of_the_nearest_plane_are_mixed():
+    edges = np.array(
+        [[1, 1, 1, 2, 1, 5], [2, 3, 3, 3, 3, 7], [0, 0, 0, 1, 2, 11], [1, 1, 3, 3, 0, 13]]
+    )
+    mixed = np.zeros(3)
+    cloud_planes.mixed_points(edges.astype(np.int32), np.array([1, 1, 1]), mixed)
+    assert_array_equal(mixed, [5 + 11, 0, 7])
+
+
+def test_what_pays_together_saves_its_parameters_once(monkeypatch):
+    """A few pieces that lie on one plane by chance are none."""
+    few = ring_by_ring(0.005, 2)
+    pays = []
+
+    def joined(*given):
+        pays.append(given)
+        return gaps.joined_through_gaps(*given)
+
+    monkeypatch.setattr("planewise.clouds.segments.joined_through_gaps", joined)
+    pw.detect_planes_in_points(few, pw.Sensor(max_depth=100.0, resolution=0.002, noise=0.005))
+    rows, worth, accepted, parameters, *rest = pays[0]
+    assert not accepted.any()
+    planes, owner, saved = gaps.joined_through_gaps(*pays[0])
+    assert len(planes) > 0
+    assert (saved > 0).all()
+    assert saved[0] < worth[owner == 0].sum() - parameters
+    two = np.argsort(-worth)[:2]
+    planes, owner, _ = gaps.joined_through_gaps(
+        rows[two], worth[two], accepted[two], parameters, *rest
+    )
+    assert len(planes) == 0
+    assert (owner == -1).all()
