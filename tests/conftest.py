@@ -28,12 +28,17 @@ def compiled():
     compilation.wait_for_help()
 
 
+_NOBODY = 2**31 - 1  # no process has that number
+
+
 @pytest.fixture
 def started(monkeypatch):
     """Commands of the processes that help, which are not run; nothing has been said before."""
     commands = []
     monkeypatch.setattr(
-        compilation.subprocess, "Popen", lambda *a, **_: commands.append(a[0]) or SimpleNamespace()
+        compilation.subprocess,
+        "Popen",
+        lambda *a, **_: commands.append(a[0]) or SimpleNamespace(pid=_NOBODY),
     )
     monkeypatch.setattr(compilation, "_helpers", [])
     monkeypatch.setattr(compilation, "_said", set())

@@ -1,18 +1,21 @@
 """What happens around the first compilation."""
 
 import ast
+import errno
 import gc
 import multiprocessing
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
 from numba import njit
-from numba.core import event
+from numba.core import caching, event
 
 from planewise import compilation, warm_up
+from planewise.kernels import jit
 
 
 @pytest.mark.parametrize(
@@ -51,6 +54,41 @@ def test_the_collector_runs_again_after_a_loop_that_does_not_compile():
     with pytest.raises(Exception, match="nothing_of_this_name"):
         njit(loop)(1)
     assert gc.isenabled()
+
+
+def test_loops_of_others_compile_whatever_their_module():
+    """What `exec` makes in a bare namespace has none."""
+    names = {}
+    exec("def loop(x): return x + 1", names)
+    names["loop"].__module__ = None
+    assert njit(names["loop"])(1.0) == 2.0
+
+
+@pytest.mark.parametrize("failing", ["no folder", "no room"])
+def test_loops_work_where_they_cannot_be_kept(monkeypatch, failing):
+    def save(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    if failing == "no folder":
+        monkeypatch.setattr(caching.FunctionCache._impl_class, "_locator_classes", [])
+    else:
+        monkeypatch.setattr(caching.FunctionCache, "save_overload", save)
+
+    @jit.compiled
+    def twice(x):
+        return 2 * x
+
+    assert twice(3) == 6
+    assert (twice.stats.cache_path is None) == (failing == "no folder")
+
+
+def test_who_cannot_keep_loops_hears_how_they_can_be(monkeypatch, started, caplog):
+    monkeypatch.setattr(compilation, "score_rays", njit(lambda x: x))
+    assert not compilation.is_cached("spatial")
+    compilation._said.clear()
+    compilation.announce.__wrapped__("spatial")
+    assert "NUMBA_CACHE_DIR" in caplog.text
+    assert not started  # what they would compile is lost
 
 
 def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path):
@@ -128,6 +166,26 @@ def test_the_process_that_helps_can_be_waited_for(monkeypatch):
     with pytest.raises(ChildProcessError):
         os.waitpid(helper.pid, os.WNOHANG)
     compilation.wait_for_help()  # there is none any more
+
+
+@pytest.mark.skipif(os.name != "posix", reason="zombies as POSIX has them")
+def test_a_process_that_has_helped_is_no_zombie(monkeypatch):
+    monkeypatch.setattr(compilation, "is_cached", lambda _: False)
+    monkeypatch.setattr(compilation, "_shares", lambda *_: [["this"]])
+    monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
+    monkeypatch.setattr(compilation, "_helpers", [])
+    compilation._said.clear()
+    compilation.announce.__wrapped__("spatial")
+    (helper,) = compilation._helpers
+    until = time.monotonic() + 30
+    there = True
+    while there and time.monotonic() < until:
+        time.sleep(0.01)
+        try:
+            os.kill(helper.pid, 0)
+        except ProcessLookupError:
+            there = False
+    assert not there
 
 
 @pytest.mark.parametrize(

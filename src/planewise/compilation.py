@@ -8,6 +8,7 @@ import logging
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterable
 from functools import lru_cache
 from pathlib import Path
@@ -32,13 +33,13 @@ _TELLING: dict[Loops, str] = {  # modules that nothing else needs
 }
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _PARTS = "ledger", "labelling", "merging"  # of `warm_up`
-_helpers: list[subprocess.Popen[bytes]] = []  # kept: nobody has to wait for them
+_helpers: list[subprocess.Popen[bytes]] = []
 _said: set[bool] = set()  # whether of clouds; of images, to see one and to search it is one wait
 
 
 def cache_directory() -> Path:
     """Folder in which Numba keeps the compiled loops (NUMBA_CACHE_DIR moves it)."""
-    return Path(score_rays.stats.cache_path or "")
+    return Path(score_rays.stats.cache_path or os.devnull)
 
 
 def is_cached(loops: Loops) -> bool:
@@ -64,6 +65,12 @@ def announce(loops: Loops) -> None:
     if cloud in _said or is_cached(loops):
         return
     _said.add(cloud)
+    if score_rays.stats.cache_path is None:
+        _LOG.warning(
+            "compiling (10 s to a minute), as in every process: nothing can be kept in the folder "
+            "of planewise or the user's cache; NUMBA_CACHE_DIR names another ..."
+        )
+        return
     _LOG.warning("compiling for this machine, once (10 s to a minute) ...")
     if loops != "paper" and sys.executable and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
@@ -78,8 +85,10 @@ def announce(loops: Loops) -> None:
                     stderr=subprocess.DEVNULL,
                     env=os.environ | {_HELPED: "1"},
                 )
-                helper.returncode = 0  # nobody waits for it, nor should Python complain at exit
+                helper.returncode = 0  # Python should not complain of it at exit
                 _helpers.append(helper)
+                if os.name == "posix":  # else it would be a zombie once it is done
+                    threading.Thread(target=_wait_for, args=[helper], daemon=True).start()
 
 
 def has_compiled() -> bool:
@@ -118,8 +127,12 @@ def without_help() -> None:
 def wait_for_help() -> None:
     """Wait for the process that helps, where one runs: for those who look after all children."""
     while _helpers:
-        with contextlib.suppress(OSError):
-            os.waitpid(_helpers.pop().pid, 0)
+        _wait_for(_helpers.pop())
+
+
+def _wait_for(helper: subprocess.Popen[bytes]) -> None:
+    with contextlib.suppress(OSError):
+        os.waitpid(helper.pid, 0)
 
 
 class _Uncollected(event.Listener):
@@ -133,7 +146,7 @@ class _Uncollected(event.Listener):
 
     def on_start(self, event: Any) -> None:
         if not self._depth and gc.isenabled():
-            ours = event.data["dispatcher"].py_func.__module__.startswith(f"{__package__}.")
+            ours = str(event.data["dispatcher"].py_func.__module__).startswith(f"{__package__}.")
             self._enabled = ours
             if ours:
                 gc.disable()

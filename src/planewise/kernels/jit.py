@@ -9,30 +9,55 @@ which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, on
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Callable
 from typing import Any
 
 from numba import njit
 
+_LOG = logging.getLogger("planewise")
 _njit: Any = njit  # its types know fewer options than it has
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _IN_ORDER = {"contract", "nsz"}
 _OPTIONS: dict[str, Any] = {
-    "cache": True,
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
 }
 
-compiled = _njit(**_OPTIONS, fastmath=_FAST)
+
+def _kept(**options: Any) -> Callable[[Any], Any]:
+    """`numba.njit`; what it compiles is kept on disk, where it can be."""
+
+    def decorate(loop: Callable[..., Any]) -> Any:
+        try:
+            out = _njit(**_OPTIONS, **options, cache=True)(loop)
+        except RuntimeError:  # no folder can be written to
+            return _njit(**_OPTIONS, **options)(loop)
+        save = out._cache.save_overload  # by which Numba keeps it, and fails where a disk is full
+
+        def save_if_possible(*compiled: Any) -> None:
+            try:
+                save(*compiled)
+            except OSError as error:
+                _LOG.debug("%s is not kept: %s", loop.__name__, error)
+
+        out._cache.save_overload = save_if_possible
+        return out
+
+    return decorate
+
+
+compiled = _kept(fastmath=_FAST)
 """Sums may be taken in any order, which lets them be vector code."""
 
-in_order = _njit(**_OPTIONS, fastmath=_IN_ORDER)
+in_order = _kept(fastmath=_IN_ORDER)
 """Sums are taken in the order in which they are written."""
 
-internal = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True, forceinline=True)
+internal = _kept(fastmath=_FAST, no_cpython_wrapper=True, forceinline=True)
 """`compiled` for what only other loops call."""
 
-called = _njit(**_OPTIONS, fastmath=_FAST, no_cpython_wrapper=True)
+called = _kept(fastmath=_FAST, no_cpython_wrapper=True)
 """`internal` for what is large and called in several places, which compiles sooner if it is not
 copied into each."""
 
