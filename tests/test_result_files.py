@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import os
+import pickle
 import tempfile
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
-from planewise.errors import PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.results.image import FILES, depth_in_metres, write_results
 from planewise.results.planes_json import SCHEMA_FILE, SCHEMA_VERSION
 from planewise.whole_files import output_folder, parent_folder
@@ -194,6 +195,38 @@ def test_a_file_goes_to_a_folder_that_can_be_written_to(tmp_path, monkeypatch):
         written_whole(tmp_path / "page.html"),
     ):
         pytest.fail("work was started")
+
+
+def test_names_on_the_way_are_as_long_as_the_system_takes(tmp_path):
+    from planewise.whole_files import written_whole
+
+    name = "n" * 250 + ".json"
+    with written_whole(tmp_path / name) as partial:
+        assert partial.suffix == ".json"
+        partial.write_text("new")
+    with output_folder(tmp_path / ("f" * 255)) as folder:
+        (folder / "x").write_text("1")
+    assert {path.name for path in tmp_path.iterdir()} == {name, "f" * 255}
+
+
+def test_two_that_make_one_folder_at_once_both_do(tmp_path):
+    """Processes of two containers may have one number: neither may take the other's files."""
+    target = tmp_path / "a"
+    with output_folder(target) as first:
+        with output_folder(target) as second:
+            assert first != second
+            (second / "x").write_text("second")
+            (second / "y").write_text("second")
+        (first / "x").write_text("first")
+    assert (target / "x").read_text() == "first"
+    assert (target / "y").read_text() == "second"
+    assert [path.name for path in tmp_path.iterdir()] == ["a"]
+
+
+def test_an_error_for_want_of_an_extra_goes_to_other_processes():
+    error = MissingExtraError("laspy", "reading it", "cloud")
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again)) == (MissingExtraError, str(error))
 
 
 def test_pipes_and_links_stay_what_they_are(tmp_path):

@@ -24,10 +24,15 @@ class MissingExtraError(PlanewiseError):
     """
 
     def __init__(self, package: str, purpose: str, extra: str = "cli") -> None:
+        self._given = package, purpose, extra
         super().__init__(
             f"{purpose} needs the package {package}, which is part of the extra '{extra}': "
             f"pip install 'planewise[{extra}]'"
         )
+
+    def __reduce__(self) -> tuple[type[MissingExtraError], tuple[str, str, str]]:
+        """As it was made, for processes that send it to another."""
+        return type(self), self._given
 
 
 def in_one_line(error: BaseException) -> str:

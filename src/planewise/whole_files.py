@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import secrets
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -35,7 +36,7 @@ def written_whole(path: Path) -> Iterator[Path]:
         raise PlanewiseError(f"output: {path} is not a regular file; give the name of another")
     if not os.access(path.parent, os.W_OK | os.X_OK):
         raise PlanewiseError(f"output: {path.parent} is not a folder that can be written to")
-    partial = path.with_name(f".{path.stem}.{os.getpid()}.partial{path.suffix}")
+    partial = path.with_name(f"{_unique()}{path.suffix}")
     try:
         yield partial
         partial.replace(path)
@@ -70,7 +71,7 @@ def output_folder(target: str | Path, stale: Iterable[str] = ()) -> Iterator[Pat
     made = [path for path in (target, *target.parents) if not path.exists()]
     # Inside an existing folder, which may be a file system of its own; else beside the new one.
     place = target if target.is_dir() else target.parent
-    staging = place / f".{target.name}.{os.getpid()}.partial"
+    staging = place / _unique()
     try:
         if target.is_symlink() and not target.exists():
             raise PlanewiseError(f"output: {target} is a link to what is not there")
@@ -125,10 +126,16 @@ def remove_empty(folders: list[Path]) -> None:
             folder.rmdir()
 
 
+def _unique() -> str:
+    """Name that nobody else has: processes of two containers may have the same number."""
+    return f".{secrets.token_hex(8)}.partial"
+
+
 def _publish(staging: Path, target: Path, stale: Iterable[str]) -> None:
     if not target.exists():
-        staging.rename(target)
-        return
+        with suppress(OSError):  # another process has just made it
+            staging.rename(target)
+            return
     for name in stale:
         if not (staging / name).exists():
             (target / name).unlink(missing_ok=True)
