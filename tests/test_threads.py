@@ -1,5 +1,6 @@
 """Helpers beside the calling thread: what they do, and that their errors are not lost."""
 
+import signal
 import threading
 import time
 
@@ -157,6 +158,37 @@ def test_an_error_comes_in_its_place_and_ends_the_work(count):
     with pytest.raises(ValueError, match="the fourth"):
         next(results)
     assert list(results) == []
+
+
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_an_error_of_the_source_comes_after_what_it_gave(count):
+    def items():
+        yield from range(6)
+        raise OSError("torn")
+
+    results = threads.in_order([lambda n: n] * count, items())
+    assert [next(results) for _ in range(6)] == list(range(6))
+    with pytest.raises(OSError, match="torn"):
+        next(results)
+
+
+def test_an_interrupt_waits_for_the_helper_and_leaves_none():
+    """What the helper writes to is not free before it is done."""
+    done = []
+
+    def work():
+        time.sleep(0.02)
+        signal.raise_signal(signal.SIGINT)
+        time.sleep(0.02)
+        done.append(1)
+
+    names(2)
+    before = threading.active_count()
+    for _ in range(3):
+        with threads.allowed(2), pytest.raises(KeyboardInterrupt), threads.beside(work):
+            pass
+    assert len(done) == 3
+    assert threading.active_count() == before
 
 
 def same(one, other):

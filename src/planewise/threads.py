@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ class _Helper:
     def __init__(self) -> None:
         self._work: Callable[[], None] | None = None
         self._error: BaseException | None = None
+        self._started = self._finished = 0  # pieces of work
         self._given, self._done = threading.Lock(), threading.Lock()
         self._given.acquire()
         self._done.acquire()
@@ -48,17 +50,30 @@ class _Helper:
             except BaseException as error:  # raised where the result is waited for
                 self._error = error
             self._work = None
+            work = self._started
             self._done.release()
+            self._finished = work
 
     def start(self, work: Callable[[], None]) -> None:
         """Let it work."""
         self._work = work
+        self._started += 1
         self._given.release()
 
     def wait(self) -> None:
-        """Until it is done; raises what it raised."""
-        self._done.acquire()
-        error, self._error = self._error, None
+        """Until it is done; raises what it raised.
+
+        An interrupt waits, too, for what the thread writes to is not free before: the first does.
+        """
+        interrupt: BaseException | None = None
+        try:
+            self._done.acquire()
+        except KeyboardInterrupt as pressed:  # before the lock was taken, or just after
+            interrupt = pressed
+            while self._finished < self._started:
+                time.sleep(0.0005)
+            self._done.acquire(blocking=False)
+        error, self._error = interrupt or self._error, None
         _idle.append(self)
         if error is not None:
             raise error
@@ -183,11 +198,21 @@ def in_order(
     items = iter(items)
     try:
         yield from map(work, islice(items, 1))
-        for item in items:
+        failed = None
+        while True:
+            try:
+                item = next(items)
+            except StopIteration:
+                break
+            except Exception as error:  # in its place: what came before is under way
+                failed = error
+                break
             under_way.append(pool.submit(work, item))
             if len(under_way) > len(workers):
                 yield under_way.popleft().result()
         while under_way:
             yield under_way.popleft().result()
+        if failed is not None:
+            raise failed
     finally:
         pool.shutdown(cancel_futures=True)
