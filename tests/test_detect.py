@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -411,6 +412,26 @@ def test_an_objective_has_to_price_every_reading(roof, camera, nats, message):
 
     with pytest.raises(ValueError, match=f"objective: .*{message}"):
         pw.detect_planes(roof[0], camera, SENSOR, objective=pw.Objective(null=Null()))
+
+
+@pytest.mark.parametrize("nats", [np.nan, None, "1"])
+def test_masks_that_cost_no_number_are_refused(roof, camera, nats):
+    class Mask:
+        def information(self, count, planes):
+            return nats
+
+    with pytest.raises(ValueError, match=r"mask\.information must return finite nats, got"):
+        pw.detect_planes(roof[0], camera, SENSOR, objective=pw.Objective(mask=Mask()))
+
+
+@pytest.mark.parametrize("part", ["white", "shared", "drift"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -0.001])
+def test_parts_of_the_noise_that_are_no_sigma_are_refused(roof, camera, part, wrong):
+    parts = dict.fromkeys(("white", "shared", "drift"), pw.noise.constant(0.002))
+    parts[part] = lambda z: np.where(z > z.min(), 0.002, wrong)
+    sensor = replace(SENSOR, parts=pw.noise.ErrorParts(**parts))
+    with pytest.raises(ValueError, match="parts of a sensor's noise must be finite"):
+        pw.detect_planes(roof[0], camera, sensor)
 
 
 def test_the_objective_follows_from_what_there_is(roof, camera):

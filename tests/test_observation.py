@@ -98,6 +98,9 @@ def test_bad_depth_is_refused(camera, depth, message):
         pw.observe(depth, camera, SENSOR)
 
 
+NO_PARTS = pw.noise.ErrorParts(**dict.fromkeys(("white", "shared", "drift"), pw.noise.NOTHING))
+
+
 @pytest.mark.parametrize(
     ("kwargs", "message"),
     [
@@ -114,6 +117,8 @@ def test_bad_depth_is_refused(camera, depth, message):
         ({"noise": "0.01"}, "noise must be a function of depth, metres or 'auto', got '0.01'"),
         ({"noise": True}, "noise must be a function of depth, metres or 'auto', got True"),
         ({"parts": "kinect"}, "parts must be planewise.noise.ErrorParts or None, got 'kinect'"),
+        ({"noise": pw.noise.NOTHING}, "noise must be more than nothing"),
+        ({"parts": NO_PARTS}, "parts.white must be more than"),
         ({"noise": 0.0}, "sigma must be positive"),
         ({"noise": -1.0}, "sigma must be positive"),
         ({"noise": float("nan")}, "sigma must be positive"),

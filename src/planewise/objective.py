@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite
 from planewise.information import (
     exact_fit_information,
     mask_information,
@@ -108,9 +109,7 @@ class Objective:
 
     def empty(self, observation: Observation) -> float:
         """Phi_0: no plane."""
-        return float(self._outliers(observation).sum()) + self.mask.information(
-            observation.count, 0
-        )
+        return float(self._outliers(observation).sum()) + self._mask(observation.count, 0)
 
     def structure(
         self, observation: Observation, planes: int, readings: int | None = None
@@ -121,7 +120,13 @@ class Objective:
         """
         cost = plane_information(observation.dimension, observation.range, observation.resolution)
         count = observation.count if readings is None else readings
-        return planes * cost + self.mask.information(count, planes)
+        return planes * cost + self._mask(count, planes)
+
+    def _mask(self, count: int, planes: int) -> float:
+        nats = self.mask.information(count, planes)
+        if not is_finite(nats):
+            raise ValueError(f"objective: mask.information must return finite nats, got {nats!r}")
+        return float(nats)
 
     def _outliers(self, observation: Observation) -> Array:
         return _checked("null.information", self.null.information(observation), observation)

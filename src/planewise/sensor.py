@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planewise.arguments import is_finite, make_plain
-from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, constant, proportional
+from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, Nothing, constant, proportional
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,9 +79,13 @@ class Sensor:
         parts: Any = self.parts
         if not (parts is None or isinstance(parts, ErrorParts)):
             raise ValueError(f"parts must be planewise.noise.ErrorParts or None, got {parts!r}")
+        if parts is not None and isinstance(parts.white, Nothing):
+            raise ValueError("parts.white must be more than nothing: no two readings err alike")
         noise: Any = self.noise
         if not isinstance(noise, bool) and isinstance(noise, Real):
             object.__setattr__(self, "noise", constant(float(noise)))
+        elif isinstance(noise, Nothing):
+            raise ValueError("noise must be more than nothing: there is no sensor without")
         elif not (callable(noise) or (isinstance(noise, str) and noise == AUTO)):
             raise ValueError(f"noise must be a function of depth, metres or 'auto', got {noise!r}")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planewise.information import coordinate_information
 from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
-from planewise.noise import NOTHING
+from planewise.noise import NOTHING, ErrorParts
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.workspace import Workspace
@@ -126,7 +126,7 @@ def frame_of(
         white = observation.level_sigma if parts is None else np.asarray(parts.white(z))
         shared, drift = _UNKNOWN_SHARED * white, _UNKNOWN_DRIFT * white
     else:
-        white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
+        white, shared, drift = _parts(parts, z)
     by_level = np.empty((4, z.size))
     for row, deviation in zip(by_level, (white, shared, drift, image.steps()), strict=True):
         np.multiply(deviation * deviation, quarter, out=row)
@@ -154,6 +154,18 @@ def frame_of(
         sectors=sectors,
         wild=wild,
     )
+
+
+def _parts(parts: ErrorParts, z: Array) -> tuple[Array, Array, Array]:
+    """White, shared and drift at depths z, in metres, checked."""
+    white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
+    every = white + shared + drift
+    if not (white.min() > 0 and min(shared.min(), drift.min()) >= 0 and np.isfinite(every).all()):
+        raise ValueError(
+            "the parts of a sensor's noise must be finite and not negative (metres), and white "
+            "positive; they are not at all depths that occur"
+        )
+    return white, shared, drift
 
 
 def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
