@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from unittest.mock import patch
 
@@ -49,7 +50,8 @@ def told(frame: Frame) -> list[float] | None:
     described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / cells._SATURATION
     by_lag = []
     for lag in LAGS:
-        with patch.object(frame_error, "_LAG", lag), patch.object(frame_error, "_LAGS", ()):
+        nearest = partial(frame_error.drift_factor, lag=lag)
+        with patch.object(cells, "drift_factor", nearest), patch.object(frame_error, "_LAGS", ()):
             one = cells.cells_of(image, seen.pixel_size)
         assert one is not None
         by_lag.append(1e3 * float(np.sqrt(one.error.drift * described)))

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from benchmarks import ablation, guard
+from benchmarks.frame_error import LAGS, told
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
 from benchmarks.labelled import LabelledFrame
 from benchmarks.rival_points import Cloud
 from benchmarks.rivals import METHODS, Method
+from benchmarks.simulated import kinect_room
 from benchmarks.speed_rows import Settings, SkippedError, against_open3d
 from benchmarks.table import RATIO, Row
 from benchmarks.timing import interleaved, one_core
@@ -87,6 +89,11 @@ def test_every_fast_method_that_is_installed_finds_planes(method):
         labels = ready.labels(ready.detect())
     assert labels.shape == scene.labels.shape
     assert 2 <= labels.max() <= 40
+
+
+def test_every_distance_tells_drift_by_itself():
+    frame, _ = kinect_room(0)
+    assert len(set(told(frame)[3 : 3 + len(LAGS)])) == len(LAGS)
 
 
 @pytest.fixture(scope="module")
