@@ -152,7 +152,13 @@ def test_bad_images_and_points_are_refused():
 
 @pytest.mark.parametrize(
     "camera",
-    [CAMERA, pw.SphericalCamera.spinning([2, 0, -3], 90, start=10, clockwise=False)],
+    [
+        CAMERA,
+        pw.SphericalCamera.spinning([2, 0, -3], 90, start=10, clockwise=False),
+        # Rows closer than those of a spinning LiDAR, in a narrow view and all the way round.
+        pw.SphericalCamera(elevation=np.linspace(0.9, -0.9, 200), azimuth=np.linspace(1, -1, 300)),
+        pw.SphericalCamera(elevation=np.linspace(0.9, -0.9, 200), azimuth=180.0 - np.arange(360)),
+    ],
 )
 def test_what_a_camera_describes_can_be_read_back(tmp_path, camera):
     path = tmp_path / "lidar.json"

@@ -313,10 +313,13 @@ class SphericalCamera:
         """Say in plain types what the camera is, for result files and camera files."""
         out: dict[str, Any] = {"model": "spherical", "elevation": list(self.elevation)}
         start, clockwise = self.azimuth[0], self._continuous()[1] < self.azimuth[0]
-        even = SphericalCamera.spinning(
-            self.elevation, len(self.azimuth), start=start, clockwise=bool(clockwise)
-        )
-        if even.azimuth == self.azimuth:
+        try:
+            even = SphericalCamera.spinning(
+                self.elevation, len(self.azimuth), start=start, clockwise=bool(clockwise)
+            ).azimuth
+        except ValueError:  # rows closer than those of a spinning LiDAR
+            even = ()
+        if even == self.azimuth:
             out |= {"columns": len(self.azimuth), "start": start, "clockwise": bool(clockwise)}
         else:
             out["azimuth"] = list(self.azimuth)
