@@ -81,6 +81,13 @@ def test_contingency_table_of_valid_pixels_large_labels_and_masks():
     assert table.counts.tolist() == [[0, 0], [1, 1]]
 
 
+def test_large_labels_of_unsigned_numbers_are_told_apart():
+    labels = np.array([[2**60, 2**60 + 1, 5]], np.uint64)
+    table = contingency_table(labels, [[1, 2, 2]])
+    assert table.predicted_labels.tolist() == [0, 5, 2**60, 2**60 + 1]
+    assert table.counts.tolist() == [[0] * 4, [0, 0, 1, 0], [0, 1, 0, 1]]
+
+
 def test_policies_by_hand():
     truth = image("11112200")
     predicted = image("11334400")

@@ -136,7 +136,8 @@ def _labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
         raise ValueError(f"{name} must hold labels of at least 0, got {labels.min()}")
     if labels.size and int(labels.max()) > np.iinfo(np.int64).max:
         raise ValueError(f"{name} must hold labels below 2^63, got {labels.max()}")
-    return labels
+    # NumPy takes unsigned and signed integers of 64 bits together for floats.
+    return labels.astype(np.int64) if labels.dtype == np.uint64 else labels
 
 
 def _numbered(labels: NDArray[np.integer]) -> tuple[Counts, Counts]:
