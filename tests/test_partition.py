@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -104,11 +107,24 @@ def test_points_have_no_regions():
 
 
 @pytest.mark.parametrize(
-    "options", [{"confidence": 1.0}, {"region_inlier_ratio": 0.0}, {"remainder_planes": 0}]
+    "options",
+    [
+        {"confidence": 1.0},
+        {"confidence": "a"},
+        {"region_inlier_ratio": 0.0},
+        {"remainder_planes": 0},
+        {"region_planes": True},
+    ],
 )
 def test_options_are_checked(options):
     with pytest.raises(ValueError, match=next(iter(options))):
         PartitionOptions(**options)
+
+
+def test_options_may_be_numbers_of_numpy():
+    options = PartitionOptions(region_planes=np.int64(3), remainder_inlier_ratio=np.float32(0.5))
+    assert options == PartitionOptions(region_planes=3, remainder_inlier_ratio=0.5)
+    assert json.loads(json.dumps(asdict(options))) == asdict(options)
 
 
 def test_the_papers_values_are_the_defaults():

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -254,11 +255,18 @@ def test_free_points_cannot_be_reassigned():
         ({"gradient": 3.0}, "gradient must be a whole number of pixels, got 3.0"),
         ({"smoothing": -1.0}, "smoothing must be a number of pixels, not negative, got -1.0"),
         ({"smoothing": math.nan}, "smoothing must be"),
+        ({"smoothing": "a"}, "smoothing must be a number of pixels, not negative, got 'a'"),
     ],
 )
 def test_sizes_are_checked(sizes, message):
     with pytest.raises(ValueError, match=message):
         pw.NormalReassignment(**sizes)
+
+
+def test_sizes_may_be_numbers_of_numpy():
+    how = pw.NormalReassignment(gradient=np.int64(5), smoothing=np.float32(2))
+    assert how == pw.NormalReassignment(gradient=5, smoothing=2.0)
+    assert json.dumps(asdict(how)) == '{"gradient": 5, "smoothing": 2.0}'
 
 
 def test_a_kernel_larger_than_the_image_is_no_error(roof, camera):

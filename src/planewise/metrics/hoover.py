@@ -11,6 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import is_finite
+
 Array = NDArray[np.float64]
 
 _ROUNDING = 1e-9
@@ -83,8 +85,8 @@ def hoover_counts(counts: ArrayLike, *, tolerance: float = 0.8) -> HooverCounts:
     >>> hoover_counts([[0, 0, 0], [5, 95, 0], [0, 0, 50]])
     HooverCounts(correct=2, over=0, under=0, missed=0, noise=0, tolerance=0.8)
     """
-    if not 0.5 < tolerance <= 1:
-        raise ValueError(f"tolerance must lie above 0.5 and not above 1, got {tolerance}")
+    if not (is_finite(tolerance) and 0.5 < tolerance <= 1):
+        raise ValueError(f"tolerance must lie above 0.5 and not above 1, got {tolerance!r}")
     table = np.asarray(counts, np.float64)
     if table.ndim != 2 or 0 in table.shape or not (table >= 0).all():
         raise ValueError(

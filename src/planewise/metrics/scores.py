@@ -32,6 +32,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import is_finite
 from planewise.metrics.confidence import Interval, mean_interval
 from planewise.metrics.contingency import (
     Clustering,
@@ -212,10 +213,10 @@ def _matches(
     table: ContingencyTable, iou: float, minimum_pixels: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which pairs of planes match, shape (G, P), and which true planes count, shape (G,)."""
-    if not 0.5 <= iou < 1:
-        raise ValueError(f"iou must be at least 0.5 and below 1, got {iou}")
-    if minimum_pixels < 0:
-        raise ValueError(f"minimum_pixels must not be negative, got {minimum_pixels}")
+    if not (is_finite(iou) and 0.5 <= iou < 1):
+        raise ValueError(f"iou must be at least 0.5 and below 1, got {iou!r}")
+    if not (is_finite(minimum_pixels) and minimum_pixels >= 0):
+        raise ValueError(f"minimum_pixels must be a number, not negative, got {minimum_pixels!r}")
     return table.overlaps() > iou, table.truth_sizes[1:] >= minimum_pixels
 
 
@@ -307,8 +308,8 @@ def evaluate(
     ValueError
         If an argument is malformed; the message names it and says what was expected.
     """
-    if not len(iou):
-        raise ValueError("iou must hold at least one number")
+    if np.ndim(iou) != 1 or not len(iou):
+        raise ValueError(f"iou must be a sequence of at least one number, got {iou!r}")
     if (predicted_planes is None) != (truth_planes is None):
         missing = "predicted_planes" if predicted_planes is None else "truth_planes"
         raise ValueError(f"{missing} must be given where the parameters of the other side are")

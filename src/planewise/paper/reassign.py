@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite, is_whole, make_plain
 from planewise.observation import RayObservation
 from planewise.paper.evaluate import Assignment
 from planewise.paper.problem import Problem, Solution
@@ -40,16 +41,18 @@ class NormalReassignment:
     smoothing: float = 3.0
 
     def __post_init__(self) -> None:
-        if isinstance(self.gradient, bool) or not isinstance(self.gradient, int):
+        if not is_whole(self.gradient):
             raise ValueError(f"gradient must be a whole number of pixels, got {self.gradient!r}")
         if self.gradient < 3 or self.gradient % 2 == 0:
             raise ValueError(
                 f"gradient must be an odd number of pixels, at least 3, got {self.gradient}"
             )
-        if not (math.isfinite(self.smoothing) and self.smoothing >= 0):
+        if not (is_finite(self.smoothing) and self.smoothing >= 0):
             raise ValueError(
-                f"smoothing must be a number of pixels, not negative, got {self.smoothing}"
+                f"smoothing must be a number of pixels, not negative, got {self.smoothing!r}"
             )
+        make_plain(self, int, "gradient")
+        make_plain(self, float, "smoothing")
 
     @property
     def gaussian(self) -> Array:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from planewise.arguments import is_finite, is_whole, make_plain
+
 
 @dataclass(frozen=True, kw_only=True)
 class PartitionOptions:
@@ -30,9 +32,11 @@ class PartitionOptions:
     def __post_init__(self) -> None:
         for name in ("confidence", "region_inlier_ratio", "remainder_inlier_ratio"):
             value = getattr(self, name)
-            if not 0 < value < 1:
-                raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value}")
+            if not (is_finite(value) and 0 < value < 1):
+                raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
+            make_plain(self, float, name)
         for name in ("region_planes", "remainder_planes"):
             value = getattr(self, name)
-            if not (isinstance(value, int) and value >= 1):
+            if not (is_whole(value) and value >= 1):
                 raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+            make_plain(self, int, name)
