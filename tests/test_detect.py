@@ -254,6 +254,11 @@ def test_the_model_is_the_minimum_of_its_curve():
         assert phi == pytest.approx(model.information, rel=1e-12)
 
 
+def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera):
+    options = {"search": "sequential", "confidence": 1e-17}
+    assert len(pw.detect_planes(roof[0], camera, SENSOR, **options)) > 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -261,6 +266,8 @@ def test_the_model_is_the_minimum_of_its_curve():
         ({"objective": "best"}, "objective must be"),
         ({"confidence": 1.0}, "confidence must lie between 0 and 1"),
         ({"inlier_ratio": 0.0}, "inlier_ratio must lie between 0 and 1"),
+        ({"inlier_ratio": 1e-200}, "inlier_ratio is too small, got 1e-200: .* inf samples"),
+        ({"inlier_ratio": 1e-3, "search": "sequential"}, "inlier_ratio is too small, got 0.001"),
         ({"max_planes": 0}, "max_planes must lie in"),
         ({"max_planes": 70000}, "max_planes must lie in"),
         ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),

@@ -101,7 +101,7 @@ class Options:
             raise ValueError("objective='spatial' needs search='joint', got another search")
         elif self.search != "joint" and given:
             raise ValueError(f"{given} needs search='joint', got another search")
-        trial_count(self.confidence, self.inlier_ratio)
+        trial_count(self.confidence, self.inlier_ratio, 2)  # the fewest dimensions there are
         as_reassignment(self.reassign)
         if self.reassign is not None and self._spatial:
             raise ValueError(

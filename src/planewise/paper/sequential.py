@@ -18,10 +18,16 @@ from planewise.wording import counted
 Array = NDArray[np.float64]
 
 _CHUNK = 16_384  # samples held at a time
+_MOST_TRIALS = 1e9  # hours for one plane
 
 
 def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
     """Samples needed to draw one of inliers alone: ln(1 - c) / ln(1 - r^n) (paper, sec. III-C).
+
+    Raises
+    ------
+    ValueError
+        If c or r is no share, or r so small that no search would end.
 
     Examples
     --------
@@ -31,7 +37,14 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     for name, value in (("confidence", confidence), ("inlier_ratio", inlier_ratio)):
         if not (is_finite(value) and 0 < value < 1):
             raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
-    return math.ceil(math.log(1 - confidence) / math.log1p(-(inlier_ratio**dimension)))
+    alone = float(inlier_ratio) ** dimension
+    trials = math.log1p(-confidence) / math.log1p(-alone) if alone else math.inf
+    if trials > _MOST_TRIALS:
+        raise ValueError(
+            f"inlier_ratio is too small, got {inlier_ratio!r}: a plane would take {trials:.3g} "
+            f"samples, more than {_MOST_TRIALS:.0e}"
+        )
+    return max(1, math.ceil(trials))
 
 
 def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) -> NDArray[np.int64]:
