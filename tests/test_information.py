@@ -157,6 +157,18 @@ def test_what_is_no_plane_has_no_information(camera, plane):
         pw.information(observation, [plane], np.ones((48, 64), int))
 
 
+def test_a_plane_that_rays_lie_in_has_no_information():
+    camera = pw.PinholeCamera(fx=3, fy=3, cx=1, cy=0)
+    observation = pw.observe(np.full((2, 3), 2.0), camera, pw.Sensor(noise=0.01))
+    labels = np.ones((2, 3), int)
+    with pytest.raises(ValueError, match="passes through the sensor, and rays of its readings lie"):
+        pw.information(observation, [[1, 0, 0, 0]], labels)
+    labels[:, 1] = 0  # the other rays meet it at the sensor
+    assert np.isfinite(pw.information(observation, [[1, 0, 0, 0]], labels))
+    # Rays that run beside a plane never meet it.
+    assert pw.information(observation, [[1, 0, 0, 0.5]], np.ones((2, 3), int)) == math.inf
+
+
 def test_the_judge_is_public():
     assert pw.information is module_function
 

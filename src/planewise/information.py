@@ -145,7 +145,8 @@ def information(
     Raises
     ------
     ValueError
-        If shapes do not agree, a normal has not length one, or a label names no plane.
+        If shapes do not agree, a normal has not length one, a label names no plane, or a plane
+        passes through the sensor such that its readings say nothing of it.
 
     Examples
     --------
@@ -202,7 +203,13 @@ def information(
     inliers = []
     for j, row in enumerate(rows, start=1):
         mine = marks == j
-        inliers.append((observation.residuals(row)[mine], observation.sigma[mine]))
+        residuals = observation.residuals(row)[mine]
+        if np.isnan(residuals).any():
+            raise ValueError(
+                f"planes: {row.tolist()} passes through the sensor, and rays of its readings lie "
+                "in it"
+            )
+        inliers.append((residuals, observation.sigma[mine]))
     return planes_model(
         inliers,
         int(np.count_nonzero(marks == 0)),

@@ -250,7 +250,9 @@ class RayObservation(Observation):
     def residuals(self, plane: ArrayLike) -> Array:
         """delta = z + d / (n . r): distance along the ray, measured in depth (paper, eq. 9)."""
         plane = np.asarray(plane, dtype=np.float64)
-        return np.asarray(self.depth + plane[3] / (plane[:3] @ self.rays))
+        # Infinite where the ray does not meet the plane, NaN where it lies in it.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.depth + plane[3] / (plane[:3] @ self.rays))
 
     def positions(self) -> Array:
         """Return the readings as points in space, shape (k, 3), metres."""
