@@ -79,6 +79,18 @@ def test_two_folders(folders, tmp_path, truth):
     assert re.search(r"voi_frame \d\.\d{4} -?\d\.\d{4} \.\.\. \d\.\d{4} 3", text)
 
 
+def test_a_frame_without_a_true_plane_is_left_out_of_the_means(folders, tmp_path, truth):
+    np.save(folders[1] / "1.npy", 0 * truth)
+    code, text, _ = run("eval", *folders, "-o", tmp_path / "scores.csv")
+    assert code == 0
+    line = read(tmp_path / "scores.csv")[0]
+    names = [
+        f"{name}_{policy}" for name in ("voi", "ri", "sc") for policy in ("labelled", "k_best")
+    ]
+    assert {line[name] for name in names} == {""}
+    assert re.search(r"voi_labelled \S+ \S+ \.\.\. \S+ 2", text)
+
+
 def test_parameters_of_both_give_errors(tmp_path, truth):
     folder = tmp_path / "frame"
     folder.mkdir()

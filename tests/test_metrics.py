@@ -190,7 +190,9 @@ def test_agrees_with_the_reference(score):
         ours = {"n_pred": row["planes_predicted"], "n_gt": row["planes_true"]}
         ours |= {"n_gt400": row["planes_counted"]}
         for letter, policy in POLICIES.items():
-            ours |= {f"{letter}_{name}": row[f"{name}_{policy}"] for name in ("voi", "ri", "sc")}
+            each = getattr(scores, policy)
+            ours |= {f"{letter}_voi": each.variation_of_information}
+            ours |= {f"{letter}_ri": each.rand_index, f"{letter}_sc": each.covering}
         for found, digits in zip(scores.detections, ("50", "80"), strict=True):
             ours |= {f"tp{digits}": found.hits, f"prec{digits}": found.precision}
             ours |= {f"rec{digits}": found.recall, f"f{digits}": found.f1}
@@ -297,11 +299,13 @@ def test_names_of_labels_do_not_matter(predicted, truth, names):
 
 @given(label_images)
 def test_the_truth_itself_is_perfect(truth):
-    row = evaluate(truth, truth, valid=truth >= 0, minimum_pixels=1).row()
-    planes = len(np.unique(truth[truth > 0]))
+    scores = evaluate(truth, truth, valid=truth >= 0, minimum_pixels=1)
+    planes, row = len(np.unique(truth[truth > 0])), scores.row()
     for policy in POLICIES.values():
-        assert row[f"voi_{policy}"] == pytest.approx(0, abs=1e-9)
-        assert row[f"ri_{policy}"] == row[f"sc_{policy}"] == 1
+        each = getattr(scores, policy)
+        assert each.variation_of_information == pytest.approx(0, abs=1e-9)
+        assert each.rand_index == each.covering == 1
+        assert each.pixels == (truth.size if policy in ("frame", "valid") else (truth > 0).sum())
     assert row["hoover_correct"] == planes
     assert row["f1@0.8"] == 1 if planes else math.isnan(row["f1@0.8"])
 
@@ -413,6 +417,19 @@ def test_summary_leaves_out_what_is_not_defined():
     summary = summarise([{"a": 1.0, "b": math.nan}, {"a": 3.0, "b": 5.0}])
     assert (summary["a"].mean, summary["a"].count) == (2, 2)
     assert (summary["b"].mean, summary["b"].count) == (5, 1)
+
+
+def test_frames_without_labelled_or_valid_pixels_are_left_out_of_the_means():
+    truth, predicted = image("1122", "1122"), image("1112", "1112")
+    frames = [
+        evaluate(predicted, truth, valid=truth > 0),
+        evaluate(predicted, truth * 0, valid=truth < 0),
+        evaluate(predicted, image("0000", "1000")),
+    ]
+    summary = summarise(frame.row() for frame in frames)
+    for policy, count in {"labelled": 1, "k_best": 1, "frame": 3, "valid": 1}.items():
+        assert {summary[f"{name}_{policy}"].count for name in ("voi", "ri", "sc")} == {count}
+    assert summary["ri_labelled"].mean == frames[0].labelled.rand_index < 1
 
 
 def test_every_module_that_a_user_calls_is_an_attribute():

@@ -66,11 +66,14 @@ class Clustering:
     covering : float
         Segmentation covering: every segment's best intersection over union with one of the other
         side, weighted by size, mean of both directions.
+    pixels : int
+        How many these are; fewer than two say nothing of a partition.
     """
 
     variation_of_information: float
     rand_index: float
     covering: float
+    pixels: int
 
 
 def contingency_table(
@@ -184,7 +187,9 @@ def clustering(counts: ArrayLike) -> Clustering:
     common = common[common.sum(axis=1) > 0][:, common.sum(axis=0) > 0]
     rows, columns, total = common.sum(axis=1), common.sum(axis=0), float(common.sum())
     if total < 2:
-        return Clustering(variation_of_information=0.0, rand_index=1.0, covering=1.0)
+        return Clustering(
+            variation_of_information=0.0, rand_index=1.0, covering=1.0, pixels=int(total)
+        )
     information = 2 * _entropy(common / total) - _entropy(rows / total) - _entropy(columns / total)
     # Ordered pairs together in one partition only, of all ordered pairs of two pixels.
     apart = (rows**2).sum() + (columns**2).sum() - 2 * (common**2).sum()
@@ -194,6 +199,7 @@ def clustering(counts: ArrayLike) -> Clustering:
         variation_of_information=max(information, 0.0),
         rand_index=float(1 - apart / (total * (total - 1))),
         covering=float(covered / (2 * total)),
+        pixels=int(total),
     )
 
 

@@ -154,17 +154,22 @@ class FrameScores:
     errors: PlaneErrors | None
 
     def row(self) -> dict[str, float]:
-        """All numbers by name, for tables and files; NaN is "not defined"."""
+        """All numbers by name, for tables, files and means; NaN is "not defined".
+
+        A clustering of fewer than two pixels is not, though it is a perfect one by itself.
+        """
         out: dict[str, float] = {
             "planes_predicted": self.predicted_planes,
             "planes_true": self.true_planes,
             "planes_counted": self.counted_planes,
         }
         undefined = Clustering(
-            variation_of_information=math.nan, rand_index=math.nan, covering=math.nan
+            variation_of_information=math.nan, rand_index=math.nan, covering=math.nan, pixels=0
         )
         for policy in ("labelled", "k_best", "frame", "valid"):
-            each = getattr(self, policy) or undefined
+            each = getattr(self, policy)
+            if each is None or each.pixels < 2:
+                each = undefined
             out[f"voi_{policy}"] = each.variation_of_information
             out[f"ri_{policy}"] = each.rand_index
             out[f"sc_{policy}"] = each.covering
