@@ -8,8 +8,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise.model import Curve, Move
+from planewise.objective import PAPER as PAPER_OBJECTIVE
 from planewise.observation import RayObservation
 from planewise.outlines.outlines import Surface
+from planewise.paper.evaluate import Assignment, evaluator
+from planewise.paper.problem import Problem, Solution
+from planewise.paper.rank import merge_found
 from planewise.point_observation import PointObservation
 from planewise.results.planes_json import describe_model
 from planewise.sensor_files import describe_exactly
@@ -62,7 +67,7 @@ def test_phi_is_that_of_an_independent_program(roof, camera, way):
     assert model.information == pytest.approx(phi, rel=1e-9)
     judge = pw.information(pw.observe(depth, camera, sensor), model.planes, model.labels)
     assert judge == pytest.approx(phi, rel=1e-12)
-    assert model.curve[len(model)] == pytest.approx(phi, rel=1e-9) or way["search"] == "sequential"
+    assert model.curve[len(model)] == pytest.approx(phi, rel=1e-9)
     assert model.curve[model.curve.chosen] == min(model.curve)
 
 
@@ -252,6 +257,44 @@ def test_the_model_is_the_minimum_of_its_curve():
         observed = pw.observe(room.depth, room.camera, pw.sensors.KINECT_V1)
         phi = pw.information(observed, model.planes, model.labels)
         assert phi == pytest.approx(model.information, rel=1e-12)
+
+
+def test_the_curve_is_that_of_the_planes_left_where_some_merged():
+    scene = pw.scenes.room(6, size=(240, 320))
+    model = pw.detect_planes(
+        scene.depth, scene.camera, scene.sensor, search="sequential", inlier_ratio=0.25
+    )
+    assert model.curve[len(model)] == model.information == min(model.curve)
+    assert model.curve.chosen == len(model)
+    *found, merged = model.curve.moves
+    assert {move.kind for move in found} == {"add"}
+    assert merged == Move(kind="merge", planes=len(model), information=model.information)
+    assert merged.information < min(move.information for move in found)
+
+
+def test_planes_that_do_not_pay_once_others_merged_are_left_out(roof, camera):
+    depth, planes, labels = roof
+    observation = pw.observe(depth, camera, SENSOR)
+    readings = evaluator(observation, PAPER_OBJECTIVE.thresholds(observation))
+    theta = -planes[:, :3] / planes[:, 3:]
+    # The second plane is the first one again, the third has a few readings.
+    given = np.where(labels.ravel() == 1, 1 + np.arange(labels.size) % 3 // 2, 0)
+    given[np.flatnonzero(labels.ravel() == 2)[:200]] = 3
+    each = np.stack([readings.assign(theta[j : j + 1]).best for j in (0, 0, 1)])
+    gains = np.where(given > 0, each[given - 1, np.arange(given.size)], 0.0)
+    few = -float(gains[given == 3].sum())
+    problem = Problem(
+        evaluator=readings, empty=1e5, structure=np.array([0, 1, 2 + 2 * few, 3 + 2 * few])
+    )
+    assignment = Assignment.of(given.astype(np.uint16), gains, 3)
+    found = Solution(theta[[0, 0, 1]], assignment, problem.phi(3, assignment.gain))
+    before = Curve(information=problem.phis(assignment), chosen=3, reason="")
+    left, curve = merge_found(problem, found, before)
+    assert [(move.kind, move.planes) for move in curve.moves] == [("merge", 2), ("cut", 1)]
+    assert left.phi == curve[1] == min(curve) == problem.phi(1, left.assignment.gain)
+    assert (len(left), curve.chosen, len(curve)) == (1, 1, 3)
+    assert_array_equal(left.assignment.labels, labels.ravel() == 1)
+    assert_array_equal(assignment.labels, given)  # its input is as it was
 
 
 def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera):

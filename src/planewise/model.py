@@ -103,7 +103,7 @@ class Curve:
     ----------
     information : ndarray, shape (M + 1,)
         Phi in nats after 0, 1 ... M planes. M may exceed the chosen number, to show what one more
-        plane would have cost.
+        plane would have cost. Where planes merged after the search, those that were left.
     chosen : int
         Number of planes at the minimum.
     reason : str

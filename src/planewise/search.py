@@ -18,7 +18,7 @@ from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
 from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
-from planewise.paper.rank import merge_into_better, rank
+from planewise.paper.rank import merge_found, rank
 from planewise.paper.reassign import as_reassignment, reassign_by_normals
 from planewise.paper.regions import joint_with_regions, sequential_in_regions
 from planewise.paper.sequential import sequential_search, trial_count
@@ -115,7 +115,7 @@ def _separable_model(
     elif options.search == "sequential":
         trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
         solution, curve = sequential_search(problem, trials=trials, rng=rng)
-        solution = merge_into_better(problem, solution)
+        solution, curve = merge_found(problem, solution, curve)
     else:
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)

@@ -132,7 +132,7 @@ def descend(
 
 def _cut(problem: Problem, solution: Solution) -> Iterator[Solution]:
     """Yield what is left as long as the first planes alone are better than all of them."""
-    while (best := int(np.argmin(_phis(problem, solution)))) < len(solution):
+    while (best := int(np.argmin(problem.phis(solution.assignment)))) < len(solution):
         cut = problem.solve(solution.parameters[:best])
         solution = problem.refine(cut, _TRIAL, stretch=2.0)
         yield solution
@@ -306,12 +306,6 @@ def _beyond(problem: Problem, solution: Solution, spare: Array) -> Array:
     return np.array(phis)
 
 
-def _phis(problem: Problem, solution: Solution) -> Array:
-    """Exact Phi with the first 0 ... N planes alone."""
-    sums = solution.assignment.cumulative
-    return np.array([problem.phi(n, float(gain)) for n, gain in enumerate(sums)])
-
-
 def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]) -> Curve:
     """Phi with the first planes, and what a few more would have made it."""
     n = len(solution)
@@ -321,5 +315,5 @@ def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]
         reason = "no plane saves more than it costs"
     else:
         reason = "no move lowers the information"
-    phi = np.append(_phis(problem, solution), _beyond(problem, solution, spare))
+    phi = np.append(problem.phis(solution.assignment), _beyond(problem, solution, spare))
     return Curve(information=phi, chosen=n, reason=reason, moves=tuple(moves))

@@ -48,6 +48,11 @@ class Problem:
         """Phi of a model from its number of planes and the sum of its gains."""
         return self.empty + float(self.structure[planes]) + self.weight * gain
 
+    def phis(self, assignment: Assignment) -> Array:
+        """Phi with the first 0 ... N planes alone, shape (N + 1,)."""
+        sums = assignment.cumulative
+        return np.array([self.phi(n, float(gain)) for n, gain in enumerate(sums)])
+
     def solve(self, parameters: Array) -> Solution:
         """Label the readings with these planes."""
         assignment = self.evaluator.assign(parameters)

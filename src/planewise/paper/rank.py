@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.model import Plane
+from planewise.model import Curve, Plane
 from planewise.observation import Observation
 from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
@@ -57,6 +59,39 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     assignment = Assignment.of(lookup[labels], gains, len(keep))
     phi = problem.phi(len(keep), assignment.gain)
     return Solution(planes[keep], assignment, phi)
+
+
+def merge_found(problem: Problem, solution: Solution, curve: Curve) -> tuple[Solution, Curve]:
+    """Merge planes found one after the other, and leave out the last ones that do not pay then.
+
+    Parameters
+    ----------
+    problem : Problem
+        Readings and objective.
+    solution, curve
+        From `sequential_search`.
+
+    Returns
+    -------
+    solution : Solution
+        With Phi no higher; the same object if nothing was merged.
+    curve : Curve
+        The same if nothing was merged; else that of the planes that were left, and what was done.
+    """
+    merged = merge_into_better(problem, solution)
+    if merged is solution:
+        return solution, curve
+    curve = curve.then("merge", len(merged), merged.phi)
+    phi = problem.phis(merged.assignment)
+    chosen = int(np.argmin(phi))
+    if chosen < len(merged):
+        labels, gains = merged.assignment.labels, merged.assignment.best
+        beyond = labels > chosen
+        labels[beyond], gains[beyond] = 0, 0.0
+        assignment = Assignment.of(labels, gains, chosen)
+        merged = Solution(merged.parameters[:chosen], assignment, float(phi[chosen]))
+        curve = curve.then("cut", chosen, merged.phi)
+    return merged, replace(curve, information=phi, chosen=chosen)
 
 
 def rank(

@@ -122,15 +122,14 @@ def sequential_in_regions(
         if len(kept) == len(solution):
             break
         solution = kept
-    phi = [problem.phi(n, float(gain)) for n, gain in enumerate(kept.assignment.cumulative)]
     if not len(kept):
         reason = "no plane of any region saves more than it costs"
     elif len(kept) == max_planes:
         reason = f"reached max_planes = {max_planes}"
     else:
         reason = "no plane merges into a better one or can be left out such that Phi falls"
-    curve = Curve(information=np.array(phi), chosen=len(kept), reason=reason, moves=tuple(moves))
-    return kept, curve
+    phi = problem.phis(kept.assignment)
+    return kept, Curve(information=phi, chosen=len(kept), reason=reason, moves=tuple(moves))
 
 
 def _best(
