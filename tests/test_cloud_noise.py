@@ -44,6 +44,17 @@ def test_noise_of_buildings_is_right_within_a_tenth(sigma):
         assert not found.note
 
 
+def test_crowns_of_trees_do_not_count():
+    """Half of the points are on the ground, half fill space, whose layers pay for larger noise."""
+    rng = np.random.default_rng(0)
+    xy = rng.uniform(-30, 30, (400_000, 2))
+    ground = np.column_stack((xy, 0.02 * xy[:, 0] + rng.normal(0, 0.02, len(xy))))
+    trees = np.column_stack((rng.uniform(-30, 30, (60, 2)), np.full(60, 6.0)))
+    crowns = trees[rng.integers(0, 60, len(xy))] + rng.normal(0, 1.5, ground.shape)
+    points, sensor = np.vstack((ground, crowns)), replace(AUTO, max_depth=100.0)
+    assert told(points, sensor).noise.constant == pytest.approx(0.02, rel=0.05)
+
+
 def kinect_points(seed=0, every=2):
     """Points of a synthetic Kinect image in the frame of its camera, and their labels."""
     scene = scenes.room(seed)

@@ -40,7 +40,7 @@ def joined(
     cloud : Cloud
         The points.
     labels : ndarray of uint16, shape (k,)
-        0 for none, j for row j - 1. Changed to what the planes become.
+        0 for none, j for row j - 1. Changed to what the planes become: 0 for what is far off that.
     rows : ndarray, shape (N, 18)
         Of the planes.
     error : CloudError
@@ -80,8 +80,9 @@ def _larger(
 ) -> NDArray[np.intp]:
     """The plane that each is part of: itself, or the nearest larger one if that makes Phi smaller.
 
-    What one becomes part of becomes part of none itself, until its plane is known. fresh (N,): only
-    these, and those that are near them, are looked at.
+    What one becomes part of becomes part of none itself, until its plane is known. Of what becomes
+    part of it, points far off it are left out of labels. fresh (N,): only these, and those that are
+    near them, are looked at.
     """
     price, n = plane_information(3, *limits), len(rows)
     into, nearest, far = np.arange(n), np.empty(n, np.intp), np.empty(n)
@@ -93,7 +94,8 @@ def _larger(
     if not len(near):
         return into
     groups = groups_of(cloud, labels, error)
-    more = _more(cloud, groups, rows, near, nearest[near], error, limits) - price
+    more, off = _more(cloud, groups, rows, near, nearest[near], error, limits)
+    more -= price
     names, settled = _Names(cloud, labels, groups, nearest, error), np.zeros(n, np.bool_)
     for k in np.argsort(more, kind="stable"):
         small, large = near[k], nearest[near[k]]
@@ -101,6 +103,12 @@ def _larger(
             continue
         if more[k] < 0.0 or names.save(more[k], into, small):
             into[small], settled[large] = large, True
+    off &= np.append(False, into != np.arange(n))[groups.label]
+    cloud.over_cubes(
+        lambda first, last: kernels.leave_out(
+            groups.label, groups.places, off, cloud.starts, first, last, labels
+        )
+    )
     return into
 
 
@@ -112,11 +120,16 @@ def _more(
     large: NDArray[np.intp],
     error: CloudError,
     limits: tuple[float, float],
-) -> Array:
-    """Nats that the points of each small plane take more on the large one, both refitted."""
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Nats that the points of each small plane take more on the large one, both refitted.
+
+    Infinite where they are shorter on none: what hardly pays takes hardly more anywhere. And which
+    groups of the small planes are shorter on none than on the large ones.
+    """
     looked_at = np.zeros(len(rows) + 1, np.bool_)
     looked_at[small + 1] = looked_at[large + 1] = True
     mine = looked_at[groups.label]
+    off = np.zeros(len(mine), np.bool_)
     places = np.append(0, np.cumsum(mine))[groups.places]
     groups = CloudGroups(groups.rows[mine], groups.label[mine], places)
     alone, areas = alone_of(cloud, groups, *limits), rows[:, AREA].copy()
@@ -128,8 +141,13 @@ def _more(
     planes = planes_of(determined(fitted, rows))
     apart = data(planes)
     planes[small], areas[small] = planes[large], areas[small] + areas[large]
-    more = np.bincount(groups.label, data(planes) - apart, len(looked_at))
-    return np.asarray(more[1:][small], np.float64)
+    there = data(planes)
+    more, worth = (
+        np.bincount(groups.label, there - other, len(looked_at))[1:][small]
+        for other in (apart, alone)
+    )
+    off[mine] = there >= alone
+    return np.where(worth < 0.0, more, np.inf), off
 
 
 class _Names:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise import prices
 from planewise.clouds import few as cloud_few
+from planewise.clouds.areas import covered_area
 from planewise.clouds.cells import (
     CloudError,
     as_loud_as_seen,
@@ -139,7 +140,8 @@ def cloud_model(
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
     if instances:
         found = told_apart(found, significance, max_planes)
-    return ranked_model(len(points), found, sensor, max_planes, settings)
+    model = ranked_model(len(points), found, sensor, max_planes, settings)
+    return _with_covered_areas(model, points) if few else model
 
 
 def found_in(
@@ -251,6 +253,18 @@ def _from_few(
         cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out,
         int(curved.sum()),
     )  # fmt: skip
+
+
+def _with_covered_areas(model: PlaneModel, points: NDArray[np.floating]) -> PlaneModel:
+    """Planes of few points with the area that these cover, for cells are wide there."""
+
+    def area(j: int, plane: Plane) -> float:
+        assert plane.area is not None
+        mine = np.asarray(points[model.labels == j], np.float64)
+        return float(np.fmin(plane.area, covered_area(mine, plane.normal)))
+
+    planes = (replace(each, area=area(j, each)) for j, each in enumerate(model.planes, start=1))
+    return replace(model, planes=tuple(planes))
 
 
 def ranked_model(

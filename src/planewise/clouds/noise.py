@@ -32,6 +32,7 @@ from planewise.kernels import cloud_cells, cloud_keys
 from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
+from planewise.model import PlaneModel
 from planewise.noise import Polynomial, constant
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_observation import checked_origin, checked_points
@@ -63,6 +64,7 @@ _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
 _SURE = 0.6  # share of the cubes that are flat, above which noise is that of all
 _DOUBLED = 4  # times at most
+_CONFIRMED = 0.25, 1.5  # share of points on planes, and times its variance, that confirm noise
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
 
@@ -231,7 +233,11 @@ def _of_thick(
 def _factor(
     points: Points, sensor: Sensor, noise: Polynomial, origin: Array | None, workers: int
 ) -> float:
-    """Power of two that noise is multiplied by for the lowest Phi."""
+    """Power of two that noise is multiplied by for the lowest Phi.
+
+    None where a good part of the points is on planes and errs by no more than that: Phi falls for
+    larger noise, too, where layers of what fills space, such as crowns of trees, pay then.
+    """
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import cloud_model
 
@@ -244,8 +250,21 @@ def _factor(
         )  # fmt: skip
         if not model.information < lowest:
             break
+        if not power and origin is None and _confirms(model, noise.constant):
+            break
         best, lowest = power, model.information
     return 2.0**best
+
+
+def _confirms(model: PlaneModel, sigma: float) -> bool:
+    """Whether there are many on planes, and points err by sigma on that of the median one."""
+    share, larger = _CONFIRMED
+    planes = sorted(model.planes, key=lambda plane: plane.rms)
+    places = np.cumsum([plane.count for plane in planes])
+    if not planes or places[-1] < share * model.readings:
+        return False
+    usual = planes[int(np.searchsorted(places, 0.5 * places[-1]))].rms
+    return usual**2 <= larger * sigma**2
 
 
 def _assumed(sensor: Sensor, reach: float) -> CloudNoise:

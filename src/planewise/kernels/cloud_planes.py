@@ -82,6 +82,21 @@ def mixed_points(edges, nearest, mixed):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def leave_out(label, places, off, starts, first, last, labels):  # type: ignore[no-untyped-def]
+    """Set the labels of the points of groups that are off to 0, of cubes[first:last].
+
+    label, off (m,): of groups, those of each cube from places on; labels (k,): of its points, from
+    starts on.
+    """
+    for cube in range(first, last):
+        for g in range(places[cube], places[cube + 1]):
+            if off[g]:
+                for i in range(starts[cube], starts[cube + 1]):
+                    if labels[i] == label[g]:
+                        labels[i] = 0
+
+
+@compiled
 def add_rows(rows, place, out):  # type: ignore[no-untyped-def]
     """Add up rows (n, 18) by place (n,): out (m, 18), which begins as zeros, with its normals."""
     for k in range(rows.shape[0]):
