@@ -56,6 +56,7 @@ def test_detect_writes_everything_and_says_so(depth, out):
     assert [path.name for path in out.parent.iterdir()] == ["frame"]
     for word in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
         assert word in text
+    assert "nats of planes are against outliers" in text
     assert "4 planes, Phi = " in text
     assert "…" not in text  # nothing is cut off at 80 columns
     assert depth.read_bytes() == before

@@ -103,6 +103,7 @@ def show_planes(model: PlaneModel) -> None:
             f"{1000 * plane.rms:,.1f} mm",
         )
     _show(table)
+    say("nats of planes are against outliers, and add up to more than Phi falls by")
 
 
 def _short(number: float) -> str:

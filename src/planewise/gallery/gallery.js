@@ -148,7 +148,7 @@
         ].map((text) => make("td", {}, text)));
     });
     const all = make("table", {},
-      make("caption", {}, `Planes of ${frame.id}, best first`), make("thead", {}, head), make("tbody", {}, ...rows));
+      make("caption", {}, `Planes of ${frame.id}, best first; nats against outliers`), make("thead", {}, head), make("tbody", {}, ...rows));
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Planes of ${frame.id}` }, all);
   }
 
