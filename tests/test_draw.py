@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageDraw
 
 import planewise as pw
 from planewise import scenes
@@ -10,6 +10,7 @@ from planewise.drawing.axes import CHOSEN, LINE
 from planewise.drawing.curve import draw_curve
 from planewise.drawing.overlay import (
     _short,
+    _write_ranks,
     draw_labels,
     draw_overlay,
     match_picture,
@@ -101,6 +102,31 @@ def test_pictures_are_read(tmp_path):
 def test_nats_of_the_legend_fit_their_column(nats, text):
     assert _short(nats) == text
     assert len(text) <= len("-999.9 k") + 1
+
+
+def ranks_on(labels):
+    canvas = Image.new("RGB", (labels.shape[1] + 40, labels.shape[0]), (128, 128, 128))
+    _write_ranks(ImageDraw.Draw(canvas), labels, 13)
+    return np.asarray(canvas)[..., 0]
+
+
+@pytest.mark.parametrize("column", [0, 79])
+def test_ranks_stay_in_the_picture_whole(column):
+    labels = np.zeros((60, 80), np.uint16)
+    labels[:, column] = 88
+    edge, inside = ranks_on(labels), ranks_on(np.roll(labels, 40, axis=1))
+    assert (edge[:, 80:] == 128).all()
+    assert (edge == 255).sum() == (inside == 255).sum()
+
+
+def test_ranks_are_not_written_over_those_of_better_planes():
+    labels = np.zeros((60, 80), np.uint16)
+    labels[30, 30:33] = 1
+    alone = ranks_on(labels)
+    labels[31, 30:33] = 2
+    assert np.array_equal(ranks_on(labels), alone)
+    labels[10, 30:33] = 3
+    assert not np.array_equal(ranks_on(labels), alone)
 
 
 def test_empty_and_crowded_models_are_drawn(scene, model):

@@ -372,20 +372,35 @@ def annotate(
                  anchor="rm")  # fmt: skip
         share = f"{100 * plane.count / model.readings:.1f} %"
         pen.text((at + 11.0 * size, middle), share, fill=_INK, font=font, anchor="rm")
+    under = (left, top + (per_column + 1) * row)
+    pen.text(under, "nats: against outliers", fill=_FAINT, font=font, anchor="lt")
     return np.asarray(canvas)
 
 
 def _write_ranks(pen: Pen, labels: NDArray[np.uint16], size: int) -> None:
+    """Write each rank inside its plane and the picture, but none over that of a better plane."""
     from PIL import ImageFont
 
+    height, width = labels.shape
+    written: list[tuple[float, float, float, float]] = []
     for label, (y, x, inside) in _anchors(labels).items():
         font = ImageFont.load_default(size + 2 if inside > size else max(10, size - 3))
-        pen.text((x, y), str(label), fill="white", font=font, anchor="mm",
+        box = pen.textbbox((x, y), str(label), font=font, anchor="mm", stroke_width=2)
+        right = max(0, -box[0]) - max(0, box[2] - width)
+        down = max(0, -box[1]) - max(0, box[3] - height)
+        box = box[0] + right, box[1] + down, box[2] + right, box[3] + down
+        if any(
+            box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
+            for other in written
+        ):
+            continue
+        written.append(box)
+        pen.text((x + right, y + down), str(label), fill="white", font=font, anchor="mm",
                  stroke_width=2, stroke_fill=_INK)  # fmt: skip
 
 
 def _legend_lines(height: int, row: int) -> int:
-    return max(1, height // row - 3)
+    return max(1, height // row - 4)  # less the title, two lines about nats, and room
 
 
 def _legend_columns(planes: int, height: int, row: int) -> int:
