@@ -4,6 +4,7 @@ import csv
 import math
 import re
 import sys
+import time
 from html.parser import HTMLParser
 
 import numpy as np
@@ -200,6 +201,18 @@ def test_every_method_finds_a_corner_without_noise(method, corner):
     if method != OPEN3D:  # its threads race for the best sample, whatever the seed
         again = detect(method, frame)
         assert np.array_equal(again.labels, found.labels)
+
+
+@pytest.mark.parametrize("method", [PAPER, OURS])
+def test_no_first_call_is_timed(method, monkeypatch):
+    waits = [0.2, 0.0]
+
+    def call():
+        time.sleep(waits.pop(0))
+        return np.zeros((2, 2), int), np.array([[0.0, 0.0, -1.0, 2.0]])
+
+    monkeypatch.setattr(methods, "prepared", lambda method, frame: call)
+    assert detect(method, None).seconds < 0.1
 
 
 # Processes

@@ -98,6 +98,8 @@ def available() -> tuple[str, ...]:
 def detect(method: str, frame: Frame) -> Found:
     """Run a method; what is timed is the detection alone, for Open3D from points on."""
     call = prepared(method, frame)
+    if method != OPEN3D:  # which has nothing to warm up
+        call()  # the first of a process loads compiled loops, and no other frame needs them all
     start = time.perf_counter()
     labels, planes = call()
     seconds = time.perf_counter() - start

@@ -63,7 +63,7 @@ def each_in_order(
 
 
 def compile_once() -> None:
-    """Have compiled loops ready, in the cache and in this process, before anything is timed."""
+    """Have the loops that all frames need compiled, and in this process, before it begins."""
     camera, wall = PinholeCamera(fx=50, fy=50, cx=32, cy=24), np.full((48, 64), 2.0)
     detect_planes(wall, camera, Sensor())
     detect_planes(wall, camera, Sensor(), search="sequential", threads=1)
