@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import planewise as pw
 from planewise import scenes
 from planewise.batch import Selection, Store
 from planewise.batch.stored_source import StoredSource
 from planewise.drawing.overlay import draw_small
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
+from planewise.gallery.page import _about
 from planewise.gallery.records import record_of
 from planewise.gallery.thumbnail import HEIGHT, Thumbnail, thumbnail_of
 from tests import browser
@@ -117,6 +119,19 @@ def test_pages_ask_for_nothing_else(page):
     addresses = set(re.findall(r"https?://[^\"' )]+", text))
     assert addresses <= {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xhtml"}
     assert not re.search(r"<(link|iframe|object|embed)\b|@import|url\(", text)
+
+
+def test_how_it_was_made_is_said_in_words(made):
+    store = Store(made / "store")
+    told = _about(store)
+    assert told["search"] == "joint, spatial objective"
+    assert told["camera"] == "that of each frame"
+    made_with = store.info["made_with"]
+    made_with["options"] |= {"instances": True, "significance": 100.0, "rng": 5}
+    made_with["camera"] = pw.cameras.KINECT_V1.describe()
+    told = _about(store)
+    assert told["search"] == "joint, spatial objective, instances, significance 100.0, seed 5"
+    assert told["camera"].startswith("fx 5")
 
 
 def test_every_brace_of_the_style_has_its_other(page):
@@ -349,6 +364,24 @@ def test_details_open_by_keyboard_and_are_named(opened, made, page):
     assert f"{frame.row['curve'][0]:,.0f} nats with none" in label
     opened.press("Enter")
     assert opened.value("document.querySelectorAll('.open').length") == 0
+
+
+def test_details_leave_no_room_empty_and_curves_have_a_scale(opened, page):
+    opened.look()
+    opened.open(page)
+    tops = "[...document.querySelectorAll('.card')].map((each) => each.getBoundingClientRect().top)"
+    columns = opened.value(tops).count(opened.value(tops)[0])
+    assert columns > 2
+    opened.value("document.querySelectorAll('.card button').forEach((each) => each.click())")
+    levels = opened.value(
+        "[...document.querySelectorAll('svg.curve:has(.dot + .dot)')]"
+        ".map((each) => each.querySelectorAll('.grid').length)"
+    )
+    assert len(levels) > 3
+    assert min(levels) >= 3
+    opened.open(page)
+    opened.value("document.querySelectorAll('.card button')[1].click()")
+    assert opened.value(tops).count(opened.value(tops)[0]) == columns
 
 
 @pytest.mark.parametrize(("width", "dark"), [(1280, False), (1280, True), (360, False)])

@@ -36,6 +36,19 @@ def round_step(span: float, most: int) -> float:
     return next(power * factor for factor in (1, 2, 5, 10) if power * factor >= rough * (1 - 1e-9))
 
 
+def write_ticks(ticks: NDArray[np.float64], unit: float = 1.0) -> list[str]:
+    """Equally spaced ticks as text, all with the decimals that their step needs.
+
+    Examples
+    --------
+    >>> write_ticks(np.array([234_800, 235_000, 235_200]), 1000)
+    ['234.8', '235.0', '235.2']
+    """
+    step = (ticks[1] - ticks[0]) / unit if len(ticks) > 1 else 1.0
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    return [f"{tick / unit:,.{decimals}f}" for tick in ticks]
+
+
 class Axes:
     """An empty picture, then the lines and words about a curve; `pen` draws the rest.
 

@@ -24,6 +24,7 @@ from planewise.drawing.axes import (
     Axes,
     Scale,
     round_step,
+    write_ticks,
 )  # fmt: skip
 from planewise.model import Curve
 from planewise.wording import counted
@@ -53,7 +54,7 @@ def draw_curve(curve: Curve) -> NDArray[np.uint8]:
     ticks, unit = _ticks(values.min(), values.max())
     x_at, y_at = _scales(values, ticks)
 
-    axes.levels((y_at(tick), f"{tick / unit:,.10g}") for tick in ticks)
+    axes.levels(zip(map(y_at, ticks), write_ticks(ticks, unit), strict=True))
     numbers = range(0, len(values), max(1, round(round_step(len(values) - 1, 14))))
     axes.floor(((x_at(number), str(number)) for number in numbers), "planes in the model")
     name = {1: "nats", 1_000: "thousand nats", 1_000_000: "million nats"}[unit]

@@ -153,9 +153,9 @@
   }
 
   function roundValues(low, high) {
-    const rough = (high - low) / 4 || 1;
-    const power = 10 ** Math.floor(Math.log10(rough));
-    const step = power * [1, 2, 5, 10].find((each) => each * power >= rough);
+    const most = (high - low) / 3 || 1; // so that there are three at least
+    const power = 10 ** Math.floor(Math.log10(most));
+    const step = power * ([5, 2].find((each) => each * power <= most) || 1);
     const first = Math.ceil(low / step);
     const count = Math.floor(high / step) - first + 1;
     return count > 0 ? Array.from({ length: count }, (_, k) => (first + k) * step) : [low];

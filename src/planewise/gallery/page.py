@@ -24,6 +24,7 @@ from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
 from planewise.page_templates import templates_of
 from planewise.whole_files import written_whole
+from planewise.wording import counted
 
 _TEMPLATE, _STYLE, _SCRIPT = "page.html.jinja", "gallery.css", "gallery.js"
 _BLOCK = 48  # frames whose pictures are unpacked together
@@ -188,18 +189,34 @@ def _head(store: Store) -> dict[str, Any]:
 
 def _about(store: Store) -> dict[str, str]:
     """Say in words what the store was made with, line by line."""
-    made, source = store.info["made_with"], store.info["source"]
-    lines = {"source": f"{source['name']}, frames: {source['frames']:,}"}
-    for name, each in (
-        ("options", made["options"]),
-        ("sensor", store.info["sensor"]),
-        ("camera", made["camera"] or {"of": "each frame"}),
-    ):
-        lines[name] = ", ".join(
-            f"{key} {value}" for key, value in each.items() if value is not None
-        )
-    lines["made with"] = f"planewise {made['planewise']}"
-    return lines
+    made, source, sensor = (store.info[name] for name in ("made_with", "source", "sensor"))
+    return {
+        "source": f"{source['name']}, {counted(source['frames'], 'frame')}",
+        "search": _search(made["options"]),
+        "sensor": f"{sensor['min_depth_m']:g} to {sensor['max_depth_m']:g} m in steps of "
+        f"{1000 * sensor['resolution_m']:g} mm, noise {sensor['noise']} ({sensor['parts']})",
+        "camera": _camera(made["camera"]),
+        "made with": f"planewise {made['planewise']}",
+    }
+
+
+def _search(options: dict[str, Any]) -> str:
+    """What was minimised and how, and those options that were asked for."""
+    words = [f"{options['search']}, {options['objective']} objective"]
+    for name, value in options.items():
+        if name in ("search", "objective", "partition_options") or not value:
+            continue
+        title = {"rng": "seed"}.get(name, name.replace("_", " "))
+        words.append(title if value is True or isinstance(value, dict) else f"{title} {value}")
+    return ", ".join(words)
+
+
+def _camera(camera: dict[str, Any] | None) -> str:
+    if camera is None:
+        return "that of each frame"
+    if "model" in camera:
+        return f"{camera['model']}, {counted(len(camera['elevation']), 'row')}"
+    return ", ".join(f"{name} {value}" for name, value in camera.items()) + " (pixels)"
 
 
 def _own(name: str) -> str:
