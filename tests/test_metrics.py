@@ -417,6 +417,14 @@ def test_summary_leaves_out_what_is_not_defined():
     summary = summarise([{"a": 1.0, "b": math.nan}, {"a": 3.0, "b": 5.0}])
     assert (summary["a"].mean, summary["a"].count) == (2, 2)
     assert (summary["b"].mean, summary["b"].count) == (5, 1)
+    assert np.isnan([summary["b"].low, summary["b"].high]).all()
+
+
+def test_intervals_end_where_scores_do():
+    summary = summarise([{"ri_frame": 0.9, "voi_frame": 0.1}, {"ri_frame": 1.0, "voi_frame": 2.0}])
+    assert 0 < summary["ri_frame"].low < summary["ri_frame"].high == 1
+    assert summary["voi_frame"].low == 0
+    assert summary["voi_frame"].high > 2
 
 
 def test_frames_without_labelled_or_valid_pixels_are_left_out_of_the_means():

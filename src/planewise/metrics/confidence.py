@@ -18,7 +18,7 @@ class Interval:
     mean : float
         Over the frames where the number is defined; NaN where it is on none.
     low, high : float
-        Ends of the interval, symmetric about the mean; NaN with fewer than two frames.
+        Ends of the interval; NaN with fewer than two frames.
     count : int
         Frames where the number is defined.
     """

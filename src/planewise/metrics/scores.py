@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -65,6 +65,9 @@ Counts = NDArray[np.int64]
 
 MINIMUM_PIXELS = 400
 """True planes smaller than this are neither hit nor miss, unless asked for otherwise."""
+
+_SHARES = "ri_", "sc_", "precision@", "recall@", "f1@"
+"""Names of scores that cannot be above 1; none can be below 0."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -342,7 +345,7 @@ def evaluate(
 
 
 def summarise(rows: Iterable[dict[str, float]], *, coverage: float = 0.95) -> dict[str, Interval]:
-    """Mean and confidence interval of every number over frames.
+    """Mean and confidence interval of every number over frames, cut to what the number can be.
 
     Parameters
     ----------
@@ -358,7 +361,9 @@ def summarise(rows: Iterable[dict[str, float]], *, coverage: float = 0.95) -> di
     """
     frames = list(rows)
     names = list(dict.fromkeys(name for frame in frames for name in frame))
-    return {
-        name: mean_interval([frame.get(name, math.nan) for frame in frames], coverage=coverage)
-        for name in names
-    }
+    out = {}
+    for name in names:
+        found = mean_interval([frame.get(name, math.nan) for frame in frames], coverage=coverage)
+        most = 1.0 if name.startswith(_SHARES) else math.inf
+        out[name] = replace(found, low=max(found.low, 0.0), high=min(found.high, most))
+    return out
