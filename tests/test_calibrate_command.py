@@ -31,7 +31,15 @@ def test_a_sensor_is_made_and_used(frames, tmp_path):
     arguments = ("--sensor", "kinect-v1", "--picture", picture, "-o", out)
     code, text, errors = run("calibrate", frames, *CAMERA, *arguments)
     assert (code, errors) == (0, "")
-    for word in ("depth", "sigma", "95 % band", "flat cells", "preset", "noise: sqrt((0.00"):
+    for word in (
+        "depth",
+        "sigma",
+        "95 % band",
+        "flat cells",
+        "preset",
+        "noise: sqrt((0.00",
+        "sampling alone",
+    ):
         assert word in text
     assert "4 of 4 frames used, sensor in" in text
     assert "…" not in text

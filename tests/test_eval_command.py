@@ -62,7 +62,7 @@ def test_two_files(tmp_path, truth, predicted):
     assert line.keys() == expected.keys()
     for name, value in expected.items():
         assert line[name] == ("" if np.isnan(value) else str(value))
-    assert f"voi_labelled {expected['voi_labelled']:.4f}" in text
+    assert f"voi_labelled (bits) {expected['voi_labelled']:.4f}" in text
     assert "voi_valid" not in text  # nothing is known of the readings
 
 
@@ -76,7 +76,7 @@ def test_two_folders(folders, tmp_path, truth):
     assert [line["frame"] for line in lines] == ["1", "2", "10"]
     assert [line["voi_valid"] for line in lines] == ["", "0.0", ""]
     assert "95 % confidence interval" in text
-    assert re.search(r"voi_frame \d\.\d{4} -?\d\.\d{4} \.\.\. \d\.\d{4} 3", text)
+    assert re.search(r"voi_frame \(bits\) \d\.\d{4} 0\.0000 \.\.\. \d\.\d{4} 3", text)
 
 
 def test_a_frame_without_a_true_plane_is_left_out_of_the_means(folders, tmp_path, truth):

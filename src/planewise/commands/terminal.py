@@ -140,7 +140,8 @@ def show_scores(scores: Mapping[str, Interval]) -> None:
         if not score.count:
             continue
         interval = f"{score.low:z.4f} ... {score.high:z.4f}" if score.count > 1 else ""
-        table.add_row(name, f"{score.mean:z.4f}", interval, str(score.count))
+        unit = " (bits)" if name.startswith("voi_") else ""
+        table.add_row(name + unit, f"{score.mean:z.4f}", interval, str(score.count))
     _show(table)
 
 
@@ -158,11 +159,14 @@ def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
         return f"{1000 * metres:.2f}"
 
     for k, depth in enumerate(bins.depth):
-        row = [f"{depth:.2f} m", f"{mm(bins.sigma[k])} mm", mm(curve[k])]
-        row += [f"{mm(bins.low[k])} ... {mm(bins.high[k])}", mm(bins.step[k])]
-        row += [f"{bins.cells[k]:,}", *([] if preset is None else [mm(preset[k])])]
+        row = [f"{depth:.2f} m", f"{mm(bins.sigma[k])} mm", f"{mm(curve[k])} mm"]
+        row += [f"{mm(bins.low[k])} ... {mm(bins.high[k])} mm", f"{mm(bins.step[k])} mm"]
+        row += [f"{bins.cells[k]:,}", *([] if preset is None else [f"{mm(preset[k])} mm"])]
         table.add_row(*row)
     _show(table)
+    if np.isfinite(bins.low).all():
+        outside = np.count_nonzero((bins.sigma < bins.low) | (bins.sigma > bins.high))
+        say(f"the band is of sampling alone; outside it: {outside} of {len(bins.depth)} sigmas")
     say(f"noise: {found.noise}")
     say(f"white: {found.white}, quantisation: {found.quantisation}")
     say(f"shared: {found.shared}, drift: {found.drift} over 100 px")

@@ -18,6 +18,7 @@ from planewise.drawing.axes import (
     FAINT,
     FINE,
     HEIGHT,
+    INK,
     LEFT,
     LINE,
     RIGHT,
@@ -26,6 +27,7 @@ from planewise.drawing.axes import (
     Axes,
     Scale,
     round_step,
+    write_ticks,
 )  # fmt: skip
 from planewise.noise import Noise
 
@@ -74,13 +76,14 @@ def draw_noise(
     def line(x: Array, y: Array) -> list[tuple[float, float]]:
         return [(x_at(a), y_at(b)) for a, b in zip(x, y, strict=True)]
 
-    axes.levels((y_at(tick), f"{tick:.10g}") for tick in _ticks(0.0, top, 6))
-    if np.isfinite(bins.low).all():
+    levels = _ticks(0.0, top, 6)
+    axes.levels(zip(map(y_at, levels), write_ticks(levels), strict=True))
+    banded = len(bins.depth) > 1 and bool(np.isfinite(bins.low).all())
+    if banded:
         outline = line(bins.depth, 1e3 * bins.high) + line(bins.depth, 1e3 * bins.low)[::-1]
-        if len(bins.depth) > 1:
-            pen.polygon(outline, fill=_BAND)
+        pen.polygon(outline, fill=_BAND)
     ticks = _ticks(float(depth[0]), float(depth[-1]), 8)
-    axes.floor(((x_at(tick), f"{tick:.10g}") for tick in ticks), "depth, m")
+    axes.floor(zip(map(x_at, ticks), write_ticks(ticks), strict=True), "depth, m")
     axes.heading("sigma of a reading, mm")
 
     if other is not None:
@@ -88,12 +91,25 @@ def draw_noise(
     pen.line(line(depth, curve), fill=LINE, width=2 * FINE, joint="curve")
     for point in line(bins.depth, 1e3 * bins.sigma):
         pen.circle(point, 4 * FINE, fill=CHOSEN)
-    words: list[tuple[str, Colour]] = [("measured", CHOSEN), ("curve and 95 % band", LINE)]
+
+    left, right, row = (LEFT + 16) * FINE, (LEFT + 52) * FINE, (TOP + 16) * FINE
+    entries = [("measured", CHOSEN), ("curve", LINE)]
+    if banded:  # often thinner than the curve, which hides it
+        widest = float(((bins.high - bins.low) / (2 * bins.sigma)).max())
+        entries.append((f"95 % band, of sampling alone: at most ± {100 * widest:.1f} %", _BAND))
     if other is not None:
-        words.append((name or "known", FAINT))
-    for row, (text, colour) in enumerate(words):
-        at = ((LEFT + 16) * FINE, (TOP + 8 + 24 * row) * FINE)
-        pen.text(at, text, fill=colour, font=axes.font, anchor="lt")
+        entries.append((name or "known", FAINT))
+    for text, colour in entries:
+        if colour == CHOSEN:
+            pen.circle(((left + right) / 2, row), 4 * FINE, fill=colour)
+        elif colour == FAINT:
+            _dashed(pen, [(x, row) for x in np.linspace(left, right, 3 * _DASH)], colour)
+        else:
+            thick = (12 if colour == _BAND else 2) * FINE
+            pen.line((left, row, right, row), fill=colour, width=thick)
+        ink = INK if colour == _BAND else colour
+        pen.text((right + 10 * FINE, row), text, fill=ink, font=axes.font, anchor="lm")
+        row += 24 * FINE
     return axes.image()
 
 
