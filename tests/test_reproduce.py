@@ -14,8 +14,8 @@ from planewise import scenes
 from planewise.commands import reproduce as reproduce_command
 from planewise.metrics import contingency_table
 from planewise.reproduce import methods, report, tasks
-from planewise.reproduce.angle_errors import cases, rms
-from planewise.reproduce.angles import ANGLES
+from planewise.reproduce.angle_errors import ERRORS, Case, cases, rms
+from planewise.reproduce.angles import ANGLES, _checks
 from planewise.reproduce.bound import Bound, cramer_rao, with_rounding
 from planewise.reproduce.experiment import Experiment, Settings
 from planewise.reproduce.experiments import EXPERIMENTS
@@ -215,6 +215,28 @@ def test_no_first_call_is_timed(method, monkeypatch):
     assert detect(method, None).seconds < 0.1
 
 
+@pytest.mark.parametrize(
+    ("ours", "frames", "quick", "verdicts"),
+    [
+        (1.1, 4, True, ["met", "met"]),
+        (1.4, 4, True, ["not decided", "not decided"]),
+        (1.4, 4, False, ["missed", "missed"]),
+        (9.0, 400, True, ["missed", "missed"]),
+        (math.nan, 4, True, ["missed", "missed"]),
+    ],
+)
+def test_what_few_frames_cannot_decide_is_not_missed(ours, frames, quick, verdicts):
+    common = {"angle": 90.0, "sigma": 0.005, "planes": 2.0, "share_right": 1.0, "missed": 0}
+    found = [
+        Case(
+            method=method, frames=count, right=1.0, **common,
+            errors=dict.fromkeys(ERRORS, ratio), ratios=dict.fromkeys(ERRORS, ratio),
+        )
+        for method, count, ratio in ((OURS, frames, ours), (PAPER, 1, 1.3))
+    ]  # fmt: skip
+    assert [each.verdict for each in _checks(found, quick=quick)] == verdicts
+
+
 # Processes
 
 
@@ -269,7 +291,9 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
     code, text, errors = run("reproduce", "all", "-o", out, *arguments)
     assert code == 0
     assert errors.startswith("warning: without Open3D")
-    assert text.count("target: ") == text.count(" met ") + text.count(" missed ") == 9
+    assert (
+        text.count("target: ") == sum(map(text.count, (" met ", " missed ", " not decided "))) == 9
+    )
     assert text.count("claim of the paper: ") == 4
     assert "report.html" in text
     assert [path.name for path in tmp_path.iterdir()] == ["report"]

@@ -219,7 +219,8 @@ def show_checks(checks: Mapping[str, Sequence[Check]]) -> None:
         if rows:
             table.add_row("", Text(title, style="bold"), "")
         for check in rows:
-            verdict = Text(check.verdict, style="green" if check.met else "red")
+            style = "green" if check.met else "yellow" if check.open else "red"
+            verdict = Text(check.verdict, style=style)
             table.add_row(verdict, f"{check.source}: {check.text}", check.measured)
     if table.row_count:
         _show(table)

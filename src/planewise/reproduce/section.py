@@ -12,16 +12,22 @@ import numpy as np
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """A claim of the paper, or a target of ours, against what was measured."""
+    """A claim of the paper, or a target of ours, against what was measured.
+
+    One that is not met is open where it was missed by no more than so few frames are uncertain.
+    """
 
     text: str
     measured: str
     met: bool
     claim: bool = False
+    open: bool = False
 
     @property
     def verdict(self) -> str:
-        """One word."""
+        """In a word or two."""
+        if self.open:
+            return "not decided"
         if self.claim:
             return "confirmed" if self.met else "not confirmed"
         return "met" if self.met else "missed"

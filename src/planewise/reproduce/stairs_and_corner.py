@@ -120,7 +120,8 @@ def _values(rows: Sequence[Row], sigma: float, method: str, key: str) -> list[fl
 def _table(settings: Settings, rows: Sequence[Row]) -> Table:
     return Table(
         caption=(
-            f"Mean and standard deviation over {counted(settings.seeds, 'noisy frame')} "
+            f"{'Mean and standard deviation over' if settings.seeds > 1 else 'Scores of'} "
+            f"{counted(settings.seeds, 'noisy frame')} "
             f"({TRUE_PLANES} true planes). Times are of one thread, measured while others ran."
         ),
         header=("assumed σ", "method", *(title for _, title, _ in _COLUMNS)),
