@@ -169,6 +169,9 @@ def test_why_there_are_no_readings_is_said(camera):
     inverse = pw.observe(np.full((48, 64), 10_000, np.uint16), camera, SENSOR, depth_scale=5000)
     assert "depth_scale is metres per unit: 0.0002 rather than 5000?" in inverse.note
     assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note
+    one = np.pad([[2.0]], ((0, 47), (0, 63)))
+    assert pw.observe(one, camera, SENSOR).note.startswith("1 valid reading; 3 are")
+    assert pw.observe_points([[1.0, 2.0]], SENSOR).note.startswith("1 finite point; 2 are")
 
 
 def test_noise_models_say_what_they_are():

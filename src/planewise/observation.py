@@ -23,6 +23,7 @@ from planewise.camera import Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor, checked_sensor
+from planewise.wording import counted
 from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -219,8 +220,8 @@ class RayObservation(Observation):
         if self.count >= self.dimension:
             return ""
         if self.image.present > self.count:
-            return f"{self.count} valid readings: {self.out_of_range}"
-        return f"{self.count} valid readings; 3 are needed for a plane"
+            return f"{counted(self.count, 'valid reading')}: {self.out_of_range}"
+        return f"{counted(self.count, 'valid reading')}; 3 are needed for a plane"
 
     @property
     def out_of_range(self) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from planewise.noise import AUTO
 from planewise.observation import Array, Observation
 from planewise.sensor import Sensor, checked_sensor
+from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.clouds.noise import CloudNoise
@@ -55,7 +56,7 @@ class PointObservation(Observation):
         """Why there are too few points, where that is so; else empty."""
         if self.count >= self.dimension:
             return ""
-        return f"{self.count} finite points; {self.dimension} are needed for a plane"
+        return f"{counted(self.count, 'finite point')}; {self.dimension} are needed for a plane"
 
     @property
     def dimension(self) -> int:
