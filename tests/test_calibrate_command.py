@@ -109,7 +109,7 @@ BAD = {
     "sensor that is none": (("wall.png", *CAMERA, "--sensor", "eyes"), "neither a preset"),
     "sensor file that is not there": (("wall.png", *CAMERA, "--sensor", "x.json"), "no file"),
     "seed": (("wall.png", *CAMERA, "--seed", "-1"), "seed"),
-    "scale": (("wall.png", *CAMERA, "--depth-scale", "nan"), "depth_scale"),
+    "scale": (("wall.png", *CAMERA, "--depth-scale", "nan"), "--depth-scale"),
 }
 
 

@@ -144,6 +144,17 @@ def test_no_number_is_cut_off_in_a_narrow_terminal(monkeypatch):
         assert text in shown.getvalue()
 
 
+@pytest.mark.parametrize("columns", [40, 80])
+def test_no_name_of_an_option_is_cut_off_in_a_narrow_terminal(columns):
+    code = "import sys; from planewise.cli import main; sys.argv[1:] = {}; main()"
+    told = run_python(code.format(["detect", "-h"]), COLUMNS=str(columns)).stdout
+    for name in ("--output", "--inlier-ratio", "--significance"):
+        assert name in told
+    told = run_python(code.format([]), check=False, COLUMNS=str(columns))
+    assert (told.returncode, told.stderr) == (2, "")
+    assert "calibrate" in told.stdout
+
+
 BAD_ARGUMENTS = {
     "camera of another size": (("--camera", "nyu"), "camera"),
     "zero focal length": (("--camera", "0,125,80,60"), "fx"),
@@ -156,18 +167,23 @@ BAD_ARGUMENTS = {
     "noise negative": (("--noise", "-0.1"), "noise"),
     "noise nan": (("--noise", "nan"), "noise"),
     "range below resolution": (("--max-depth", "0.0005"), "resolution"),
-    "range nan": (("--max-depth", "nan"), "max_depth"),
+    "range nan": (("--max-depth", "nan"), "--max-depth must"),
     "resolution zero": (("--resolution", "0"), "resolution"),
     "resolution above range": (("--resolution", "20"), "resolution"),
-    "scale zero": (("--depth-scale", "0"), "depth_scale"),
-    "no planes": (("--max-planes", "0"), "max_planes"),
+    "scale zero": (("--depth-scale", "0"), "--depth-scale must"),
+    "no planes": (("--max-planes", "0"), "--max-planes must"),
     "confidence one": (("--search", "sequential", "--confidence", "1"), "confidence must lie"),
-    "inlier ratio zero": (("--search", "sequential", "--inlier-ratio", "0"), "inlier_ratio must"),
+    "inlier ratio zero": (("--search", "sequential", "--inlier-ratio", "0"), "--inlier-ratio must"),
     "confidence of no samples": (("--confidence", "0.9"), "confidence goes with --search seq"),
-    "inlier ratio of no samples": (("--inlier-ratio", "0.2"), "inlier_ratio goes with --search"),
+    "inlier ratio of no samples": (("--inlier-ratio", "0.2"), "--inlier-ratio goes with --search"),
     "seed negative": (("--seed", "-1"), "seed"),
     "no threads": (("--threads", "0"), "threads"),
-    "search that is none": (("--search", "magic"), "--search"),
+    "search that is none": (("--search", "magic"), "'--search': 'magic' is not one of"),
+    "instances of the paper": (
+        ("--instances", "--objective", "paper"),
+        "--instances needs --objective spatial",
+    ),
+    "option that is none": (("--magic",), "No such option: --magic; see 'planewise detect -h'"),
     "rgb that is not there": (("--rgb", "none.png"), "rgb"),
 }
 
@@ -177,6 +193,7 @@ def test_bad_arguments(depth, out, name):
     arguments, named = BAD_ARGUMENTS[name]
     code, text, errors = run("detect", depth, *ARGUMENTS, *arguments, "-o", out)
     assert (code, text) == (2, "")
+    assert errors.startswith("error: ")
     assert named in errors
     assert "Traceback" not in errors
     assert not out.parent.exists()
@@ -265,6 +282,28 @@ def test_a_camera_file_is_not_written_over(depth, tmp_path):
     assert "fx" in kept.read_text()
 
 
+@with_signals
+@pytest.mark.parametrize("arguments", [("info",), ("--help",), ("none",)])
+def test_a_closed_pipe_ends_quietly(arguments):
+    code = """if True:
+        import os, sys
+        from planewise.cli import main
+        reading, writing = os.pipe()
+        os.close(reading)
+        os.dup2(writing, 1)
+        main()
+        """
+    told = run_python(code, *arguments, check=False)
+    if arguments == ("none",):  # has nothing to say there
+        assert (told.returncode, told.stderr.count("\n")) == (2, 1)
+    else:
+        assert (told.returncode, told.stderr) == (141, "")
+
+
+def test_a_file_that_is_not_there_is_said_first(out):
+    assert "no file or folder none.png" in run("detect", "none.png", "-o", out)[2]
+
+
 def test_what_has_to_be_given_is_named(depth, out):
     assert "camera" in run("detect", depth, "--sensor", "nyu", "-o", out)[2]
     assert "sensor" in run("detect", depth, "--camera", CAMERA, "-o", out)[2]
@@ -342,7 +381,7 @@ def test_readings_out_of_range_are_said(depth, out, scene):
     assert code == 0
     assert "0 planes" not in text
     assert re.search(r"warning: \d+ of 19200 lie outside the sensor's range of 0 to ", errors)
-    assert "is a unit 1 mm (depth_scale = 0.001)?" in errors
+    assert "is a unit 1 mm (--depth-scale 0.001)?" in errors
     code, text, errors = run("detect", depth.parent, *arguments)
     assert "warning: depth.png: " in errors
 

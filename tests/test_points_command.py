@@ -246,7 +246,7 @@ BAD = {
     "resolution": (("--sigma", 0.01, "--resolution", "-1"), "resolution"),
     "resolution of the whole": (("--sigma", 0.01, "--resolution", 100), "smaller than the range"),
     "instances of nothing": (("--sigma", 0.01, "--instances"), "give --outlines"),
-    "planes": (("--sigma", 0.01, "--max-planes", 0), "max_planes"),
+    "planes": (("--sigma", 0.01, "--max-planes", 0), "--max-planes must"),
     "seed": (("--sigma", 0.01, "--seed", -1), "seed"),
     "threads": (("--sigma", 0.01, "--threads", 0), "threads"),
 }

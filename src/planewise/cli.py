@@ -6,6 +6,7 @@ import gc
 import io
 import sys
 
+from planewise.commands.exit_codes import CLOSED_PIPE
 from planewise.commands.interrupts import heed_interrupts, interrupted, was_interrupted
 
 _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
@@ -31,7 +32,12 @@ def main() -> None:
                 "extra 'cli': pip install 'planewise[cli]'\n"
             )
             raise SystemExit(1) from None
-        app(prog_name="planewise")
+        try:
+            app(prog_name="planewise")
+        except SystemExit as end:
+            if end.code == 1:  # as Rich and Typer end where a pipe is closed, and no command does
+                raise SystemExit(CLOSED_PIPE) from None
+            raise
     except (KeyboardInterrupt, Exception) as error:
         if not (isinstance(error, KeyboardInterrupt) or was_interrupted()):
             raise

@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Sequence
 from importlib import import_module
-from typing import Annotated
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from planewise._version import __version__
 from planewise.commands import terminal
+from planewise.commands.exit_codes import FAILED
+
+# Typer has it of Click, or of its own copy of it.
+_USAGE_ERROR: Any = typer.BadParameter.__base__
+
+_TABLES = 80  # characters that they need
 
 # Function of every command, in the module of its name.
 _FUNCTIONS = {
@@ -40,12 +48,15 @@ def command_line(arguments: Sequence[str] = ()) -> typer.Typer:
         What follows the program's name. Options before the command take no values.
     """
     app = typer.Typer(
+        cls=_Commands,
         name="planewise",
         help="Find every plane a depth image or point cloud can justify, how many, and rank them.",
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
+        # Tables of a narrow terminal would cut names of options off.
+        rich_markup_mode="rich" if terminal.width() >= _TABLES else None,
     )
     app.callback()(_planewise)
     asked = next((each for each in arguments if not each.startswith("-")), "")
@@ -53,6 +64,24 @@ def command_line(arguments: Sequence[str] = ()) -> typer.Typer:
         module = import_module(f"planewise.commands.{name}")
         app.command(name)(getattr(module, _FUNCTIONS[name]))
     return app
+
+
+class _Commands(TyperGroup):
+    """Says in one line what of the arguments cannot be used."""
+
+    def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> NoReturn:
+        try:
+            code = super().main(*arguments, standalone_mode=False, **options)  # type: ignore[misc]
+        except _USAGE_ERROR as error:
+            message = error.format_message()
+            if type(error).__name__ == "NoArgsIsHelpError":
+                typer.echo(message, nl=bool(message))  # the help, where Rich has not printed it
+            else:
+                message = message.removesuffix(".").replace("Value error, ", "")  # of pydantic
+                where = "planewise" if error.ctx is None else error.ctx.command_path
+                terminal.error(f"{message}; see '{where} -h'")
+            code = FAILED
+        sys.exit(code)
 
 
 def _print_version(wanted: bool) -> None:

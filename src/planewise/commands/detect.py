@@ -127,6 +127,8 @@ def detect(
     """
     with reported():
         check_numbers(depth_scale, seed)
+        if not depth.exists():
+            raise PlanewiseError(f"depth: there is no file or folder {depth}")
         if rgb is not None and not rgb.exists():
             raise PlanewiseError(f"rgb: there is no file {rgb}")
         known_camera = None if camera is None else read_camera(camera)

@@ -7,3 +7,6 @@ FAILED = 2
 
 INTERRUPTED = 130
 """Ctrl-C, as shells have it."""
+
+CLOSED_PIPE = 141
+"""What reads the output has ended, as shells have it."""

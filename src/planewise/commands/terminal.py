@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,21 +32,37 @@ Item = TypeVar("Item")
 _NAMED = 20  # of many names
 _BAR = 30  # characters of the longest bar
 _WIDEST = 1000  # characters of a line of a table
+_VALUE = re.compile(r"\b(depth_scale|objective|search) ?= ?'?([\w.]+)'?")
+_NAME = re.compile(
+    r"(?<![^\s(])(depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
+    r"|reassign|significance)(?= (must|needs|goes|is|with) )"
+)
 
 
 def error(message: str) -> None:
     """Say on stderr, in one line, what is wrong."""
-    _line(_ERR, ("error: ", "bold red"), (message, ""))
+    _line(_ERR, ("error: ", "bold red"), (_as_typed(message), ""))
 
 
 def warning(message: str) -> None:
     """Say on stderr what is unusual."""
-    _line(_ERR, ("warning: ", "bold yellow"), (message, ""))
+    _line(_ERR, ("warning: ", "bold yellow"), (_as_typed(message), ""))
 
 
 def notice(message: str) -> None:
     """Say on stderr what goes on."""
     _line(_ERR, (message, "dim"))
+
+
+def _as_typed(message: str) -> str:
+    """Call options as they are typed, not by the names of Python's arguments."""
+    message = message.replace(" (camera.scaled, camera.cropped)", "")
+    message = _VALUE.sub(lambda found: f"{_option(found)} {found[2]}", message)
+    return _NAME.sub(_option, message)
+
+
+def _option(found: re.Match[str]) -> str:
+    return "--" + found[1].replace("_", "-")
 
 
 def say(message: str) -> None:
@@ -67,6 +84,11 @@ def listed(names: Sequence[str]) -> str:
 def errors() -> Console:
     """Console of stderr, for what is drawn on it."""
     return _ERR
+
+
+def width() -> int:
+    """Characters of a line of stdout."""
+    return _OUT.width
 
 
 def draws_bars() -> bool:

@@ -98,6 +98,8 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")
     if path.is_file() and (zipfile.is_zipfile(path) or tarfile.is_tarfile(path)):
         raise PlanewiseError(f"data: {path} is an archive; unpack it and give the folder")
+    if path.is_dir() and not any(path.iterdir()):
+        raise PlanewiseError(f"data: {path} is an empty folder")
     images = path / "depth" if (path / "depth").is_dir() else path
     if images.is_dir() and any(is_depth_file(each) for each in images.iterdir()):
         raise PlanewiseError(
@@ -187,7 +189,7 @@ def _contents(path: Path) -> str:
         return "a file"
     names = sorted(each.name + "/" * each.is_dir() for each in path.iterdir())
     more = " ..." if len(names) > _SHOWN else ""
-    return f"it holds {', '.join(names[:_SHOWN])}{more}" if names else "an empty folder"
+    return f"it holds {', '.join(names[:_SHOWN])}{more}"
 
 
 def _words(names: Sequence[str]) -> str:
