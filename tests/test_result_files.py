@@ -74,6 +74,12 @@ def test_files_say_what_the_model_says(tmp_path, scene, model):
             assert picture.mode == "RGB"
 
 
+@pytest.mark.parametrize(("name", "text"), [(b"tiefe \xc3\xa4", "tiefe ä"), (b"\xe4", "\\xe4")])
+def test_names_that_the_locale_cannot_decode_are_valid_text(tmp_path, scene, model, name, text):
+    source = name.decode("ascii", "surrogateescape")
+    assert write(tmp_path, scene, model, source=source)["input"]["file"] == text
+
+
 def test_a_model_without_planes_is_written_too(tmp_path, scene):
     depth = np.full((120, 160), np.nan)
     model = pw.detect_planes(depth, scene.camera, scene.sensor)

@@ -56,7 +56,7 @@ def describe_model(
         frame=f"{camera.frame}; normal . x + distance = 0 with distance >= 0",
         camera=camera.describe(),
         what={
-            "file": source,
+            "file": _as_text(source),
             "width": width,
             "height": height,
             "depth_scale": float(depth_scale or sensor.resolution) if integer else None,
@@ -89,7 +89,7 @@ def describe_cloud_model(
         frame=CLOUD_FRAME,
         camera=None,
         what={
-            "file": source,
+            "file": _as_text(source),
             "points": len(cloud),
             "offset": cloud.offset.tolist(),
             "origins": None if cloud.origins is None else cloud.origins.tolist(),
@@ -132,6 +132,11 @@ def _describe(
             for rank, plane in enumerate(model.planes, start=1)
         ],
     }
+
+
+def _as_text(name: str) -> str:
+    """Name of a file as valid Unicode, whatever bytes and locale it comes from."""
+    return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _number_or_none(value: float) -> float | None:
