@@ -372,8 +372,9 @@ def annotate(
                  anchor="rm")  # fmt: skip
         share = f"{100 * plane.count / model.readings:.1f} %"
         pen.text((at + 11.0 * size, middle), share, fill=_INK, font=font, anchor="rm")
-    under = (left, top + (per_column + 1) * row)
-    pen.text(under, "nats: against outliers", fill=_FAINT, font=font, anchor="lt")
+    under = top + (per_column + 1) * row
+    if under + size <= height:
+        pen.text((left, under), "nats: against outliers", fill=_FAINT, font=font, anchor="lt")
     return np.asarray(canvas)
 
 
@@ -400,7 +401,7 @@ def _write_ranks(pen: Pen, labels: NDArray[np.uint16], size: int) -> None:
 
 
 def _legend_lines(height: int, row: int) -> int:
-    return max(1, height // row - 4)  # less the title, two lines about nats, and room
+    return max(1, height // row - 3)
 
 
 def _legend_columns(planes: int, height: int, row: int) -> int:
