@@ -183,7 +183,7 @@ BAD_ARGUMENTS = {
         ("--instances", "--objective", "paper"),
         "--instances needs --objective spatial",
     ),
-    "option that is none": (("--magic",), "No such option: --magic; see 'planewise detect -h'"),
+    "option that is none": (("--magic",), "; see 'planewise detect -h'"),
     "rgb that is not there": (("--rgb", "none.png"), "rgb"),
 }
 
