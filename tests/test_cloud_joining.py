@@ -172,6 +172,6 @@ def test_points_far_off_what_a_plane_becomes_part_of_are_left_out():
     sensor = pw.Sensor(max_depth=100.0, resolution=0.01, noise=0.0058)
     found = pw.detect_planes_in_points(points, sensor)
     largest = found.planes[0]
-    assert largest.count > 30_000  # of 15,159, 8,120 and 6,123 points in two centimetres
+    assert largest.count > 25_000  # of 15,159, 8,120 and 6,123 points in two centimetres
     off = points[found.labels == 1] @ largest.normal + largest.distance
     assert np.abs(off).max() < 0.1

@@ -43,6 +43,7 @@ from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import Curve, Move, Plane, PlaneModel
 from planewise.sensor import Sensor
 from planewise.stages import stage
+from planewise.wording import counted
 
 Array = NDArray[np.float64]
 
@@ -405,7 +406,7 @@ def nothing_in(
 ) -> PlaneModel:
     """Model of too few points."""
     phi = outlier_information(3, sensor.range, sensor.resolution) * readings
-    note = f"{readings} finite points; 3 are needed for a plane"
+    note = f"{counted(readings, 'finite point')}; 3 are needed for a plane"
     return PlaneModel(
         labels=np.zeros(size, np.uint16),
         planes=(),
