@@ -283,7 +283,7 @@ def test_the_command_line_has_it(tmp_path):
     arguments += ["-o", tmp_path / "out", "--reassign", "normals"]
     code, _, errors = run(*arguments)
     assert code == 2
-    assert "reassign needs objective='paper' or search='sequential'" in errors
+    assert "--reassign needs --objective paper or --search sequential" in errors
     code, _, errors = run(*arguments, "--search", "sequential")
     assert code == 0, errors
     record = json.loads((tmp_path / "out" / "planes.json").read_text())
