@@ -211,6 +211,12 @@ def test_text(tmp_path, points, name):
         assert_array_equal(cloud.colour[-1], [1, 2, 3])
 
 
+def test_text_with_tabs_and_spaces(tmp_path, points):
+    path = tmp_path / "mixed.xyz"
+    path.write_text("".join(f"{x!r}\t{y!r}  {z!r}\n" for x, y, z in points.tolist()))
+    assert_array_equal(in_blocks(path).points, points)
+
+
 @pytest.mark.parametrize("fortran", [False, True])
 @pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
 def test_npz(tmp_path, points, colour, fortran, save):
