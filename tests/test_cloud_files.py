@@ -215,6 +215,10 @@ def test_text_with_tabs_and_spaces(tmp_path, points):
     path = tmp_path / "mixed.xyz"
     path.write_text("".join(f"{x!r}\t{y!r}  {z!r}\n" for x, y, z in points.tolist()))
     assert_array_equal(in_blocks(path).points, points)
+    for between in (" ,\t", "; ", ",\t "):  # spaces and tabs beside what stands between numbers
+        lines = (between.join(map(repr, row)) + "\n" for row in points.tolist())
+        path.write_text("".join(lines))
+        assert_array_equal(in_blocks(path).points, points)
 
 
 @pytest.mark.parametrize("fortran", [False, True])

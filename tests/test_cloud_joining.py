@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from benchmarks import scanned_clouds
+from benchmarks.scanned_clouds import turning
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise.clouds import gaps, model
+from planewise.detect_in_cloud import detect_planes_in_cloud
 from planewise.kernels import cloud_planes
 from planewise.kernels.cloud_rows import COUNT, CX, CZ, NX, NZ, ROW, WEIGHT, XX, ZZ
 
@@ -16,24 +19,27 @@ SCAN = SHARED / "lidar" / "balm_realworld_000.npz"
 LEAN = np.deg2rad(2.5)
 
 
-def ground(rows=160, columns=800, seed=0, lean=0.0):
-    """Level ground two metres below a scanner that turns, 5 mm off; behind x = 0 it may lean."""
+RINGS = pw.cameras.VELODYNE_VLP16.rays(pw.cameras.VELODYNE_VLP16.shape).reshape(-1, 3)
+
+
+def ground(seed=0, lean=0.0, rows=160, columns=800):
+    """Ground two metres below a scanner that turns, 5 mm off; behind x = 0 it may lean."""
     rng = np.random.default_rng(seed)
     grid = np.meshgrid(np.linspace(0, 360, columns), np.linspace(-60, -3, rows), indexing="ij")
     around, down = (np.deg2rad(angles + rng.normal(0, 0.02, angles.shape)) for angles in grid)
     out = 2.0 / np.tan(-down)
     x, y = (out * np.cos(around)).ravel(), (out * np.sin(around)).ravel()
-    z = np.where(x > 0, np.tan(lean) * x, 0.0) - 2.0 + rng.normal(0, 0.005, x.size)
+    z = np.tan(lean) * np.maximum(x, 0.0) - 2.0 + rng.normal(0, 0.005, x.size)
     return np.column_stack((x, y, z))
 
 
 def ring_by_ring(sigma, seed):
     """The same seen by 16 beams 1.8 m above it, which err along the ray."""
-    camera = pw.cameras.VELODYNE_VLP16
-    rays = camera.rays(camera.shape).reshape(-1, 3)
-    rays = rays[rays[:, 2] < np.sin(np.deg2rad(-1.5))]
-    away = np.random.default_rng(seed).normal(0, sigma, len(rays)) - 1.8 / rays[:, 2]
-    return rays * away[:, None]
+    return scanned_clouds.ground(RINGS, 1.8, sigma, np.random.default_rng(seed))
+
+
+def apart(cloud, labels, rows, *_):
+    return rows, np.arange(len(rows))
 
 
 @pytest.mark.parametrize("noise", [0.005, "auto"])
@@ -46,12 +52,10 @@ def test_ground_that_a_scanner_sees_is_one_plane(monkeypatch, noise, seed):
     assert (found.labels == 1).mean() > 0.99
     assert_allclose(np.abs(found.planes[0].normal), (0, 0, 1), atol=1e-4)
     assert found.planes[0].significance > 0
-    monkeypatch.setattr(
-        model, "joined", lambda cloud, labels, rows, *_: (rows, np.arange(len(rows)))
-    )
-    apart = pw.detect_planes_in_points(points, sensor)
-    assert len(apart) > 1
-    assert found.information < apart.information
+    monkeypatch.setattr(model, "joined", apart)
+    pieces = pw.detect_planes_in_points(points, sensor)
+    assert len(pieces) > 1
+    assert found.information < pieces.information
 
 
 def test_ground_that_bends_stays_two_planes():
@@ -62,6 +66,33 @@ def test_ground_that_bends_stays_two_planes():
     for side in (points[clear, 0] > 0, points[clear, 0] < 0):
         share = np.bincount(found.labels[clear][side], minlength=3)[1:].max() / side.sum()
         assert share > 0.97
+
+
+@pytest.mark.parametrize("most", [1, 2, 6])
+def test_as_many_planes_as_asked_for_are_counted_once_they_are_joined(most):
+    points = ground()
+    few = pw.detect_planes_in_points(points, SENSOR, max_planes=most)
+    every = pw.detect_planes_in_points(points, SENSOR)
+    assert_array_equal(few.labels, every.labels)
+    assert "max_planes" not in few.curve.reason
+    hall = scanned_clouds.hall(turning(300, 120, -60, 88), 0.005, np.random.default_rng(0))
+    first = pw.detect_planes_in_points(hall, SENSOR, max_planes=most)
+    assert len(first) == most
+    assert (first.curve.reason == f"reached max_planes = {most}") == (most < 6)
+
+
+def test_ground_in_thick_sheets_is_one_plane():
+    """So many points that cubes cut the sheet; names of points are those of their place then."""
+    points = ground(seed=1, rows=480, columns=4000)
+    found = pw.detect_planes_in_points(points, SENSOR)
+    assert len(found) == 1
+
+
+def test_tiles_join_the_same_planes(tmp_path):
+    points = ground().astype(np.float32)
+    np.save(tmp_path / "ground.npy", points)
+    found = detect_planes_in_cloud(tmp_path / "ground.npy", SENSOR, tile_points=20_000)
+    assert_array_equal(found.labels, pw.detect_planes_in_points(points, SENSOR).labels)
 
 
 def test_walls_in_one_plane_stay_apart_if_wanted():
@@ -132,6 +163,15 @@ def test_points_beside_those_of_the_nearest_plane_are_mixed():
     assert_array_equal(mixed, [5 + 11, 0, 7])
 
 
+def test_points_in_cubes_of_the_nearest_plane_are_together():
+    groups = np.zeros((5, ROW))
+    groups[:, COUNT] = 3, 5, 7, 2, 4
+    label, places = np.array([1, 2, 3, 1, 3]), np.array([0, 3, 5])
+    mixed = np.zeros(3)
+    cloud_planes.points_together(groups, label, places, np.array([1, 1, 0]), mixed)
+    assert_array_equal(mixed, [3, 0, 3 + 2])
+
+
 def test_what_pays_together_saves_its_parameters_once(monkeypatch):
     """A few pieces that lie on one plane by chance are none."""
     few = ring_by_ring(0.005, 2)
@@ -161,8 +201,10 @@ def test_points_of_groups_that_are_off_are_on_none():
     labels = np.array([1, 2, 1, 0, 2, 2, 1], np.uint16)
     starts, places = np.array([0, 4, 7]), np.array([0, 3, 5])
     label, off = np.array([0, 1, 2, 1, 2]), np.array([False, False, True, True, False])
-    cloud_planes.leave_out(label, places, off, starts, 0, 2, labels)
+    cloud_planes.leave_out(label, places, off, np.array([False, True, True]), starts, 0, 2, labels)
     assert_array_equal(labels, [1, 0, 1, 0, 2, 2, 0])
+    cloud_planes.leave_out(label, places, ~off, np.array([True, False, True]), starts, 0, 2, labels)
+    assert_array_equal(labels, [1, 0, 1, 0, 0, 0, 0])
 
 
 @pytest.mark.skipif(not SCAN.exists(), reason="real scans are not part of the project")

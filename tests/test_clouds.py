@@ -480,3 +480,18 @@ def test_a_dense_wall_that_is_thick_beside_its_cubes_is_one_plane(count, sigma, 
     middle = turned.apply([1.5, 1, 0]) + shift
     assert abs(middle @ plane.normal + plane.distance) < 0.05 * sigma
     assert 6 < plane.area < 9  # some cells lie above others
+
+
+@pytest.mark.parametrize("sigma", [1e-5, 1e-7, 1e-9])
+def test_points_err_by_no_less_than_their_resolution(sigma):
+    """Two walls, exact but for rounding: Phi is positive, and that of any smaller sigma."""
+    rng = np.random.default_rng(0)
+    inside, off = rng.uniform(0, 3, (12_000, 2)), rng.normal(0, sigma, 12_000)
+    first = np.column_stack((inside[:6000], off[:6000]))
+    points = np.vstack((first, np.column_stack((off[6000:], inside[6000:]))))
+    sensor = pw.Sensor(max_depth=50.0, resolution=0.001, noise=sigma)
+    model = pw.detect_planes_in_points(points, sensor)
+    assert len(model) == 2
+    assert model.information > 0
+    each = pw.detect_planes_in_points(points, sensor, sigma=np.full(12_000, sigma))
+    assert_allclose(each.information, model.information, rtol=1e-9)

@@ -522,3 +522,13 @@ def test_more_than_64_planes_are_found():
     camera = pw.PinholeCamera(fx=400, fy=400, cx=240, cy=180)
     model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.002))
     assert len(model.planes) > 64
+
+
+@pytest.mark.parametrize("farthest", [5e3, 1e5, 1e7])
+def test_metres_far_below_the_largest_depth_keep_their_resolution(farthest):
+    """As many planes as for integers, whatever else the sensor may see."""
+    scene = pw.scenes.room(9)
+    sensor = pw.Sensor(max_depth=farthest, resolution=0.001, noise=0.002)
+    whole = pw.detect_planes(scene.depth, scene.camera, sensor)
+    metres = pw.detect_planes(scene.depth * 0.001, scene.camera, sensor)
+    assert (metres.labels == whole.labels).mean() > 0.999

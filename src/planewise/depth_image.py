@@ -96,8 +96,11 @@ class DepthImage:
         dtype = np.float32 if image.dtype == np.float32 else np.float64
         rounding = _ROUNDED * float(np.finfo(dtype).eps)
         nearest = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
-        farthest = sensor.max_depth * (1.0 + rounding)
-        grid = max(_GRID * sensor.resolution, sensor.max_depth / _MOST_LEVELS)
+        deepest, farthest = sensor.max_depth, sensor.max_depth * (1.0 + rounding)
+        if deepest > _MOST_LEVELS * sensor.resolution:
+            # Levels of all that the sensor may see would be coarser than what it tells apart.
+            deepest = farthest = float(np.max(image, where=image <= farthest, initial=nearest))
+        grid = max(_GRID * sensor.resolution, deepest / _MOST_LEVELS)
         return cls._of_metres(
             np.ascontiguousarray(image, dtype),
             float(dtype(nearest)),  # NumPy compares in single precision, loops in double

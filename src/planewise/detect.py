@@ -164,7 +164,7 @@ def detect_planes_in_points(
     >>> roof[:, 2] = 60 + 0.5 * np.abs(roof[:, 0] - 592005) + rng.normal(0, 0.02, 4000)
     >>> model = pw.detect_planes_in_points(roof, pw.Sensor(max_depth=100, noise=0.02))
     >>> len(model), [round(plane.area) for plane in model.planes]
-    (2, [54, 54])
+    (2, [56, 56])
     """
     options = Options(
         search=search,

@@ -105,8 +105,10 @@ def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least
         return
     bounds = [size * part // threads for part in range(threads + 1)]
     mine, *others = pairwise(bounds)
-    helpers = [_started(lambda part=part: work(*part)) for part in others]  # type: ignore[misc]
+    helpers: list[_Helper] = []
     try:
+        # One by one: an interrupt waits for those that have started.
+        helpers.extend(_started(lambda part=part: work(*part)) for part in others)  # type: ignore[misc]
         work(*mine)
     finally:
         _wait(helpers)

@@ -133,9 +133,12 @@ def _unique() -> str:
 
 def _publish(staging: Path, target: Path, stale: Iterable[str]) -> None:
     if not target.exists():
-        with suppress(OSError):  # another process has just made it
+        try:
             staging.rename(target)
             return
+        except OSError:
+            if not target.is_dir():  # which another process has just made
+                raise
     for name in stale:
         if not (staging / name).exists():
             (target / name).unlink(missing_ok=True)

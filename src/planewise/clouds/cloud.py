@@ -370,9 +370,10 @@ def _variances(
     starts: NDArray[np.int64],
     origin: Array,
 ) -> Array:
-    """Mean variance of the points of each cube."""
+    """Mean variance of the points of each cube, at least that of rounding to the resolution."""
+    least = sensor.resolution**2 / 12.0
     if sigma is None and _is_constant(sensor):
-        return np.full(len(starts) - 1, float(sensor.sigma(np.zeros(1))[0]) ** 2)
+        return np.full(len(starts) - 1, max(float(sensor.sigma(np.zeros(1))[0]) ** 2, least))
     if sigma is None:
         out: Array = np.empty(len(points))
         for first in range(0, len(points), _PART):
@@ -380,7 +381,7 @@ def _variances(
             seen_from = origin if origin.ndim == 1 else origin[part]
             out[part] = sensor.sigma(_distances(points[part], seen_from))
         sigma = out
-    squares = np.asarray(np.square(sigma))
+    squares = np.maximum(np.square(sigma), least)
     return np.asarray(np.add.reduceat(squares[order.rows], starts[:-1]) / np.diff(starts))
 
 

@@ -103,10 +103,10 @@ def _larger(
             continue
         if more[k] < 0.0 or names.save(more[k], into, small):
             into[small], settled[large] = large, True
-    off &= np.append(False, into != np.arange(n))[groups.label]
+    gone = np.append(False, into != np.arange(n))
     cloud.over_cubes(
         lambda first, last: kernels.leave_out(
-            groups.label, groups.places, off, cloud.starts, first, last, labels
+            groups.label, groups.places, off, gone, cloud.starts, first, last, labels
         )
     )
     return into
@@ -126,28 +126,47 @@ def _more(
     Infinite where they are shorter on none: what hardly pays takes hardly more anywhere. And which
     groups of the small planes are shorter on none than on the large ones.
     """
-    looked_at = np.zeros(len(rows) + 1, np.bool_)
-    looked_at[small + 1] = looked_at[large + 1] = True
-    mine = looked_at[groups.label]
-    off = np.zeros(len(mine), np.bool_)
-    places = np.append(0, np.cumsum(mine))[groups.places]
-    groups = CloudGroups(groups.rows[mine], groups.label[mine], places)
-    alone, areas = alone_of(cloud, groups, *limits), rows[:, AREA].copy()
+    looked_at, mine = np.zeros((2, len(rows) + 1), np.bool_)
+    mine[small + 1] = looked_at[small + 1] = looked_at[large + 1] = True
+    some = _some(cloud, groups, looked_at)
+    alone, areas = alone_of(cloud, some, *limits), rows[:, AREA].copy()
 
     def data(planes: Array) -> Array:
-        return data_of(cloud, groups, alone, planes, areas, error, *limits)
+        return data_of(cloud, some, alone, planes, areas, error, *limits)
 
-    fitted = refitted(cloud, groups, alone, data(planes_of(rows)), areas, error)
+    fitted = refitted(cloud, some, alone, data(planes_of(rows)), areas, error)
     planes = planes_of(determined(fitted, rows))
     apart = data(planes)
     planes[small], areas[small] = planes[large], areas[small] + areas[large]
     there = data(planes)
-    more, worth = (
-        np.bincount(groups.label, there - other, len(looked_at))[1:][small]
-        for other in (apart, alone)
-    )
-    off[mine] = there >= alone
-    return np.where(worth < 0.0, more, np.inf), off
+    off: NDArray[np.bool_] = cloud.memory.empty(len(groups.label), np.bool_)
+    more, worth = np.zeros((2, len(rows) + 1))
+    for begin, end in cloud.runs():
+        g = slice(some.places[begin], some.places[end])
+        more += np.bincount(some.label[g], there[g] - apart[g], len(more))
+        worth += np.bincount(some.label[g], there[g] - alone[g], len(more))
+        here = slice(groups.places[begin], groups.places[end])
+        off[here] = mine[groups.label[here]]
+        off[here][looked_at[groups.label[here]]] &= there[g] >= alone[g]
+    return np.where(worth[1:][small] < 0.0, more[1:][small], np.inf), off
+
+
+def _some(cloud: Cloud, groups: CloudGroups, looked_at: NDArray[np.bool_]) -> CloudGroups:
+    """Groups of some labels, looked_at (N + 1,)."""
+    places = np.zeros_like(groups.places)
+    for begin, end in cloud.runs():
+        first, last = groups.places[[begin, end]]
+        so_far = np.append(0, np.cumsum(looked_at[groups.label[first:last]]))
+        places[begin + 1 : end + 1] = (
+            places[begin] + so_far[groups.places[begin + 1 : end + 1] - first]
+        )
+    rows: Array = cloud.memory.empty((int(places[-1]), groups.rows.shape[1]))
+    label: NDArray[np.int64] = cloud.memory.empty(len(rows), np.int64)
+    for begin, end in cloud.runs():
+        here = slice(groups.places[begin], groups.places[end])
+        g, mine = slice(places[begin], places[end]), looked_at[groups.label[here]]
+        rows[g], label[g] = groups.rows[here][mine], groups.label[here][mine]
+    return CloudGroups(rows, label, places)
 
 
 class _Names:
@@ -165,12 +184,14 @@ class _Names:
         nearest: NDArray[np.intp],
         error: CloudError,
     ) -> None:
+        self._mask = mask_of(cloud, labels, groups, len(nearest), error)
         self._nearest, self._mixed = nearest, np.zeros(len(nearest))
         self._into, self._length = np.empty(0, np.intp), 0.0
-        mask = mask_of(cloud, labels, groups, len(nearest), error)
-        if isinstance(mask, PointMask):  # thick sheets name few points
-            self._mask = mask
-            kernels.mixed_points(mask.edges, nearest, self._mixed)
+        if isinstance(self._mask, PointMask):
+            kernels.mixed_points(self._mask.edges, nearest, self._mixed)
+        else:
+            of_cubes = groups.rows, groups.label, groups.places
+            kernels.points_together(*of_cubes, nearest, self._mixed)
 
     def save(self, nats: float, into: NDArray[np.intp], small: int) -> bool:
         """Whether the mask is shorter by more if a plane becomes part of its nearest one, too."""

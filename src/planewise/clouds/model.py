@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise import prices
 from planewise.clouds import few as cloud_few
-from planewise.clouds.areas import covered_area
 from planewise.clouds.cells import (
     CloudError,
     as_loud_as_seen,
@@ -41,6 +40,7 @@ from planewise.information import (
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import Curve, Move, Plane, PlaneModel
+from planewise.paper.evaluate import MAX_PLANES
 from planewise.sensor import Sensor
 from planewise.stages import stage
 from planewise.wording import counted
@@ -141,8 +141,7 @@ def cloud_model(
             found = _from_few(fine, found, sensor, significance, max_planes, rng)
     if instances:
         found = told_apart(found, significance, max_planes)
-    model = ranked_model(len(points), found, sensor, max_planes, settings)
-    return _with_covered_areas(model, points) if few else model
+    return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
 def found_in(
@@ -165,7 +164,7 @@ def found_in(
             plane_information(3, sensor.range, sensor.resolution),
             sensor.range,
             significance=significance,
-            max_planes=max_planes,
+            max_planes=MAX_PLANES,
             workers=cloud.workers,
             memory=cloud.memory,
         )
@@ -184,9 +183,28 @@ def found_in(
     saved = np.asarray(np.bincount(part, found.significance, len(rows)), np.float64)
     of_cell = np.append(part, -1)[found.of_cell]
     correlation = residual_correlation(cells, of_cell, planes_of(rows))
-    return CloudPlanes(
+    planes = CloudPlanes(
         cloud, labels, rows, cells.error, saved, correlation, found.left_out, found.curved
     )
+    return _most_significant(planes, max_planes)
+
+
+def _most_significant(found: CloudPlanes, most: int, least: float = 0.0) -> CloudPlanes:
+    """Planes that save more than `least`, if that is more than nothing, and the first so many."""
+    keep = np.argsort(-found.significance, kind="stable")
+    keep = keep[found.significance[keep] > least] if least else keep
+    left_out, keep = max(0, len(keep) - most), np.sort(keep[:most])
+    if len(keep) == len(found.rows):
+        return found
+    place = np.zeros(len(found.rows) + 1, np.uint16)
+    place[keep + 1] = np.arange(1, len(keep) + 1)
+    for first, last in found.cloud.runs():
+        inside = slice(found.cloud.starts[first], found.cloud.starts[last])
+        found.labels[inside] = place[found.labels[inside]]
+    return CloudPlanes(
+        found.cloud, found.labels, found.rows[keep], found.error, found.significance[keep],
+        found.correlation[keep], found.left_out + left_out, found.curved,
+    )  # fmt: skip
 
 
 def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
@@ -206,21 +224,11 @@ def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes
     rows = found.rows[row]
     rows[:, COUNT] *= share
     rows[:, AREA] *= share
-    significance, correlation = found.significance[row] * share, found.correlation[row]
-    keep = np.argsort(-significance, kind="stable")
-    keep = keep[significance[keep] > least] if least else keep
-    left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
-    if len(keep) < len(row):
-        place = np.zeros(len(row) + 1, np.uint16)
-        place[keep + 1] = np.arange(1, len(keep) + 1)
-        for first, last in found.cloud.runs():
-            inside = slice(found.cloud.starts[first], found.cloud.starts[last])
-            labels[inside] = place[labels[inside]]
-        rows, significance, correlation = rows[keep], significance[keep], correlation[keep]
-    return CloudPlanes(
-        found.cloud, labels, rows, found.error, significance, correlation,
-        found.left_out + left_out, found.curved,
+    pieces = CloudPlanes(
+        found.cloud, labels, rows, found.error, found.significance[row] * share,
+        found.correlation[row], found.left_out, found.curved,
     )  # fmt: skip
+    return _most_significant(pieces, max_planes, least)
 
 
 def _from_few(
@@ -254,18 +262,6 @@ def _from_few(
         cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out,
         int(curved.sum()),
     )  # fmt: skip
-
-
-def _with_covered_areas(model: PlaneModel, points: NDArray[np.floating]) -> PlaneModel:
-    """Planes of few points with the area that these cover, for cells are wide there."""
-
-    def area(j: int, plane: Plane) -> float:
-        assert plane.area is not None
-        mine = np.asarray(points[model.labels == j], np.float64)
-        return float(np.fmin(plane.area, covered_area(mine, plane.normal)))
-
-    planes = (replace(each, area=area(j, each)) for j, each in enumerate(model.planes, start=1))
-    return replace(model, planes=tuple(planes))
 
 
 def ranked_model(

@@ -34,7 +34,7 @@ _BAR = 30  # characters of the longest bar
 _WIDEST = 1000  # characters of a line of a table
 _VALUE = re.compile(r"\b(depth_scale|objective|search) ?= ?'?([\w.]+)'?")
 _NAME = re.compile(
-    r"(?<![^\s(])(depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
+    r"^(depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
     r"|reassign|significance)(?= (must|needs|goes|is|with) )"
 )
 
@@ -55,8 +55,14 @@ def notice(message: str) -> None:
 
 
 def _as_typed(message: str) -> str:
-    """Call options as they are typed, not by the names of Python's arguments."""
+    """Call options as they are typed, not by the names of Python's arguments.
+
+    In messages that begin with one: others may hold names of files.
+    """
     message = message.replace(" (camera.scaled, camera.cropped)", "")
+    message = message.replace("(depth_scale = ", "(--depth-scale ")
+    if not (_NAME.match(message) or _VALUE.match(message)):
+        return message
     message = _VALUE.sub(lambda found: f"{_option(found)} {found[2]}", message)
     return _NAME.sub(_option, message)
 

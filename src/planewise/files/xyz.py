@@ -105,9 +105,8 @@ def _layout(path: Path) -> _Layout:
 
 
 def _delimiter(line: str) -> str | None:
-    if "\t" in line and any(len(word.split()) > 1 for word in line.split("\t")):
-        mixed = all(map(is_number, line.split()))  # tabs and spaces, as from several tools
-        return None if mixed else "\t"
+    if all(map(is_number, line.split())):
+        return None  # spaces, tabs, or both, as from several tools
     return next((each for each in (";", ",", "\t") if each in line), None)
 
 

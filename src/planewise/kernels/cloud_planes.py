@@ -82,15 +82,30 @@ def mixed_points(edges, nearest, mixed):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def leave_out(label, places, off, starts, first, last, labels):  # type: ignore[no-untyped-def]
+def points_together(groups, label, places, nearest, mixed):  # type: ignore[no-untyped-def]
+    """Add to mixed (N,) how many points of each plane are in cubes of its nearest one, too.
+
+    groups (m, 18), label (m,): those of each cube from places on. No more than that one has there.
+    """
+    for cube in range(places.size - 1):
+        for g in range(places[cube], places[cube + 1]):
+            j = label[g] - 1
+            if j >= 0 and nearest[j] != j:
+                for other in range(places[cube], places[cube + 1]):
+                    if label[other] - 1 == nearest[j]:
+                        mixed[j] += min(groups[g, COUNT], groups[other, COUNT])
+
+
+@compiled
+def leave_out(label, places, off, gone, starts, first, last, labels):  # type: ignore[no-untyped-def]
     """Set the labels of the points of groups that are off to 0, of cubes[first:last].
 
-    label, off (m,): of groups, those of each cube from places on; labels (k,): of its points, from
-    starts on.
+    label, off (m,): of groups, those of each cube from places on; gone (N + 1,): labels that count;
+    labels (k,): of the points of each cube, from starts on.
     """
     for cube in range(first, last):
         for g in range(places[cube], places[cube + 1]):
-            if off[g]:
+            if off[g] and gone[label[g]]:
                 for i in range(starts[cube], starts[cube + 1]):
                     if labels[i] == label[g]:
                         labels[i] = 0
