@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 
@@ -101,3 +101,18 @@ def test_covariance_of_free_points_is_the_scatter_of_the_estimates():
         claimed.append(model.planes[0].covariance)
     expected = np.mean(claimed, axis=0)
     assert_allclose(np.cov(np.array(found).T), expected, atol=0.4 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("dimension", [2, 3, 4])
+def test_a_stray_point_takes_no_digits_from_the_others(dimension):
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 3, (800, dimension))
+    points[:, -1] = rng.normal(0, 0.01, 800)
+    stray = np.zeros((1, dimension))
+    stray[0] = 1e12
+    sensor = pw.Sensor(max_depth=10.0, noise=0.01)
+    alone = pw.detect_planes_in_points(points, sensor, objective="paper")
+    found = pw.detect_planes_in_points(np.vstack((points, stray)), sensor, objective="paper")
+    assert len(alone) == len(found) == 1
+    assert_array_equal(found.labels[:-1], alone.labels)
+    assert_allclose(found.planes[0].covariance, alone.planes[0].covariance, rtol=1e-6, atol=1e-12)

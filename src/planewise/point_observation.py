@@ -16,6 +16,8 @@ from planewise.wording import counted
 if TYPE_CHECKING:
     from planewise.clouds.noise import CloudNoise
 
+_STRAY = 100.0  # times the range: a point that is so far off is none of the others'
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool
 class PointObservation(Observation):
@@ -117,6 +119,8 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     index = np.flatnonzero(np.isfinite(array).all(axis=1))
     valid = array[index]
     origin = valid.mean(axis=0) if index.size else np.zeros(array.shape[1])
+    if np.abs(valid - origin).max(initial=0.0) > _STRAY * sensor.range:
+        origin = np.median(valid, axis=0)  # which strays do not move
     return PointObservation(
         errors=sensor.sigma(np.linalg.norm(valid, axis=1)),
         rows=index,
