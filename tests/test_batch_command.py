@@ -95,7 +95,7 @@ def test_other_options_are_refused_and_named(frames, store):
         (("--max-planes", 7), "options.max_planes is not given there, 7 here"),
         (("--noise", "1%"), 'sensor.noise is "0.0012 + 0.0019 (z - 0.4)^2 m" there, "0.01 z m"'),
         (("--labels", "rle"), 'labels is "png" there, "rle" here'),
-        (("--depth-scale", 0.002), "--depth-scale is not given there, 0.002 here"),
+        (("--depth-scale", 0.002), "depth_scale is not given there, 0.002 here"),
         (("--camera", "60,60,39.5,39.5"), "camera.fx is 65.625 there, 60.0 here"),
         (("--seed", 1), "options.rng is 0 there, 1 here"),
     ):
