@@ -48,6 +48,8 @@ def reported() -> Iterator[None]:
         terminal.error(str(error))
     except MemoryError:
         terminal.error("there is not enough memory for this input")
+    except BrokenPipeError:  # which what reads the output has closed: no error of ours
+        raise
     except OSError as error:
         if error.errno in NO_ROOM:
             terminal.error(f"output: there is no room left for the results ({error.strerror})")
