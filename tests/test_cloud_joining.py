@@ -38,10 +38,6 @@ def ring_by_ring(sigma, seed):
     return scanned_clouds.ground(RINGS, 1.8, sigma, np.random.default_rng(seed))
 
 
-def apart(cloud, labels, rows, *_):
-    return rows, np.arange(len(rows))
-
-
 @pytest.mark.parametrize("noise", [0.005, "auto"])
 @pytest.mark.parametrize("seed", [0, 1])
 def test_ground_that_a_scanner_sees_is_one_plane(monkeypatch, noise, seed):
@@ -52,7 +48,7 @@ def test_ground_that_a_scanner_sees_is_one_plane(monkeypatch, noise, seed):
     assert (found.labels == 1).mean() > 0.99
     assert_allclose(np.abs(found.planes[0].normal), (0, 0, 1), atol=1e-4)
     assert found.planes[0].significance > 0
-    monkeypatch.setattr(model, "joined", apart)
+    monkeypatch.setattr(model, "joined", scanned_clouds.apart)
     pieces = pw.detect_planes_in_points(points, sensor)
     assert len(pieces) > 1
     assert found.information < pieces.information

@@ -136,6 +136,12 @@ class Cloud:
             yield first, last
             self.memory.release()
 
+    def rename(self, labels: NDArray[np.uint16], place: NDArray[np.uint16]) -> None:
+        """Change the labels of the sorted points to what place (N + 1,) says of each."""
+        for first, last in self.runs():
+            part = slice(self.starts[first], self.starts[last])
+            labels[part] = place[labels[part]]
+
     def over_cubes(self, work: Callable[[int, int], None]) -> None:
         """``work(first, last)`` on parts of the cubes, one a thread."""
         for first, last in self.runs():

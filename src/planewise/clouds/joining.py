@@ -64,10 +64,7 @@ def joined(
         together = np.zeros((len(left), rows.shape[1]))
         kernels.add_rows(rows, place, together)
         rows, part, fresh = together, place[part], np.bincount(place) > 1
-        new = np.append(0, place + 1).astype(labels.dtype)
-        for first, last in cloud.runs():
-            inside = slice(cloud.starts[first], cloud.starts[last])
-            labels[inside] = new[labels[inside]]
+        cloud.rename(labels, np.append(0, place + 1).astype(np.uint16))
 
 
 def _larger(
@@ -104,6 +101,8 @@ def _larger(
         if more[k] < 0.0 or names.save(more[k], into, small):
             into[small], settled[large] = large, True
     gone = np.append(False, into != np.arange(n))
+    if not gone.any():
+        return into
     cloud.over_cubes(
         lambda first, last: kernels.leave_out(
             groups.label, groups.places, off, gone, cloud.starts, first, last, labels

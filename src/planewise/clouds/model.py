@@ -198,9 +198,7 @@ def _most_significant(found: CloudPlanes, most: int, least: float = 0.0) -> Clou
         return found
     place = np.zeros(len(found.rows) + 1, np.uint16)
     place[keep + 1] = np.arange(1, len(keep) + 1)
-    for first, last in found.cloud.runs():
-        inside = slice(found.cloud.starts[first], found.cloud.starts[last])
-        found.labels[inside] = place[found.labels[inside]]
+    found.cloud.rename(found.labels, place)
     return CloudPlanes(
         found.cloud, found.labels, found.rows[keep], found.error, found.significance[keep],
         found.correlation[keep], found.left_out + left_out, found.curved,

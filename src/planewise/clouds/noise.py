@@ -9,8 +9,7 @@ Points of a depth image lie on slices, the steps of its depth (`clouds.depth_ste
 counts as flatter than these steps, and sigma is a function of the range, that along the rays.
 
 Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
-or along its lines. Then sigma is doubled until Phi rises, for models with different noise can be
-compared by it.
+or along its lines. Then sigma is doubled until Phi rises (`clouds.noise_factor`).
 """
 
 from __future__ import annotations
@@ -32,9 +31,7 @@ from planewise.kernels import cloud_cells, cloud_keys
 from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
-from planewise.model import PlaneModel
 from planewise.noise import Polynomial, constant
-from planewise.paper.evaluate import MAX_PLANES
 from planewise.point_observation import checked_origin, checked_points
 from planewise.sensor import Sensor
 
@@ -63,8 +60,6 @@ _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
 _SURE = 0.6  # share of the cubes that are flat, above which noise is that of all
-_DOUBLED = 4  # times at most
-_CONFIRMED = 0.25, 1.5  # share of points on planes, and times its variance, that confirm noise
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
 
@@ -188,7 +183,10 @@ def cloud_noise(
     if rays is not None:
         noise = _of_range(sizes, rounding) or _of_steps(sizes, rounding) or noise
     if told.share < _SURE and not rounding.has_steps:
-        noise = noise.scaled(_factor(some, sensor, noise, seen_from, workers))
+        # Its compiled loops are loaded only where they are used.
+        from planewise.clouds.noise_factor import noise_factor
+
+        noise = noise.scaled(noise_factor(some, sensor, noise, seen_from, workers))
     return CloudNoise(noise=noise, cubes=told.cubes, side=told.side)
 
 
@@ -228,43 +226,6 @@ def _of_thick(
         return assumed
     note = f"all cubes that tell are hardly wider than the noise; assumed {flattest * side:g} m"
     return CloudNoise(noise=constant(flattest * side), cubes=cubes, side=side, note=note)
-
-
-def _factor(
-    points: Points, sensor: Sensor, noise: Polynomial, origin: Array | None, workers: int
-) -> float:
-    """Power of two that noise is multiplied by for the lowest Phi.
-
-    None where a good part of the points is on planes and errs by no more than that: Phi falls for
-    larger noise, too, where layers of what fills space, such as crowns of trees, pay then.
-    """
-    # Its compiled loops are loaded only where they are used.
-    from planewise.clouds.model import cloud_model
-
-    best, lowest = 0, math.inf
-    for power in range(_DOUBLED + 1):
-        model = cloud_model(
-            points, replace(sensor, noise=noise.scaled(2.0**power)), None, origin,
-            instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
-            workers=workers, rng=np.random.default_rng(0),
-        )  # fmt: skip
-        if not model.information < lowest:
-            break
-        if not power and origin is None and _confirms(model, noise.constant):
-            break
-        best, lowest = power, model.information
-    return 2.0**best
-
-
-def _confirms(model: PlaneModel, sigma: float) -> bool:
-    """Whether there are many on planes, and points err by sigma on that of the median one."""
-    share, larger = _CONFIRMED
-    planes = sorted(model.planes, key=lambda plane: plane.rms)
-    places = np.cumsum([plane.count for plane in planes])
-    if not planes or places[-1] < share * model.readings:
-        return False
-    usual = planes[int(np.searchsorted(places, 0.5 * places[-1]))].rms
-    return usual**2 <= larger * sigma**2
 
 
 def _assumed(sensor: Sensor, reach: float) -> CloudNoise:
