@@ -43,6 +43,8 @@ def main() -> None:
             raise
         sys.stderr.write("error: interrupted; nothing was left half-written\n")
         raise SystemExit(interrupted()) from None
+    finally:
+        gc.freeze()  # at exit, too, Python would look through all objects
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import importlib
 import logging
 import os
 import subprocess
@@ -31,6 +32,7 @@ _TELLING: dict[Loops, str] = {  # modules that nothing else needs
     "spatial": "segments.",
     "cloud": "cloud_segments.",
 }
+_BLAS = "scipy.linalg.cython_blas"
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _PARTS = "ledger", "labelling", "merging"  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []
@@ -89,6 +91,21 @@ def announce(loops: Loops) -> None:
                 _helpers.append(helper)
                 if os.name == "posix":  # else it would be a zombie once it is done
                     threading.Thread(target=_wait_for, args=[helper], daemon=True).start()
+
+
+def load_without_scipy() -> None:
+    """Load what Numba needs for loops, but for its BLAS: for processes of planewise's own.
+
+    Numba looks for SciPy, which takes a tenth of a whole `planewise detect` and which no loop of
+    planewise uses; loops of others that do find it all the same.
+    """
+    if _BLAS not in sys.modules:
+        absent: Any = None  # said so by a module that is None
+        sys.modules[_BLAS] = absent
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            del sys.modules[_BLAS]
 
 
 def has_compiled() -> bool:

@@ -205,3 +205,4 @@ if __name__ == "__main__":
     gc.disable()  # a short life
     later_stages(sys.argv[1:])
     confirm()
+    gc.freeze()  # nor at its end

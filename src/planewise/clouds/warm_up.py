@@ -122,3 +122,4 @@ if __name__ == "__main__":
     gc.disable()  # a short life
     later_stages()
     confirm(cloud=True)
+    gc.freeze()  # nor at its end

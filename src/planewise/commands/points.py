@@ -234,9 +234,11 @@ def _find(
     origin: np.ndarray[Any, np.dtype[np.float64]] | None,
     options: dict[str, Any],
 ) -> tuple[PlaneModel, float]:
+    from planewise.compilation import load_without_scipy
     from planewise.detect import detect_planes_in_points
     from planewise.detect_in_cloud import detect_planes_in_cloud
 
+    load_without_scipy()
     if origin is not None:
         options = {**options, "origin": origin}
     started = time.perf_counter()

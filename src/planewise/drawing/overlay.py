@@ -203,15 +203,17 @@ def _shade(depth: Array, camera: Camera) -> Light:
     """Grey relief of the depth, lit from the upper left: shape (H, W, 3) in 0 ... 1."""
     shape = (depth.shape[0], depth.shape[1])
     z = _smooth(depth.astype(np.float32))
-    points = camera.rays(shape).astype(np.float32) * z[..., None]
-    right = _moved(points, 2, 1) - _moved(points, -2, 1)
-    down = _moved(points, 2, 0) - _moved(points, -2, 0)
-    normal = np.cross(down, right)  # faces the camera
+    points = np.moveaxis(camera.rays(shape), -1, 0).astype(np.float32) * z
+    right, down = (_moved(points, 2, axis) - _moved(points, -2, axis) for axis in (2, 1))
+    normal = np.empty_like(points)  # faces the camera
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        normal[i] = down[j] * right[k] - down[k] * right[j]
     upright = isinstance(camera, SphericalCamera)  # z is up, and the lamp a sun
-    length = np.linalg.norm(normal, axis=-1)
-    normal /= np.maximum(length, 1e-12)[..., None]
+    length = np.sqrt(np.einsum("ihw,ihw->hw", normal, normal))
     lamp = np.array((0.45, 0.60, 0.66) if upright else (-0.45, -0.60, -0.66), np.float32)
-    light = 0.55 + 0.45 * np.clip(normal @ lamp, 0, 1)
+    lit = np.einsum("ihw,i->hw", normal, lamp) / np.maximum(length, 1e-12)
+    light = 0.55 + 0.45 * np.clip(lit, 0, 1)
     valid = np.isfinite(z)
     near, far = np.percentile(z[valid], (1, 99)).tolist() if valid.any() else (0.0, 1.0)
     with np.errstate(invalid="ignore"):
@@ -224,13 +226,13 @@ def _smooth(depth: Light, passes: int = 2, radius: int = 3) -> Light:
     """Mean of the readings near each pixel that lie within 3 % of it: noise goes, edges stay."""
     z = depth
     for _ in range(passes):
-        total, weight = np.zeros_like(z), np.zeros_like(z)
+        total, weight, most = np.zeros_like(z), np.zeros_like(z), 0.03 * z
         for axis in (0, 1):
             for step in range(-radius, radius + 1):
                 other = _moved(z, step, axis)
                 with np.errstate(invalid="ignore"):
-                    near = np.abs(other - z) < 0.03 * z
-                total += np.where(near, other, 0)
+                    near = np.abs(other - z) < most
+                total += np.where(near, other, np.float32(0))
                 weight += near
         z = np.divide(total, weight, np.full_like(z, np.nan), where=weight > 0)
     return z
@@ -238,8 +240,13 @@ def _smooth(depth: Light, passes: int = 2, radius: int = 3) -> Light:
 
 def _moved(image: Light, step: int, axis: int) -> Light:
     """Shift along an axis; the border is repeated."""
-    at = np.clip(np.arange(image.shape[axis]) + step, 0, image.shape[axis] - 1)
-    return np.asarray(np.take(image, at, axis=axis))
+    out = np.roll(image, -step, axis)
+    new, old = np.moveaxis(out, axis, 0), np.moveaxis(image, axis, 0)
+    if step > 0:
+        new[-step:] = old[-1]
+    elif step < 0:
+        new[:-step] = old[0]
+    return out
 
 
 def _light(picture: Picture) -> Light:

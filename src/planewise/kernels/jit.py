@@ -9,13 +9,14 @@ which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, on
 
 from __future__ import annotations
 
-import logging
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
 from numba import njit
 
-_LOG = logging.getLogger("planewise")
+from planewise.kernels.loop_cache import LoopCache
+
 _njit: Any = njit  # its types know fewer options than it has
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
 _IN_ORDER = {"contract", "nsz"}
@@ -30,19 +31,10 @@ def _kept(**options: Any) -> Callable[[Any], Any]:
     """`numba.njit`; what it compiles is kept on disk, where it can be."""
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        try:
-            out = _njit(**_OPTIONS, **options, cache=True)(loop)
-        except RuntimeError:  # no folder can be written to
-            return _njit(**_OPTIONS, **options)(loop)
-        save = out._cache.save_overload  # by which Numba keeps it, and fails where a disk is full
-
-        def save_if_possible(*compiled: Any) -> None:
-            try:
-                save(*compiled)
-            except OSError as error:
-                _LOG.debug("%s is not kept: %s", loop.__name__, error)
-
-        out._cache.save_overload = save_if_possible
+        out = _njit(**_OPTIONS, **options)(loop)
+        # Without a folder that can be written to every process compiles.
+        with contextlib.suppress(RuntimeError):
+            out._cache = LoopCache(loop)
         return out
 
     return decorate
