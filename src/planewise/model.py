@@ -13,6 +13,9 @@ from planewise.wording import counted
 
 Array = NDArray[np.float64]
 
+NOTHING_PAYS = "no plane saves more than it costs"
+"""Why there is none, where a search looked at some."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # arrays do not compare to one bool
 class Plane:

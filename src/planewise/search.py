@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.memory import keep_freed
-from planewise.model import Curve, PlaneModel
+from planewise.model import NOTHING_PAYS, Curve, PlaneModel
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
 from planewise.observation import Observation, RayObservation
@@ -227,7 +227,7 @@ def _prefix(phi: float, worth: list[float], structure: NDArray[np.float64]) -> t
 
 def _why_none(curve: Curve) -> str:
     """Why there is no plane, by the curve of a search that found none, or none that pays."""
-    return curve.reason if len(curve) == 1 else "no plane saves more than it costs"
+    return curve.reason if len(curve) == 1 else NOTHING_PAYS
 
 
 def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:

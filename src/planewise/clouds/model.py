@@ -39,7 +39,7 @@ from planewise.information import (
 )
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
-from planewise.model import Curve, Move, Plane, PlaneModel
+from planewise.model import NOTHING_PAYS, Curve, Move, Plane, PlaneModel
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -295,7 +295,7 @@ def ranked_model(
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.rows[part]] = place[labels[part]]
         planes = _described(found, groups, rows, book.saved, order)
-    reason = "no merge saves anything" if best else "no plane saves more than it costs"
+    reason = "no merge saves anything" if best else NOTHING_PAYS
     if not len(rows) and not settings.get("significance"):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.model import Curve, Move
+from planewise.model import NOTHING_PAYS, Curve, Move
 from planewise.paper.evaluate import Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.paper.sequential import distinct_tuples
@@ -312,7 +312,7 @@ def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]
     if n == problem.max_planes:
         reason = f"reached max_planes = {problem.max_planes}"
     elif n == 0:
-        reason = "no plane saves more than it costs"
+        reason = NOTHING_PAYS
     else:
         reason = "no move lowers the information"
     phi = np.append(problem.phis(solution.assignment), _beyond(problem, solution, spare))

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from planewise.kernels import planes as plane_loops
-from planewise.model import Curve, PlaneModel
+from planewise.model import NOTHING_PAYS, Curve, PlaneModel
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
@@ -118,7 +118,7 @@ def spatial_model(
         else:
             labels = frame.sectors.image(place[found.labels])
             planes = describe_labels(observation, rows, covariances, labels, **told)
-    reason = "no plane saves more than it costs" if not best else "no merge saves anything"
+    reason = NOTHING_PAYS if not best else "no merge saves anything"
     if cells is None and observation.count >= _MANY:
         reason = (
             "in no cell of 6 x 6 pixels do enough readings lie near a plane; "
