@@ -121,7 +121,8 @@ class PinholeCamera:
     Raises
     ------
     ValueError
-        If a focal length is not positive, or a number is not finite.
+        If a focal length is not positive, a number is not finite, the distortion has not 4 or 5
+        coefficients, or width and height are not whole numbers, at least 1, both or neither.
 
     Examples
     --------

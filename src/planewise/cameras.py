@@ -1,14 +1,15 @@
 """Presets of depth cameras and LiDAR, each with the source of its numbers.
 
-Of the depth cameras only `NYU` is a calibration. The others are nominal: derived from the field of
-view in the maker's data sheet (f = width / 2 / tan(fov / 2), principal point in the middle). A
-device knows its own intrinsics better: read them from its driver (a ROS ``camera_info`` file will
-do).
+Of the depth cameras only `NYU` is a calibration. The others are nominal: what is usual for the
+device where its docstring says so, else derived from the field of view in the maker's data sheet
+(f = width / 2 / tan(fov / 2), principal point in the middle). A device knows its own intrinsics
+better: read them from its driver (the command line takes a ROS ``camera_info`` file).
 
 LiDAR have their highest beam first, what is ahead in the middle, and as many columns as at their
 usual speed. Velodyne's beams are those of the makers' tables; Ouster's are spread evenly over the
-field of view of the data sheet, which is nominal: each Ouster knows its own (`read_camera` takes
-its metadata file). From other resolutions: `SphericalCamera.spinning(preset.elevation, columns)`.
+field of view of the data sheet, which is nominal: each Ouster knows its own (the command line
+takes its metadata file). From other resolutions:
+`SphericalCamera.spinning(preset.elevation, columns)`.
 """
 
 from __future__ import annotations

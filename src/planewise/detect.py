@@ -201,10 +201,15 @@ class Detector:
 
     Parameters
     ----------
-    camera, sensor
+    camera, sensor, depth_scale
         As in `detect_planes`.
     **options
-        Keyword options of `detect_planes`.
+        Fields of `Options`; a picture comes with its frame.
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed; the message names it and says what was expected.
 
     Examples
     --------

@@ -66,6 +66,11 @@ class Options:
         Seed. With an int every call gives the same answer for the same input.
     threads : int, optional
         Threads for the compiled loops; ``None`` means one per processor. No result depends on it.
+
+    Raises
+    ------
+    ValueError
+        If an option is malformed, or does not go with the search or the objective.
     """
 
     search: Search = "joint"

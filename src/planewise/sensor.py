@@ -41,8 +41,10 @@ class Sensor:
     Raises
     ------
     ValueError
-        If a length is not positive and finite, if the resolution is not smaller than the range, or
-        if the noise is not positive and finite, or a word other than "auto".
+        If a length is not positive and finite, `min_depth` does not lie in [0, max_depth), the
+        resolution is not smaller than the range, a noise that is a number is not positive and
+        finite, or is a word other than "auto", or `parts` is none. What a function of depth gives
+        is checked where it is evaluated.
 
     Examples
     --------

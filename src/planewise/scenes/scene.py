@@ -64,8 +64,8 @@ class Scene:
         labels : ndarray of int, shape (H, W)
             0 for no plane.
         overlap : float
-            Intersection over union from which two regions are the same plane; above 0.5 no region
-            can count twice.
+            Intersection over union above which two regions are the same plane; from 0.5 on no
+            region can count twice.
 
         Returns
         -------
