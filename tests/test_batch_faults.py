@@ -8,7 +8,7 @@ import time
 import pytest
 from benchmarks.faults import Tally, batch_of, compare, fill, kill_again_and_again, write_frames
 
-from planewise.batch import Batch, LocalEngine, Store
+from planewise.batch import Batch, LocalEngine, Store, local_engine
 from planewise.errors import PlanewiseError
 from tests.batch_sources import Deadly
 
@@ -77,3 +77,27 @@ def test_workers_that_cannot_start_are_given_up(frames, tmp_path, monkeypatch):
     ):
         list(run)
     assert not (tmp_path / "store").exists()
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_process_is_started_once_more(times):
+    """What it is forked from may have been killed."""
+
+    class Context:
+        tries = 0
+
+        def Process(self, **_):  # noqa: N802
+            return self
+
+        def start(self):
+            self.tries += 1
+            if self.tries <= times:
+                raise EOFError
+
+    context = Context()
+    if times == 1:
+        assert local_engine._started(context, None) is context
+    else:
+        with pytest.raises(PlanewiseError, match=r"none can be started \(EOFError\)"):
+            local_engine._started(context, None)
+    assert context.tries == 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -396,3 +397,68 @@ def test_a_damaged_table_is_named(frames, tmp_path):
     path.write_bytes(b"no table")
     with pytest.raises(PlanewiseError, match=rf"^store: {re.escape(str(path))} is damaged"):
         _ = Store(batch.store).frames
+
+
+def copied(full, tmp_path):
+    """Store of its own with the same frames."""
+    store = tmp_path / "store"
+    shutil.copytree(full.path, store)
+    return store
+
+
+def test_frames_without_their_recipe_are_not_gone_on_with(frames, full, tmp_path):
+    store = copied(full, tmp_path)
+    (store / "store.json").unlink()
+    before = sorted(path.name for path in store.rglob("*"))
+    with pytest.raises(PlanewiseError, match=r"holds frames, but not store\.json"):
+        batch_of(frames[0], store, frames[1]).plan()
+    assert sorted(path.name for path in store.rglob("*")) == before
+
+
+@pytest.fixture
+def changing(frames, tmp_path):
+    """Folder of frames that may be changed, and a store of them."""
+    folder, store = tmp_path / "frames", tmp_path / "store"
+    shutil.copytree(frames[0], folder)
+    fill(batch_of(folder, store, frames[1]))
+    return folder, batch_of(folder, store, frames[1])
+
+
+def test_a_source_that_has_grown_is_another_one(changing):
+    folder, batch = changing
+    batch.plan()
+    first = min(folder.iterdir())
+    shutil.copy(first, first.with_stem(f"{first.stem}a"))
+    with pytest.raises(PlanewiseError, match=r"was made of [\d,]+ frames?, and .* has"):
+        batch_of(folder, batch.store, batch.recipe.camera).plan()
+
+
+def test_other_readings_are_noticed_in_the_last_frame_too(changing):
+    folder, batch = changing
+    last = folder / f"{Store(batch.store).ids[-1]}.png"
+    depth = np.asarray(Image.open(last)).copy()
+    depth[depth > 0] += 1
+    Image.fromarray(depth).save(last)
+    with pytest.raises(PlanewiseError, match="other readings"):
+        batch.plan()
+
+
+def test_a_label_file_of_another_frame_costs_its_frame(full, tmp_path):
+    store = Store(copied(full, tmp_path))
+    one, other = store.ids[:2]
+    store.label_file(one).write_bytes(png_of_labels(np.full((5, 5), 1, np.uint16)))
+    with pytest.raises(PlanewiseError, match=f"frame {one}: its label file is of another frame"):
+        store.labels(one)
+    height, width = store.labels(other).shape
+    many = np.full((height, width), 500, np.uint16)
+    store.label_file(one).write_bytes(png_of_labels(many))
+    with pytest.raises(PlanewiseError, match="labels up to 500"):
+        store.labels(one)
+
+
+def test_a_missing_table_is_said_to_be_missing(full, tmp_path):
+    path = copied(full, tmp_path)
+    for table in (path / "planes").iterdir():
+        table.unlink()
+    with pytest.raises(PlanewiseError, match="is missing"):
+        _ = Store(path).planes

@@ -320,6 +320,75 @@ def test_labels_fit_a_dimension_of_their_name(tmp_path, points, colour, kind, ke
     assert_array_equal(after.X, data.X)
 
 
+@pytest.mark.parametrize(
+    "there",
+    [
+        {"type": np.int32, "scales": [10.0], "offsets": [0.0]},
+        {"type": np.uint8, "scales": [0.5], "offsets": [1.0]},
+        {"type": "3f4"},
+    ],
+)
+def test_a_dimension_that_cannot_hold_labels_is_replaced(tmp_path, points, colour, there):
+    source, target = tmp_path / "a.las", tmp_path / "b.las"
+    data = las_file(source, points, colour)
+    data.add_extra_dim(laspy.ExtraBytesParams("plane", **there))
+    data.write(source)
+    assert len(read_cloud(source)) == 500
+    labels = (np.arange(500) % 7).astype(np.uint16)
+    copy_with_planes(source, target, labels)
+    assert_array_equal(laspy.read(target)["plane"], labels)
+
+
+@pytest.mark.parametrize("wrong", [1e300, -1e300, np.nan, np.inf])
+def test_bounds_that_no_point_can_have_do_not_move_the_points(tmp_path, points, colour, wrong):
+    path = tmp_path / "a.las"
+    las_file(path, points, colour).write(path)
+    before = read_cloud(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<6d", data, 179, *[wrong] * 6)
+    path.write_bytes(data)
+    after = read_cloud(path)
+    assert np.abs(after.offset - before.offset).max() <= 100
+    assert_allclose(after.points + after.offset, before.points + before.offset, atol=1e-9)
+
+
+def test_scales_that_are_none_are_refused(tmp_path, points, colour):
+    path = tmp_path / "a.las"
+    las_file(path, points, colour).write(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<3d", data, 131, *[1e300] * 3)
+    path.write_bytes(data)
+    with pytest.raises(PlanewiseError, match="that are none"):
+        read_cloud(path)
+
+
+def test_strays_do_not_cost_the_others_digits(tmp_path, points):
+    cloud = PointCloud(points=points.copy(), offset=UTM)
+    bounds = np.array((points.min(0), points.max(0))) + UTM
+    cloud.points[:3] = -UTM  # missing ones, at the origin of the map
+    path = tmp_path / "a.las"
+    write_las(path, [(cloud, np.ones(500, np.uint16), np.zeros((500, 3), np.uint8))], bounds)
+    kept = laspy.read(path)
+    assert len(kept) == 497
+    assert_allclose(np.transpose(kept.xyz).T, points[3:] + UTM, atol=6e-6)
+
+
+@pytest.mark.parametrize(("brightest", "expected"), [(255.0, [0, 1, 200]), (0.5, [0, 32768, 0])])
+def test_intensities_of_all_blocks_are_scaled_alike(tmp_path, points, brightest, expected):
+    values = np.array([0, 1, 200] if brightest > 1 else [0, 0.5, 0], np.float32)
+    blocks = [
+        (
+            PointCloud(points=points[k : k + 1], intensity=values[k : k + 1]),
+            np.zeros(1, np.uint16),
+            np.zeros((1, 3), np.uint8),
+        )
+        for k in range(3)
+    ]
+    path = tmp_path / "a.las"
+    write_las(path, blocks, np.array((points.min(0), points.max(0))), brightest)
+    assert laspy.read(path).intensity.tolist() == expected
+
+
 @pytest.mark.parametrize("ending", [".las", ".laz"])
 def test_las_of_ours(tmp_path, points, colour, ending):
     cloud = PointCloud(points=points, offset=UTM, intensity=np.linspace(0, 1, 500, dtype="f4"))

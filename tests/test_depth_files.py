@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import struct
 import zipfile
 import zlib
@@ -226,3 +227,19 @@ def test_folder_is_listed_in_natural_order(tmp_path):
         list_depth_files(tmp_path / "sub.png")
     with pytest.raises(PlanewiseError, match="not a folder"):
         list_depth_files(tmp_path / "notes.txt")
+
+
+def test_what_goes_with_depth_is_not_taken_for_it(tmp_path):
+    path = tmp_path / "camera.npz"
+    np.savez(path, K=np.array([50.0, 50.0, 32.0, 24.0]))
+    with pytest.raises(PlanewiseError, match="an array named 'depth', or one only; it holds K"):
+        read_depth(path)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links as POSIX has them")
+def test_a_link_to_nothing_is_a_file_that_cannot_be_read(tmp_path):
+    np.save(tmp_path / "1.npy", np.ones((4, 5)))
+    (tmp_path / "2.npy").symlink_to(tmp_path / "nowhere.npy")
+    assert [path.name for path in list_depth_files(tmp_path)] == ["1.npy", "2.npy"]
+    with pytest.raises(PlanewiseError, match="there is no file"):
+        read_depth(tmp_path / "2.npy")

@@ -50,8 +50,8 @@ def called(tmp_path):
     (tmp_path / "loops.py").write_text(LOOPS, encoding="utf-8")
     kept = str(tmp_path / "kept")
 
-    def call(*names):
-        done = run_python(COUNT, *names, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=kept)
+    def call(*names, before=""):
+        done = run_python(before + COUNT, *names, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=kept)
         values, compiled = done.stdout.split("\n")[:2]
         return [float(value) for value in values.split()], compiled.split()
 
@@ -74,6 +74,59 @@ def test_types_of_variables_are_not_kept(called, tmp_path):
     kept = b"".join(path.read_bytes() for path in (tmp_path / "kept").glob("**/*.nbc"))
     assert b"_ZN" in kept
     assert b"# --- LINE" not in kept
+
+
+@pytest.mark.parametrize("ending", ["nbi", "nbc"])
+def test_what_is_damaged_is_compiled_again(called, tmp_path, ending):
+    called("mean")
+    for path in (tmp_path / "kept").glob(f"**/loops.mean*.{ending}"):
+        path.write_bytes(path.read_bytes()[:30])
+    assert called("mean") == ([2.0], ["mean"])
+    assert called("mean") == ([2.0], [])
+
+
+def test_a_full_disk_leaves_no_loop_of_an_older_source(called, tmp_path):
+    called("mean")
+    changed = LOOPS.replace("total(values) / values.size", "2 * total(values) / values.size", 1)
+    (tmp_path / "loops.py").write_text(changed, encoding="utf-8")
+    full = """
+from numba.core.caching import IndexDataCacheFile
+
+def no_room(*_):
+    raise OSError(28, "No space left on device")
+
+IndexDataCacheFile._save_data = no_room
+"""
+    assert called("mean", before=full) == ([4.0], ["mean", "total"])
+    assert called("mean") == ([4.0], ["mean", "total"])
+    assert called("mean") == ([4.0], [])
+
+
+def test_an_interrupt_while_bitcode_is_parsed_does_no_harm(called):
+    called("mean")
+    interrupted = """
+import numpy as np
+import loops
+from planewise.kernels import loop_cache
+
+values = np.arange(5.0)
+loops.mean(values)
+parse = loop_cache.llvm.parse_bitcode
+
+def interrupt(code):
+    loop_cache.llvm.parse_bitcode = parse
+    raise KeyboardInterrupt
+
+loop_cache.llvm.parse_bitcode = interrupt
+try:
+    loops.spread(values)
+except KeyboardInterrupt:
+    pass
+else:
+    raise AssertionError("nothing was linked")
+"""
+    assert called("spread", before=interrupted)[0] == [2.0]
+    assert called("spread") == ([2.0], [])
 
 
 def test_a_process_of_ones_own_loads_no_blas_before_a_loop_asks_for_it():

@@ -65,6 +65,13 @@ def test_chunks_cover_everything_once(count):
     assert (out == 1).all()
 
 
+def test_no_more_threads_are_started_than_a_machine_can_bear():
+    parts = []
+    threads.over_chunks(lambda first, last: parts.append((first, last)), 10_000, 100_000)
+    assert len(parts) == threads.MOST
+    assert sum(last - first for first, last in parts) == 10_000
+
+
 def test_errors_of_chunks_are_raised_when_all_are_done():
     out = np.zeros(9, int)
 

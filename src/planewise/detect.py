@@ -21,7 +21,7 @@ from planewise.point_observation import checked_points, observe_points
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
-from planewise.threads import available, in_order
+from planewise.threads import MOST, available, in_order
 from planewise.workspace import Workspace
 
 
@@ -289,7 +289,7 @@ class Detector:
         count = self.options.threads or available()
         if count == 1 or not isinstance(self.options.rng, int):  # frames draw one after another
             return in_order([self], frames)
-        return in_order([self._with_one_thread() for _ in range(count)], frames)
+        return in_order([self._with_one_thread() for _ in range(min(count, MOST))], frames)
 
     def _with_one_thread(self) -> Detector:
         """Return a detector with the same options but memory of its own."""

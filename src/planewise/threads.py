@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+MOST = 256
+"""Threads that are started at most, however many are asked for."""
+
 _ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
 
 
@@ -99,7 +102,7 @@ def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least
     What `work` writes for one element must not depend on the part it is in: then results are the
     same for any number of threads. Fewer than `least` elements are not worth a thread.
     """
-    threads = min(threads, size // least)
+    threads = min(threads, size // least, MOST)
     if threads <= 1:
         work(0, size)
         return

@@ -107,8 +107,7 @@ class _Pool:
         resource_tracker.ensure_running()  # which ends by letting Ctrl-C through
         ours, theirs = context.Pipe()
         with _one_thread(), _no_interrupts():
-            process = context.Process(target=_serve, args=(theirs,), daemon=True)
-            process.start()
+            process = _started(context, theirs)
         theirs.close()
         worker = _Worker(process, ours)
         self.workers.append(worker)
@@ -197,6 +196,21 @@ def _context() -> Any:
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(["planewise.batch.preload"])
     return context
+
+
+def _started(context: Any, pipe: Connection) -> BaseProcess:
+    """Start a process that serves; once more where the one that it is forked from was killed."""
+    for last in (False, True):
+        process: BaseProcess = context.Process(target=_serve, args=(pipe,), daemon=True)
+        try:
+            process.start()
+            break
+        except (EOFError, OSError) as error:
+            if last:
+                raise PlanewiseError(
+                    f"workers: none can be started ({type(error).__name__})"
+                ) from None
+    return process
 
 
 def _cause(code: int | None) -> str:

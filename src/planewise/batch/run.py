@@ -10,6 +10,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from planewise.batch.columns import DONE, FAILED
 from planewise.batch.engine import Engine
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
@@ -27,6 +29,7 @@ from planewise.whole_files import parent_folder, remove_empty
 from planewise.wording import counted
 
 _UNFINISHED = ".unfinished-"
+_LOOKED_AT = 5  # frames of a store that is gone on with, whether they are what they were
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -148,8 +151,8 @@ class Batch:
         if not (folder / STORE_FILE).exists():
             _check_empty(folder)
             return {}
-        store = Store(folder)
-        check_same(folder, store.info, info_of(self.source, self.recipe))
+        store, here = Store(folder), info_of(self.source, self.recipe)
+        check_same(folder, store.info, here)
         known = dict.fromkeys(store.ids, DONE) | dict.fromkeys(store.failed, FAILED)
         strange = known.keys() - set(self.source.ids)
         if strange:
@@ -157,23 +160,28 @@ class Batch:
                 f"store: {folder} holds {counted(len(strange), 'frame')} that "
                 f"{self.source.name} does not have, such as {min(strange)}: it is of another source"
             )
+        if store.info["source"]["ids_sha256"] != here["source"]["ids_sha256"]:
+            raise PlanewiseError(
+                f"store: {folder} was made of {counted(store.info['source']['frames'], 'frame')}, "
+                f"and {self.source.name} has {len(self.source.ids):,} now, which changes their "
+                "numbers; give a new folder"
+            )
         self._check_readings(store)
         return known
 
     def _check_readings(self, store: Store) -> None:
-        """See by one frame whether the source still is what it was."""
-        if not store.ids:
-            return
-        first = store.ids[0]
-        try:
-            now = fingerprint(self.source[first].depth)
-        except (ValueError, OSError):
-            return
-        if now != store[first].row["fingerprint"]:
-            raise PlanewiseError(
-                f"store: the frame {first} of {self.source.name} has other readings than the one "
-                f"that {self.store} was made from"
-            )
+        """See by a few frames, the first and the last too, whether all are what they were."""
+        places = np.linspace(0, len(store.ids) - 1, min(_LOOKED_AT, len(store.ids)))
+        for frame in (store.ids[round(place)] for place in places.tolist()):
+            try:
+                now = fingerprint(self.source[frame].depth)
+            except (ValueError, OSError):
+                continue
+            if now != store[frame].row["fingerprint"]:
+                raise PlanewiseError(
+                    f"store: the frame {frame} of {self.source.name} has other readings than the "
+                    f"one that {self.store} was made from"
+                )
 
     def _begin(self, folder: Path, staging: Staging) -> None:
         for name in FOLDERS:
@@ -240,6 +248,14 @@ def _check_empty(folder: Path) -> None:
     if others:
         raise PlanewiseError(
             f"output: {folder} holds {min(others)}, but no store; give a new folder"
+        )
+    labels = folder / "labels"
+    if any(map(Segment.holds_frames, segments_of(folder))) or (
+        labels.is_dir() and any(labels.iterdir())
+    ):
+        raise PlanewiseError(
+            f"store: {folder} holds frames, but not {STORE_FILE}, which says how they were made; "
+            "give a new folder"
         )
 
 

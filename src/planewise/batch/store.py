@@ -63,7 +63,15 @@ class StoredFrame:
     def labels(self) -> NDArray[np.uint16]:
         """Label image, shape (H, W): 0 for no plane."""
         if self.row["labels"] is not None:
-            return self.store.read_label_file(self.id)
+            labels = self.store.read_label_file(self.id)
+            size = self.row["height"], self.row["width"]
+            if labels.shape != size or labels.max(initial=0) > self.row["planes"]:
+                raise PlanewiseError(
+                    f"store: frame {self.id}: its label file is of another frame: {labels.shape} "
+                    f"with labels up to {labels.max(initial=0)}, in place of {size} and "
+                    f"{self.row['planes']}"
+                )
+            return labels
         labels = np.zeros((self.row["height"], self.row["width"]), np.uint16)
         for label, mask in enumerate(self.plane_table["rle"].to_pylist(), start=1):
             labels[decode_mask(mask, (labels.shape[0], labels.shape[1]))] = label

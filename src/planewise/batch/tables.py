@@ -78,9 +78,11 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     Raises
     ------
     PlanewiseError
-        If it is damaged.
+        If it is missing or damaged.
     """
     pa = arrow()
+    if not path.is_file():
+        raise PlanewiseError(f"store: {path} is missing")
     try:
         return pa.parquet.read_table(
             path, columns=None if columns is None else list(columns), partitioning=None

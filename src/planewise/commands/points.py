@@ -219,7 +219,8 @@ def _range(cloud: PointCloud, resolution: float) -> float:
             f"left out: {counted(strays, 'point')}, a hundred times as far off as most others; "
             "missing ones, such as 0, 0, 0?"
         )
-    sides = np.ptp(box, axis=0).astype(np.float64)
+    with np.errstate(over="ignore"):
+        sides = np.ptp(box, axis=0).astype(np.float64)
     if not sides.max() <= _LARGEST:
         raise PlanewiseError(
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "

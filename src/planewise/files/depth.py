@@ -27,6 +27,7 @@ from planewise.files.camera import camera_of_mapping
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
 
+_BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
 _EIGHT_BIT = (
     "holds 8 bits per reading: 256 steps cannot carry depth to the millimetre; "
     "export the depth as 16-bit integers or as floating-point metres"
@@ -109,7 +110,7 @@ def list_depth_files(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise PlanewiseError(f"depth: {folder} is not a folder")
-    files = [path for path in folder.iterdir() if is_depth_file(path) and path.is_file()]
+    files = [path for path in folder.iterdir() if is_depth_file(path) and not path.is_dir()]
     if not files:
         known = ", ".join(sorted(_READERS))
         raise PlanewiseError(f"depth: the folder {folder} holds no depth files ({known})")
@@ -202,7 +203,7 @@ def _read_npz(path: Path) -> DepthFile:
         def array(name: str) -> NDArray[Any]:
             return read_array(stack.enter_context(archive.open(members[name])))
 
-        if "depth" not in members and len(members) != 1:
+        if "depth" not in members and (len(members) != 1 or members.keys() & _BESIDE):
             names = ", ".join(sorted(members)) or "none"
             raise PlanewiseError(f"must hold an array named 'depth', or one only; it holds {names}")
         depth = _check_array(array("depth" if "depth" in members else next(iter(members))))

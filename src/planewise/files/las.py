@@ -20,6 +20,7 @@ from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
+_FARTHEST = 1e15  # metres: no coordinate is so large
 
 
 @contextmanager
@@ -100,13 +101,19 @@ def open_las(path: Path) -> CloudFile:
         count = int(header.point_count)
         if not header.are_points_compressed:
             check_length(path, header.offset_to_point_data, count, header.point_format.size)
-        bounds = np.array((header.mins, header.maxs), np.float64)
         scales, own = np.array(header.scales), np.array(header.offsets)
         names = set(header.point_format.dimension_names)
-        offset = offset_near(bounds.mean(axis=0)) if np.isfinite(bounds).all() else np.zeros(3)
-        if not np.isfinite((scales, own)).all() or not (scales > 0).all():
+        with np.errstate(over="ignore", invalid="ignore"):
+            possible = (scales > 0) & (np.abs(own) + scales * _LARGEST < _FARTHEST)
+        if not possible.all():
             raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
         first = reader.read_points(10_000) if count else None
+        bounds = _bounds(header, scales, own)
+    offset = np.zeros(3)
+    if bounds is not None:
+        offset = offset_near(bounds.mean(axis=0))
+    elif first is not None:
+        offset = offset_near(np.median(np.stack((first.x, first.y, first.z), axis=1), axis=0))
     sixteen = first is not None and "red" in names and max(
         int(first[name].max()) for name in ("red", "green", "blue")
     ) > 255  # fmt: skip
@@ -125,6 +132,14 @@ def open_las(path: Path) -> CloudFile:
     )
 
 
+def _bounds(header: Any, scales: Array, own: Array) -> Array | None:
+    """Least and largest coordinates by the header, shape (2, 3), where any point can have them."""
+    bounds = np.array((header.mins, header.maxs), np.float64)
+    with np.errstate(over="ignore"):
+        possible = np.abs(bounds - own) <= scales * (_LARGEST + 2)  # NaN is not
+    return bounds if possible.all() else None
+
+
 def _cloud(
     rows: Any, names: set[str], scales: Array, own: Array, offset: Array, *, sixteen: bool
 ) -> PointCloud:
@@ -140,7 +155,9 @@ def _cloud(
     if "intensity" in names:
         columns["intensity"] = np.asarray(rows["intensity"])
     if "plane" in names:
-        columns["plane"] = np.asarray(rows["plane"])
+        value = np.asarray(rows["plane"])
+        if value.ndim == 1:  # else it is something of that name
+            columns["plane"] = value
     block = cloud_of(columns, np.zeros(3))
     return PointCloud(
         points=block.points,
@@ -196,7 +213,8 @@ def _with_plane(laspy: Any, header: Any, most: int) -> Any:
             records.remove(ordering)
     if "plane" in set(header.point_format.dimension_names):
         there = header.point_format.dimension_by_name("plane")
-        if there.scales is None and there.dtype.kind in "iu" and np.iinfo(there.dtype).max < most:
+        plain = there.num_elements == 1 and there.scales is None
+        if not plain or (there.dtype.kind in "iu" and np.iinfo(there.dtype).max < most):
             header.remove_extra_dim("plane")
     if "plane" not in set(header.point_format.dimension_names):
         header.add_extra_dim(
@@ -209,6 +227,7 @@ def write_las(
     target: Path,
     blocks: Iterable[tuple[PointCloud, NDArray[np.uint16], NDArray[np.uint8]]],
     bounds: Array,
+    brightest: float = 1.0,
 ) -> None:
     """Write points as LAS 1.4 or LAZ with colours and the dimension `plane`.
 
@@ -217,10 +236,12 @@ def write_las(
     target : Path
         New file; its ending says whether it is compressed.
     blocks : iterable of (PointCloud, ndarray, ndarray)
-        Points, their planes, shape (n,), and colours, shape (n, 3). Points that are not finite
-        cannot be written and are left out.
+        Points, their planes, shape (n,), and colours, shape (n, 3). Points that are not finite,
+        or much farther off than the bounds, cannot be written and are left out.
     bounds : ndarray, shape (2, 3)
-        Of the coordinates, metres. Their extent fixes the step: 32 bits have to hold it.
+        Of the coordinates of most, metres. Their extent fixes the step: 32 bits have to hold it.
+    brightest : float
+        Largest intensity; up to 1 they are shares of what 16 bits hold.
     """
     laspy = load_laspy("writing .las files")
     if target.suffix.lower() == ".laz":
@@ -232,22 +253,16 @@ def write_las(
     header = _with_plane(laspy, header, 0)
     with laspy.open(target, mode="w", header=header) as writer:
         for cloud, labels, colour in blocks:
-            keep = cloud.finite
+            whole = np.round((cloud.points + (cloud.offset - header.offsets)) / header.scales)
+            keep = (np.abs(whole) <= _LARGEST).all(axis=1)  # NaN is not
             out = laspy.ScaleAwarePointRecord.zeros(int(keep.sum()), header=header)
-            local = cloud.points[keep] + (cloud.offset - header.offsets)
             for k, name in enumerate("XYZ"):
-                whole = np.round(local[:, k] / header.scales[k])
-                if np.abs(whole).max(initial=0) > _LARGEST:
-                    raise PlanewiseError(f"{target.name}: coordinates are too far apart for LAS")
-                out[name] = whole.astype(np.int32)
+                out[name] = whole[keep, k].astype(np.int32)
             out["plane"] = labels[keep]
             for k, name in enumerate(("red", "green", "blue")):
                 out[name] = colour[keep, k].astype(np.uint16) * 257
             if cloud.intensity is not None:
-                out["intensity"] = _sixteen_bits(cloud.intensity[keep])
+                largest = 65535.0
+                bright = cloud.intensity[keep] * (largest if brightest <= 1 else 1.0)
+                out["intensity"] = np.nan_to_num(bright).clip(0, largest).round().astype(np.uint16)
             writer.write_points(out)
-
-
-def _sixteen_bits(intensity: NDArray[np.float32]) -> NDArray[np.uint16]:
-    scale = 65535.0 if np.nanmax(intensity, initial=0) <= 1 else 1.0
-    return np.asarray(np.nan_to_num(intensity * scale).clip(0, 65535).astype(np.uint16))

@@ -7,7 +7,9 @@ it, and is parsed when one of these is compiled. What types its variables have, 
 
 from __future__ import annotations
 
+import contextlib
 import logging
+from pathlib import Path
 from typing import Any
 
 from llvmlite import binding as llvm
@@ -41,10 +43,11 @@ class _MachineCode(CompileResultCacheImpl):
             library = out.library
 
             def linked() -> Any:
-                del library._get_module_for_linking
                 library._shared_module = llvm.parse_bitcode(bitcode)
+                del library._get_module_for_linking  # now it gives that
                 return library._shared_module
 
+            library._shared_module = None  # names alone are never linked
             library._get_module_for_linking = linked
         return out
 
@@ -54,12 +57,26 @@ class LoopCache(FunctionCache):
 
     _impl_class = _MachineCode
 
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        """Read it; what is damaged is not there, and is compiled again."""
+        try:
+            return super().load_overload(signature, target)
+        except Exception as error:  # as many kinds as there are ways to be damaged
+            self._forget(error)
+            return None
+
     def save_overload(self, signature: Any, compiled: Any) -> None:
         """Write it; a full disk is no error."""
         try:
             super().save_overload(signature, compiled)
         except OSError as error:
-            _LOG.debug("%s is not kept: %s", self, error)
+            self._forget(error)
+
+    def _forget(self, error: Exception) -> None:
+        """Remove the index, which may name what is damaged or of an older source."""
+        _LOG.debug("%s is not kept: %s", self, error)
+        with contextlib.suppress(OSError):
+            Path(self._cache_file._index_path).unlink(missing_ok=True)
 
 
 def _names_in(bitcode: bytes) -> bytes:

@@ -118,8 +118,8 @@ def contingency_table(
     rows, row = _numbered(true)
     if len(rows) * len(columns) > _MOST_CELLS:
         raise ValueError(
-            "predicted and truth must be label images, got images of "
-            f"{len(columns)} and {len(rows)} different values"
+            f"predicted and truth have {len(columns):,} and {len(rows):,} different values: as "
+            f"labels, at most {_MOST_CELLS:,} pairs of them are compared"
         )
     counts = np.bincount(row * len(columns) + column, minlength=len(rows) * len(columns))
     return ContingencyTable(

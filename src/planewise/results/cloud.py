@@ -16,7 +16,7 @@ from planewise.drawing.palette import distinct_colours
 from planewise.files.ply import write_ply
 from planewise.model import PlaneModel
 from planewise.outlines.outlines import Surface
-from planewise.point_cloud import BLOCK, PointCloud, extent
+from planewise.point_cloud import BLOCK, PointCloud, extent_of_most
 from planewise.results.image import write_image
 from planewise.results.planes_json import describe_cloud_model
 from planewise.sensor import Sensor
@@ -123,4 +123,9 @@ def _write_las(path: Path, cloud: PointCloud, model: PlaneModel, memory: Memory)
         some = PointCloud(points=cloud.points[rows], offset=cloud.offset, intensity=intensity)
         return some, model.labels[rows], colours[model.labels[rows]]
 
-    write_las(path, map(part, _rows(cloud, memory)), extent(cloud.points) + cloud.offset)
+    brightest = 0.0
+    if cloud.intensity is not None:
+        for rows in _rows(cloud, memory):
+            brightest = max(brightest, float(np.nan_to_num(cloud.intensity[rows]).max()))
+    bounds = extent_of_most(cloud.points)[0] + cloud.offset
+    write_las(path, map(part, _rows(cloud, memory)), bounds, brightest)
