@@ -495,3 +495,14 @@ def test_points_err_by_no_less_than_their_resolution(sigma):
     assert model.information > 0
     each = pw.detect_planes_in_points(points, sensor, sigma=np.full(12_000, sigma))
     assert_allclose(each.information, model.information, rtol=1e-9)
+
+
+def test_points_that_lie_farther_from_planes_than_told_are_said_to():
+    rng = np.random.default_rng(3)
+    wall = np.column_stack((rng.uniform(0, 10, (20_000, 2)), rng.normal(0, 0.05, 20_000)))
+    told = pw.Sensor(max_depth=30, resolution=0.001, noise=0.004)
+    model = pw.detect_planes_in_points(wall, told)
+    assert len(model) == 1
+    assert model.settings["sigma_factor"] == pytest.approx(0.05 / 0.004, rel=0.25)
+    right = pw.detect_planes_in_points(wall, pw.Sensor(max_depth=30, resolution=0.001, noise=0.05))
+    assert right.settings["sigma_factor"] == pytest.approx(1.0, abs=0.1)

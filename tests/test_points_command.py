@@ -377,3 +377,15 @@ def shown(picture, label, planes):
 def test_an_empty_picture_is_one():
     model = pw.detect_planes_in_points(np.zeros((0, 3)), pw.Sensor())
     assert draw_cloud(np.zeros((0, 3)), model).shape[2] == 3
+
+
+def test_a_sigma_that_is_far_too_small_is_said_to_be(tmp_path):
+    rng = np.random.default_rng(3)
+    wall = np.column_stack((rng.uniform(0, 10, (20_000, 2)), rng.normal(0, 0.05, 20_000)))
+    np.save(tmp_path / "wall.npy", wall)
+    for sigma, warned in (("4mm", True), ("5cm", False)):
+        code, _, err = run(
+            "points", tmp_path / "wall.npy", "-o", tmp_path / "out", "--sigma", sigma
+        )
+        assert code == 0
+        assert ("times as far from planes" in err) == warned

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -295,6 +296,8 @@ def ranked_model(
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.rows[part]] = place[labels[part]]
         planes = _described(found, groups, rows, book.saved, order)
+    factor = found.cloud.louder * math.sqrt(found.error.white)
+    settings = {**settings, "sigma_factor": round(factor, 3)}
     reason = "no merge saves anything" if best else NOTHING_PAYS
     if not len(rows) and not settings.get("significance"):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"

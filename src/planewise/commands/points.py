@@ -31,6 +31,7 @@ from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
 from planewise.wording import counted
 
+_FAR_OFF = 2.0  # times sigma: worth saying
 _LARGEST = 1e8  # metres that points may lie apart
 _FROM_FILE = "file"  # as of `detect_planes_in_cloud`
 _AUTO = "auto"
@@ -147,6 +148,11 @@ def points(
         terminal.show_planes(model)
         if isinstance(told := model.settings.get("noise"), dict):
             terminal.say(f"sigma = {told['noise']}, {told['source']}")
+        elif model.settings.get("sigma_factor", 1.0) > _FAR_OFF:  # type: ignore[operator]
+            terminal.warning(
+                f"sigma: points lie {model.settings['sigma_factor']:.1f} times as far from planes, "
+                "which was taken instead; volumes of points, such as crowns, look like this, too"
+            )
         terminal.show_summary(model, seconds, output)
 
 
