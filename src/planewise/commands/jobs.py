@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept
 from planewise.errors import PlanewiseError
@@ -116,16 +117,17 @@ class Job:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
             )
-            write_results(
-                folder,
-                model,
-                depth=frame.depth,
-                camera=camera,
-                sensor=self.sensor,
-                depth_scale=scale,
-                rgb=rgb,
-                source=path.name,
-            )
+            with threads.allowed(self.options.threads or threads.available()):
+                write_results(
+                    folder,
+                    model,
+                    depth=frame.depth,
+                    camera=camera,
+                    sensor=self.sensor,
+                    depth_scale=scale,
+                    rgb=rgb,
+                    source=path.name,
+                )
             if self.outlines:
                 self._write_outlines(folder, model, camera)
         return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise.camera import Camera
 from planewise.errors import MissingExtraError
 from planewise.model import PlaneModel
@@ -51,15 +52,18 @@ def write_results(
     from planewise.drawing.curve import draw_curve
     from planewise.drawing.overlay import draw_overlay
 
-    write_image(folder / "labels.png", model.labels)
-    record = describe_model(
-        model, camera=camera, sensor=sensor, depth=depth, depth_scale=depth_scale, source=source
-    )
-    text = json.dumps(record, indent=2, allow_nan=False) + "\n"
-    (folder / "planes.json").write_text(text, encoding="utf-8")
-    metres = depth_in_metres(depth, sensor, depth_scale)
-    write_image(folder / "overlay.png", draw_overlay(model, metres, camera, rgb=rgb))
-    write_image(folder / "curve.png", draw_curve(model.curve))
+    def write_curve() -> None:
+        write_image(folder / "curve.png", draw_curve(model.curve))
+
+    with threads.beside(write_curve):
+        write_image(folder / "labels.png", model.labels)
+        record = describe_model(
+            model, camera=camera, sensor=sensor, depth=depth, depth_scale=depth_scale, source=source
+        )
+        text = json.dumps(record, indent=2, allow_nan=False) + "\n"
+        (folder / "planes.json").write_text(text, encoding="utf-8")
+        metres = depth_in_metres(depth, sensor, depth_scale)
+        write_image(folder / "overlay.png", draw_overlay(model, metres, camera, rgb=rgb))
 
 
 def write_image(path: Path, image: NDArray[Any]) -> None:
