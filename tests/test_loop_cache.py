@@ -130,7 +130,7 @@ else:
 
 
 def test_a_process_of_ones_own_loads_no_blas_before_a_loop_asks_for_it():
-    pytest.importorskip("scipy")
+    pytest.importorskip("scipy", reason="Numba multiplies matrices by SciPy's BLAS")
     done = run_python(
         """
 import sys

@@ -225,20 +225,10 @@ def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
     return offset_near(extent_of_most(coordinates)[0].mean(axis=0))
 
 
-def extent(points: Points) -> Array:
-    """Least and largest coordinates of the finite points, shape (2, 3); zeros without any.
-
-    Parameters
-    ----------
-    points : ndarray, shape (k, 3)
-        May lie on a disk: they are looked at block by block.
-    """
-    return _extent(points, np.zeros(3), np.inf)[0]
-
-
 def extent_of_most(points: NDArray[np.floating]) -> tuple[Array, int]:
-    """`extent` without strays, and how many these are.
+    """Least and largest coordinates of the finite points but for strays, and how many these are.
 
+    Of shape (2, 3), zeros without any. Points may lie on a disk: they are looked at block by block.
     Strays are a hundred times as far off as most points, such as missing ones at the origin of a
     cloud in map coordinates.
     """

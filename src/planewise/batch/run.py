@@ -249,24 +249,26 @@ def _check_empty(folder: Path) -> None:
         raise PlanewiseError(
             f"output: {folder} holds {min(others)}, but no store; give a new folder"
         )
-    labels = folder / "labels"
-    if any(map(Segment.holds_frames, segments_of(folder))) or (
-        labels.is_dir() and any(labels.iterdir())
-    ):
+    if _holds_frames(folder):
         raise PlanewiseError(
             f"store: {folder} holds frames, but not {STORE_FILE}, which says how they were made; "
             "give a new folder"
         )
 
 
+def _holds_frames(folder: Path) -> bool:
+    """Whether there is anything of a frame, be it a label image alone."""
+    labels = folder / "labels"
+    there = labels.is_dir() and any(labels.iterdir())
+    return there or any(map(Segment.holds_frames, segments_of(folder)))
+
+
 def _remove_without_frames(folder: Path) -> None:
     """Remove a store that nothing of a frame is in, unless another process uses it."""
     with suppress(PlanewiseError, OSError), locked(folder):
-        segments = segments_of(folder)
-        remove_empty([folder / "labels"])
-        if (folder / "labels").exists() or any(map(Segment.holds_frames, segments)):
+        if _holds_frames(folder):
             return
-        for path in (folder / STORE_FILE, *(each.journal for each in segments)):
+        for path in (folder / STORE_FILE, *(each.journal for each in segments_of(folder))):
             path.unlink(missing_ok=True)
         remove_empty([folder / name for name in FOLDERS])
         for path in lock_files(folder):

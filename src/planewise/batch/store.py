@@ -64,12 +64,11 @@ class StoredFrame:
         """Label image, shape (H, W): 0 for no plane."""
         if self.row["labels"] is not None:
             labels = self.store.read_label_file(self.id)
-            size = self.row["height"], self.row["width"]
-            if labels.shape != size or labels.max(initial=0) > self.row["planes"]:
+            size, planes = (self.row["height"], self.row["width"]), len(self.plane_table)
+            if labels.shape != size or labels.max(initial=0) > planes:
                 raise PlanewiseError(
                     f"store: frame {self.id}: its label file is of another frame: {labels.shape} "
-                    f"with labels up to {labels.max(initial=0)}, in place of {size} and "
-                    f"{self.row['planes']}"
+                    f"with labels up to {labels.max(initial=0)}, in place of {size} and {planes}"
                 )
             return labels
         labels = np.zeros((self.row["height"], self.row["width"]), np.uint16)

@@ -81,11 +81,11 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         If it is missing or damaged.
     """
     pa = arrow()
-    if not path.is_file():
-        raise PlanewiseError(f"store: {path} is missing")
     try:
         return pa.parquet.read_table(
             path, columns=None if columns is None else list(columns), partitioning=None
         )
+    except FileNotFoundError:
+        raise PlanewiseError(f"store: {path} is missing") from None
     except pa.ArrowInvalid as error:
         raise PlanewiseError(f"store: {path} is damaged ({in_one_line(error)})") from None

@@ -88,8 +88,6 @@ class CocoExport(Form):
         """Annotations of a frame but for their numbers; planes without a pixel have none."""
         height, width, count = frame.row["height"], frame.row["width"], frame.row["planes"]
         labels = frame.labels
-        if labels.shape != (height, width) or labels.max(initial=0) > count:
-            raise PlanewiseError(f"frame {frame.id}: its labels are not those of its planes")
         texts = frame.plane_table["rle"].to_pylist()
         if None in texts:
             texts = encode_labels(labels, count)

@@ -90,8 +90,6 @@ class PlaneRcnnExport(Form):
         name, index = self._places[frame.id]
         scene, labels, planes = self._scenes[name], frame.labels, frame.planes
         self._check(scene, frame, seen)
-        if labels.max(initial=0) > len(planes):
-            raise PlanewiseError(f"frame {frame.id}: its labels are not those of its planes")
         depth = np.nan_to_num(np.round(1000 * metres(frame, seen)))
         depth[depth > _FARTHEST] = 0
         scene.camera = scene.camera or _camera(frame)

@@ -28,11 +28,10 @@ class _MachineCode(CompileResultCacheImpl):
     def reduce(self, compiled: Any) -> tuple[Any, bytes | None]:
         """What is written: with names in place of bitcode, and that."""
         whole = super().reduce(compiled._replace(type_annotation=""))
+        module = getattr(compiled.library, "_get_module_for_linking", None)
         match whole:
-            case ((name, "object", (bytes() as code, bytes() as bitcode)), *others) if hasattr(
-                compiled.library, "_get_module_for_linking"
-            ):
-                return ((name, "object", (code, _names_in(bitcode))), *others), bitcode
+            case ((name, "object", (bytes() as code, bytes() as bitcode)), *others) if module:
+                return ((name, "object", (code, _names_in(module()))), *others), bitcode
         return whole, None  # of a Numba that has other ways
 
     def rebuild(self, target: Any, kept: tuple[Any, bytes | None]) -> Any:
@@ -79,9 +78,8 @@ class LoopCache(FunctionCache):
             Path(self._cache_file._index_path).unlink(missing_ok=True)
 
 
-def _names_in(bitcode: bytes) -> bytes:
-    """Bitcode that defines the same names, by which Numba finds machine code, and nothing else."""
-    module = llvm.parse_bitcode(bitcode)
+def _names_in(module: Any) -> bytes:
+    """Bitcode that defines its names, by which Numba finds machine code, and nothing else."""
     names = [
         f'@"{each.name}" = global i8 0'
         for each in (*module.functions, *module.global_variables)
