@@ -32,6 +32,36 @@ def test_one_thread_does_all_one_after_the_other():
     assert worker is here
 
 
+@pytest.mark.parametrize(
+    ("files", "processors"),
+    [
+        ({"cpu.max": "max 100000\n"}, 64),
+        ({"cpu.max": "250000 100000\n"}, 3),
+        ({"cpu.max": "50000 100000\n"}, 1),
+        ({"cpu.max": "9900000 100000\n"}, 64),
+        ({"quota": "-1\n", "period": "100000\n"}, 64),
+        ({"quota": "300000\n", "period": "100000\n"}, 3),
+        ({"quota": "300000\n"}, 64),
+        ({}, 64),
+    ],
+)
+def test_a_containers_quota_bounds_the_processors(files, processors, tmp_path, monkeypatch):
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    names = ("cpu.max",), ("quota", "period")
+    paths = tuple(tuple(str(tmp_path / name) for name in each) for each in names)
+    monkeypatch.setattr(threads, "_QUOTAS", paths)
+    monkeypatch.setattr(threads.os, "sched_getaffinity", lambda _: range(64), raising=False)
+    threads._quota.cache_clear()
+    try:
+        assert threads.available() == processors
+        assert threads.chosen(None) == processors
+        assert threads.chosen(5) == 5
+        assert threads.chosen(100_000) == threads.MOST
+    finally:
+        threads._quota.cache_clear()
+
+
 @pytest.mark.parametrize("allowed", [1, 2])
 def test_an_error_of_the_helper_is_raised(allowed):
     def fail():

@@ -21,7 +21,7 @@ from planewise.point_observation import checked_points, observe_points
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
-from planewise.threads import MOST, available, in_order
+from planewise.threads import chosen, in_order
 from planewise.workspace import Workspace
 
 
@@ -286,10 +286,10 @@ class Detector:
         """
         if self.options.partition is not None:
             raise ValueError("a stream is for detectors without a partition; call this one instead")
-        count = self.options.threads or available()
+        count = chosen(self.options.threads)
         if count == 1 or not isinstance(self.options.rng, int):  # frames draw one after another
             return in_order([self], frames)
-        return in_order([self._with_one_thread() for _ in range(min(count, MOST))], frames)
+        return in_order([self._with_one_thread() for _ in range(count)], frames)
 
     def _with_one_thread(self) -> Detector:
         """Return a detector with the same options but memory of its own."""

@@ -141,7 +141,7 @@ def _find_in_tiles(
     from planewise.clouds.tiles import tiled_cloud
 
     points = checked_points(points)
-    workers, settings = options.threads or threads.available(), options.describe()
+    workers, settings = threads.chosen(options.threads), options.describe()
     most = options.most_planes
     if sensor.noise == AUTO and sigma is None:
         with stage("noise"):

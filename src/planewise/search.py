@@ -75,7 +75,7 @@ def find(
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.model import spatial_model
 
-        with threads.allowed(options.threads or threads.available()):
+        with threads.allowed(threads.chosen(options.threads)):
             return spatial_model(
                 observation,
                 instances=options.instances,
@@ -100,7 +100,7 @@ def _separable_model(
     empty = objective.empty(observation)
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
-        observation, objective.thresholds(observation), options.threads or threads.available()
+        observation, objective.thresholds(observation), threads.chosen(options.threads)
     )
     most = options.most_planes if regions is None or options.search == "joint" else 0
     problem = Problem(evaluator=readings, empty=empty, structure=structure(observation.count, most))
@@ -170,7 +170,7 @@ def find_in_cloud(
     from planewise.copies import places_of
 
     points, settings = np.ascontiguousarray(points), options.describe()
-    workers = options.threads or threads.available()
+    workers = threads.chosen(options.threads)
     with stage("observe"):
         places = places_of(points)
     if places is not None:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from functools import lru_cache
 from itertools import islice, pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
@@ -22,14 +25,35 @@ MOST = 256
 """Threads that are started at most, however many are asked for."""
 
 _ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
+_QUOTAS = (  # of a container: files that hold microseconds of processors' time, and of what period
+    ("/sys/fs/cgroup/cpu.max",),
+    ("/sys/fs/cgroup/cpu/cpu.cfs_quota_us", "/sys/fs/cgroup/cpu/cpu.cfs_period_us"),
+)
 
 
 def available() -> int:
-    """Processors this process may use."""
+    """Processors this process may use: those it may run on, or its container's quota if fewer."""
     try:
-        return len(os.sched_getaffinity(0))
+        processors = len(os.sched_getaffinity(0))
     except AttributeError:  # macOS, Windows
-        return os.cpu_count() or 1
+        processors = os.cpu_count() or 1
+    return min(processors, _quota())
+
+
+@lru_cache(maxsize=1)
+def _quota() -> int:
+    """Processors of a container's quota, rounded up; as good as endless without one."""
+    for files in _QUOTAS:
+        with suppress(OSError, ValueError):  # absent, "max"
+            quota, period = " ".join(Path(each).read_text() for each in files).split()
+            if int(quota) > 0:
+                return -(-int(quota) // int(period))
+    return sys.maxsize
+
+
+def chosen(asked: int | None) -> int:
+    """Threads to use where so many are asked for, or none in particular."""
+    return min(asked or available(), MOST)
 
 
 class _Helper:

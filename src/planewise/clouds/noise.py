@@ -21,7 +21,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise import threads
 from planewise.calibration.fit import fit_polynomial
 from planewise.clouds.cloud import STEEPEST, mean_origins, middle_of, side_for
 from planewise.clouds.depth_steps import Rounding
@@ -34,6 +33,7 @@ from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.noise import Polynomial, constant
 from planewise.point_observation import checked_origin, checked_points
 from planewise.sensor import Sensor
+from planewise.threads import chosen
 
 Array = NDArray[np.float64]
 Points = NDArray[np.floating]
@@ -142,11 +142,7 @@ def estimate_cloud_noise(
     if array.shape[1] != 3:
         raise ValueError(f"points must have shape (k, 3), got {array.shape}")
     place = checked_origin(origin, array.shape)
-    return cloud_noise(np.ascontiguousarray(array), sensor, place, _workers(threads))
-
-
-def _workers(asked: int | None) -> int:
-    return asked or threads.available()
+    return cloud_noise(np.ascontiguousarray(array), sensor, place, chosen(threads))
 
 
 def cloud_noise(

@@ -31,7 +31,7 @@ from planewise.files.camera import no_camera, read_camera
 from planewise.files.depth import read_depth
 from planewise.sensor import Sensor
 from planewise.stages import recorded
-from planewise.threads import available
+from planewise.threads import chosen
 from planewise.whole_files import written_whole
 from planewise.wording import counted
 
@@ -95,7 +95,7 @@ def bench(
         detector = Detector(
             frame.camera, frame.sensor, depth_scale=frame.depth_scale, threads=threads
         )
-        used = threads or available()
+        used = chosen(threads)
         machine = describe_machine()
         times = timed(lambda: detector(frame.depth), runs)
         terminal.show_machine(machine, used)

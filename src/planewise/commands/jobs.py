@@ -117,7 +117,7 @@ class Job:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
             )
-            with threads.allowed(self.options.threads or threads.available()):
+            with threads.allowed(threads.chosen(self.options.threads)):
                 write_results(
                     folder,
                     model,
