@@ -33,6 +33,7 @@ from planewise.batch.lock import locked
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.source import FileFrame, parse_shard
 from planewise.batch.staging import Staging
+from planewise.batch.tables import parquet_of, read_table
 from planewise.commands.label_pairs import pair_store
 from planewise.errors import PlanewiseError
 from tests.batch_sources import Renamed
@@ -462,3 +463,14 @@ def test_a_missing_table_is_said_to_be_missing(full, tmp_path):
         table.unlink()
     with pytest.raises(PlanewiseError, match="is missing"):
         _ = Store(path).planes
+
+
+def test_planes_without_some_rows_are_not_those_of_other_frames(full, tmp_path):
+    path = copied(full, tmp_path)
+    table = max((path / "planes").iterdir(), key=lambda each: each.stat().st_size)
+    planes = read_table(table)
+    table.write_bytes(parquet_of(planes.slice(1)))
+    with pytest.raises(PlanewiseError, match=f"{len(planes) - 1} planes in place of {len(planes)}"):
+        _ = [frame.planes for frame in Store(path)]
+    with pytest.raises(PlanewiseError, match="is damaged"):
+        Store(path).labels(Store(path).ids[-1])

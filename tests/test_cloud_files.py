@@ -192,6 +192,8 @@ TEXTS = {
     "tabs.asc": ("# made by hand\n\n", "\t", "\t7"),
     "count.pts": ("500\n", " ", " 7 1 2 3"),
     "colours.xyz": ("", " ", " 1 2 3"),
+    "ends.csv": ("x,y,z,Intensity,\n", ",", ",7,"),
+    "ends.txt": ("", "; ", ";"),
     "normals.xyz": ("", " ", " 0.1 0.2 0.3"),
 }
 

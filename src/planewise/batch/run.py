@@ -97,6 +97,13 @@ class Batch:
         PlanewiseError
             If the store cannot be used: made with other options, or from another source.
         """
+        plan = self._plan()
+        if (Path(self.store) / STORE_FILE).exists():
+            self._check_readings(Store(self.store))
+        return plan
+
+    def _plan(self) -> Plan:
+        """Say what there is to do, without reading a frame."""
         arrow()
         selected = self.selection.of(self.source.ids)
         statuses = self._statuses()
@@ -139,7 +146,7 @@ class Batch:
             staging = Staging(folder / f"{_UNFINISHED}{writer}")
             try:
                 self._begin(folder, staging)
-                plan = self.plan()  # once more, now that nobody else can change it
+                plan = self._plan()  # once more, now that nobody else can change it
                 with opened(folder, writer, staging) as store:
                     yield Run(FrameWork(self.source, self.recipe), plan, store, engine)
             finally:
@@ -166,7 +173,6 @@ class Batch:
                 f"and {self.source.name} has {len(self.source.ids):,} now, which changes their "
                 "numbers; give a new folder"
             )
-        self._check_readings(store)
         return known
 
     def _check_readings(self, store: Store) -> None:

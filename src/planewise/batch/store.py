@@ -207,6 +207,11 @@ class Store:
 
     def _frames_of(self, segment: Segment) -> Iterator[StoredFrame]:
         frames, planes = segment.tables()
+        done = arrow().compute.equal(frames["status"], DONE)
+        of_frames = arrow().compute.sum(frames.filter(done)["planes"]).as_py() or 0
+        if of_frames != len(planes):
+            held = f"it holds {counted(len(planes), 'plane')} in place of {of_frames:,}"
+            raise PlanewiseError(f"store: {segment.planes_file} is damaged: {held}")
         first = 0  # planes lie in the order of their frames
         for row in frames.to_pylist():
             if row["status"] == DONE:

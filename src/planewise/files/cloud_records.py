@@ -69,6 +69,8 @@ def read_words(
 ) -> Iterator[NDArray[np.float64]]:
     """Read lines of numbers in blocks; empty ones and comments are skipped.
 
+    A delimiter may end lines, too.
+
     Parameters
     ----------
     stream : text file
@@ -93,6 +95,8 @@ def read_words(
         block = list(islice(lines, size if count is None else min(size, count - done)))
         if not block:
             break
+        if delimiter is not None and block[0].endswith(delimiter):
+            block = [line.removesuffix(delimiter) for line in block]
         yield _numbers(block, columns, delimiter, done)
         done += len(block)
     if count is not None and done < count:

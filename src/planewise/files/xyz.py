@@ -77,6 +77,8 @@ def _layout(path: Path) -> _Layout:
             continue
         delimiter = _delimiter(bare)
         words = [word.strip().strip('"') for word in bare.split(delimiter)]
+        if len(words) > 1 and not words[-1]:
+            words.pop()  # some tools end every line with a delimiter
         if text.startswith(("#", "//")):
             # A comment; names of columns where x, y and z are among them.
             if set(_XYZ) <= {word.lower() for word in words}:
