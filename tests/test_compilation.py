@@ -10,10 +10,12 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numba import njit
 from numba.core import caching, event
 
+import planewise as pw
 from planewise import compilation, warm_up
 from planewise.kernels import jit
 
@@ -122,7 +124,7 @@ def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
         "cloud": {*package.glob("clouds/*.py"), *package.glob("kernels/cloud_*.py")},
     }
     for loops, its_own in modules.items():
-        name = compilation._TELLING[loops].rstrip(".")
+        name, _ = compilation._TELLING[loops].split(".")
         users = {
             path
             for path in package.glob("**/*.py")
@@ -156,6 +158,25 @@ def test_who_needs_some_loops_only_hears_nothing_once_these_are_compiled(
         assert compilation.has_compiled() == bool(caplog.messages)
         heard.append(len(caplog.messages))
     assert heard == [1, 1, 0]
+
+
+@pytest.mark.usefixtures("started")
+def test_clouds_of_few_points_and_points_in_a_plane_need_loops_of_their_own(monkeypatch, caplog):
+    rng = np.random.default_rng(0)
+    sensor = pw.Sensor(noise=0.01, max_depth=10.0)
+    few, many = (rng.uniform(0, 3, (count, 3)) * [1, 1, 0.001] for count in (200, 5000))
+    heard = []
+    for compiled in ({"cloud"}, {"cloud", "points"}):
+        monkeypatch.setattr(compilation, "is_cached", compiled.__contains__)
+        for points in (many, few, few[:, [0, 2]]):
+            compilation._said.clear()
+            compilation.announce.cache_clear()
+            caplog.clear()
+            assert pw.detect_planes_in_points(points, sensor).planes
+            heard.append(len(caplog.messages))
+    assert heard == [0, 1, 1, 0, 0, 0]
+    compilation.announce.cache_clear()
+    assert any(compilation.cache_directory().glob(f"{compilation._TELLING['points']}*.nbi"))
 
 
 def test_the_process_that_helps_can_be_waited_for(monkeypatch):

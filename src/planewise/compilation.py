@@ -24,19 +24,21 @@ from planewise.threads import available
 _LOG = logging.getLogger("planewise")
 _SOURCES = Path(kernels.__path__[0])
 _CLOUD = ("cloud_", "cubes")  # modules of kernels that only clouds need
-Loops = Literal["depth image", "paper", "spatial", "cloud"]
-"""By which a depth image is seen, and those of each search; in clouds, the spatial one."""
-_TELLING: dict[Loops, str] = {  # modules that nothing else needs
+Loops = Literal["depth image", "paper", "spatial", "cloud", "points"]
+"""By which a depth image is seen, and those of each search: in clouds, the spatial one and that of
+points one by one, which clouds of few need, too."""
+_TELLING: dict[Loops, str] = {  # modules, or loops, that nothing else needs
     "depth image": "images.",
     "paper": "readings.",
     "spatial": "segments.",
     "cloud": "cloud_segments.",
+    "points": "readings.assign_points",
 }
 _BLAS = "scipy.linalg.cython_blas"
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _PARTS = "ledger", "labelling", "merging"  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []
-_said: set[bool] = set()  # whether of clouds; of images, to see one and to search it is one wait
+_said: set[bool] = set()  # whether of clouds; to see an image and to search it is one wait
 
 
 def cache_directory() -> Path:
@@ -63,7 +65,7 @@ def announce(loops: Loops) -> None:
     Up to three processes compile the loops of a spatial search's later stages; where none can be
     started, or their work is not done in time, this one does it all.
     """
-    cloud = loops == "cloud"
+    cloud = loops in ("cloud", "points")
     if cloud in _said or is_cached(loops):
         return
     _said.add(cloud)
@@ -74,7 +76,7 @@ def announce(loops: Loops) -> None:
         )
         return
     _LOG.warning("compiling for this machine, once (10 s to a minute) ...")
-    if loops != "paper" and sys.executable and not os.environ.get(_HELPED):
+    if loops not in ("paper", "points") and sys.executable and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
         most = 1 if parent_process() else len(_PARTS)  # it may be one of many that compile

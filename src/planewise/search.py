@@ -68,7 +68,8 @@ def find(
     if observation.count < observation.dimension:
         return _no_planes(observation, options, objective.empty(observation))
 
-    compilation.announce("spatial" if spatial else "paper")
+    image = isinstance(observation, RayObservation)
+    compilation.announce("spatial" if spatial else "paper" if image else "points")
     keep_freed()
     regions = _regions(observation, options, rgb)
     if spatial and isinstance(observation, RayObservation):

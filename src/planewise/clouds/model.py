@@ -33,6 +33,7 @@ from planewise.clouds.labels import label_points
 from planewise.clouds.masks import Mask, mask_of
 from planewise.clouds.rows import covariances, determined, planes_of
 from planewise.clouds.segments import segments_of
+from planewise.compilation import announce
 from planewise.information import (
     coordinate_information,
     outlier_information,
@@ -136,6 +137,7 @@ def cloud_model(
         return nothing_in(len(points), there, sensor, settings)
     found = found_in(cloud, sensor, significance, max_planes)
     if few:
+        announce("points")
         with stage("few"):
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin, louder)
             assert fine is not None
