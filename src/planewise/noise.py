@@ -207,4 +207,4 @@ KINECT = quadratic(0.0012, 0.0019, 0.4)
 KINECT_PARTS = ErrorParts(
     white=quadratic(0.0, 0.0015), shared=quadratic(0.0, 0.0010), drift=quadratic(0.0, 0.0035)
 )
-"""Parts of the first Kinect's error, measured on planes of real frames (docs/method.md)."""
+"""Parts of the first Kinect's error, measured on planes of real frames (docs/frame-error.md)."""

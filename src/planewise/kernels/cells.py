@@ -28,7 +28,7 @@ _BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `unit_planes` tells of a unit
 
 # Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
-# for squares side by side (docs/method.md derives them):
+# for squares side by side (docs/frame-error.md derives them):
 PLANE_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
 PLANE_BEND = (0.9, 0.3)  # of their slopes: D over the smaller and the larger side
 PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
