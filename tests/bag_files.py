@@ -73,7 +73,7 @@ class Messages:
         data = np.frombuffer(data, np.uint8)
         return self.make("CompressedImage", header=self.header(number), format=form, data=data)
 
-    def info(self, number=0, distortion=(), fx=CAMERA.fx):
+    def info(self, number=0, distortion=(), fx=CAMERA.fx, binning=0):
         k = np.array([fx, 0, CAMERA.cx, 0, CAMERA.fy, CAMERA.cy, 0, 0, 1])
         p = np.array([60, 0, 30, 0, 0, 61, 20, 0, 0, 0, 1, 0.0])
         roi = self.make(
@@ -88,8 +88,8 @@ class Messages:
             height=48,
             width=64,
             distortion_model="plumb_bob",
-            binning_x=0,
-            binning_y=0,
+            binning_x=binning,
+            binning_y=binning,
             roi=roi,
             **matrices,
         )

@@ -24,6 +24,37 @@ def test_distortion_is_undone(k1, k2, p):
     assert_allclose(camera.project(camera.rays(SHAPE)), np.stack((x, y), axis=-1), atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    ("fx", "distortion"),
+    [
+        (577, (-0.3, 0, 0, 0)),  # r (1 - 0.3 r^2) grows up to 0.703; the corner is at 0.693
+        (450, (0.5, 0.5, 0, 0)),
+        (380, (0.2, 0.1, 0.002, -0.002, 0.3)),
+    ],
+)
+def test_strong_distortion_is_undone_up_to_where_it_folds(fx, distortion):
+    camera = pw.PinholeCamera(fx=fx, fy=fx, cx=319.5, cy=239.5, distortion=distortion)
+    pixels = camera.project(camera.rays((480, 640)))
+    x, y = np.meshgrid(np.arange(640), np.arange(480))
+    np.testing.assert_allclose(pixels, np.stack((x, y), axis=-1), atol=1e-6)
+    step = np.diff(np.hypot(*np.moveaxis(camera.rays((480, 640))[240, 320:, :2], -1, 0)))
+    assert (step > 0).all()
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        (-0.33, 0, 0, 0),  # grows up to 0.67 only
+        (-1.2, 0.5, 0, 0),  # falls and grows again: three places are seen in one
+        (0, 0, 0.9, 0),
+    ],
+)
+def test_distortion_that_folds_a_part_of_the_image_is_refused(distortion):
+    camera = pw.PinholeCamera(fx=577, fy=577, cx=319.5, cy=239.5, distortion=distortion)
+    with pytest.raises(ValueError, match="cannot be undone"):
+        camera.rays((480, 640))
+
+
 def test_distortion_that_folds_the_image_is_refused():
     camera = pw.PinholeCamera(fx=30, fy=30, cx=31, cy=23, distortion=(-2.0, 0, 0, 0))
     with pytest.raises(ValueError, match="cannot be undone"):

@@ -95,6 +95,84 @@ def test_yaml_of_many_makers(tmp_path, text):
         assert camera.distortion[:4] == (0.1, -0.2, 0.001, 0.002)
 
 
+COEFFICIENTS = (-0.2, 0.05, 0.001, -0.002)
+KALIBR = """cam0:
+  camera_model: pinhole
+  intrinsics: [525.5, 526.5, 319.5, 239.5]
+  distortion_model: radtan
+  distortion_coeffs: [-0.2, 0.05, 0.001, -0.002]
+  resolution: [640, 480]
+  rostopic: /camera/depth
+"""
+
+
+def test_a_camera_of_kalibr(tmp_path):
+    camera = read_camera(write(tmp_path, KALIBR, "camchain.yaml"))
+    assert is_right(camera)
+    assert (camera.width, camera.height, camera.distortion) == (640, 480, COEFFICIENTS)
+    two = KALIBR + KALIBR.replace("cam0", "cam1")
+    with pytest.raises(PlanewiseError, match="states no intrinsics"):  # of which of them?
+        read_camera(write(tmp_path, two, "camchain.yaml"))
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"distortion_coeffs": COEFFICIENTS},
+        {"distCoeffs": [COEFFICIENTS]},
+        {"dist": COEFFICIENTS},
+        {"distortionCoefficients": COEFFICIENTS},
+        {"distortion": {"k1": -0.2, "k2": 0.05, "p1": 0.001, "p2": -0.002}},
+        {"k1": -0.2, "k2": 0.05, "p1": 0.001, "p2": -0.002, "k3": 0.0, "k4": 0},
+        {"RadialDistortion": [-0.2, 0.05], "TangentialDistortion": [0.001, -0.002]},
+        {"radial_distortion": [-0.2, 0.05, 0.0], "tangential_distortion": [0.001, -0.002]},
+        {"camera_model": "OPENCV", "k1": -0.2, "k2": 0.05, "p1": 0.001, "p2": -0.002},
+    ],
+)
+def test_distortion_by_whatever_name(tmp_path, stated):
+    for content in (NUMBERS | stated, {"intrinsics": NUMBERS | stated}):
+        camera = read_camera(write(tmp_path, json.loads(json.dumps(content))))
+        assert is_right(camera)
+        assert camera.distortion[:4] == COEFFICIENTS
+        assert not any(camera.distortion[4:])
+
+
+@pytest.mark.parametrize(
+    ("stated", "match"),
+    [
+        ({"lens_distortion": [0.1, 0, 0, 0]}, "as 'lens_distortion', which is not known"),
+        ({"distortion_table": {"rows": [[1, 2]]}}, "'distortion_table'"),
+        ({"k1": 0.1, "k4": 0.2}, "8 distortion"),
+        ({"radial_distortion": [0.1]}, "1 radial and 2 tangential"),
+        ({"camera_model": "OPENCV_FISHEYE", "k1": 0.1}, "opencv_fisheye"),
+    ],
+)
+def test_a_distortion_that_is_not_understood_is_not_left_out(tmp_path, stated, match):
+    with pytest.raises(PlanewiseError, match=match):
+        read_camera(write(tmp_path, NUMBERS | stated))
+
+
+def test_what_says_nothing_of_a_distortion_is_read(tmp_path):
+    plain = {"is_distorted": True, "lens_distortion": [0, 0.0], "distortion_note": "none"}
+    camera = read_camera(write(tmp_path, NUMBERS | plain))
+    assert is_right(camera)
+    assert not camera.distortion
+
+
+def test_ros_states_what_is_read_of_the_sensor(tmp_path):
+    whole = {"K": MATRIX, "width": 640, "height": 480}
+    full = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
+    camera = read_camera(write(tmp_path, whole | {"roi": full, "binning_x": 0, "binning_y": 1}))
+    assert camera == read_camera(write(tmp_path, whole))
+    halved = read_camera(write(tmp_path, whole | {"binning_x": 2, "binning_y": 2}))
+    assert halved == camera.scaled(0.5)
+    part = full | {"x_offset": 20, "y_offset": 10, "height": 400, "width": 600}
+    camera = read_camera(write(tmp_path, whole | {"roi": part, "binning_x": 2}))
+    assert (camera.width, camera.height) == (300, 400)
+    assert (camera.fx, camera.fy, camera.cy) == (525.5 / 2, 526.5, 229.5)
+    assert camera.cx == (299.5 + 0.5) / 2 - 0.5  # the middle of two pixels is between them
+
+
 @pytest.mark.parametrize(
     ("content", "match"),
     [

@@ -136,6 +136,16 @@ def test_rectified_images_have_the_camera_of_p(tmp_path):
     assert (camera.fx, camera.distortion) == (50, (0.1, 0, 0, 0, 0))
 
 
+@pytest.mark.parametrize("kind", ["bag", "db3"])
+def test_a_camera_that_bins_its_pixels_is_that_of_the_image(tmp_path, kind):
+    def contents(messages):
+        yield from frames(messages)
+        yield INFO, START, messages.info(binning=2)
+
+    camera = datasets.open(write_bag(tmp_path / "run", kind, contents)).camera
+    assert (camera.width, camera.height, camera.fx, camera.fy) == (32, 24, 25, 26)
+
+
 def test_the_topic_is_asked_for_where_there_are_several(tmp_path):
     def contents(messages):
         yield from frames(messages)

@@ -25,6 +25,7 @@ Array = NDArray[np.float64]
 
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
 _UNDISTORT_STEPS = 50
+_SHARES = 100  # places on the way to the corner of an image
 _UNDISTORT_TOLERANCE = 1e-9
 
 
@@ -348,18 +349,41 @@ class PinholeCamera:
             v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
         )
 
+    def _stretch(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Derivatives of `_distort`: du'/du, dv'/dv, and du'/dv, which is dv'/du."""
+        k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
+        r2 = u * u + v * v
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        steeper = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
+        return (
+            radial + u * u * steeper + 2 * p1 * v + 6 * p2 * u,
+            radial + v * v * steeper + 6 * p1 * v + 2 * p2 * u,
+            u * v * steeper + 2 * p1 * u + 2 * p2 * v,
+        )
+
+    def _unfolded(self, u: Array, v: Array) -> bool:
+        xx, yy, xy = self._stretch(u, v)
+        return bool(((xx > 0) & (xx * yy > xy * xy)).all())
+
     def _undistort(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Invert the distortion by fixed-point iteration."""
+        """Invert the distortion by Newton's method, where it does not fold the image."""
         x, y = u, v
-        for _ in range(_UNDISTORT_STEPS):
-            du, dv = self._distort(x, y)
-            du, dv = u - du, v - dv
-            x, y = x + du, y + dv
-            error = max(np.abs(du).max(), np.abs(dv).max())
-            if error < _UNDISTORT_TOLERANCE:
+        with np.errstate(all="ignore"):  # where there is no inverse, steps lead anywhere
+            for _ in range(_UNDISTORT_STEPS):
+                du, dv = self._distort(x, y)
+                du, dv = u - du, v - dv
+                if max(np.abs(du).max(), np.abs(dv).max()) < _UNDISTORT_TOLERANCE:
+                    break
+                xx, yy, xy = self._stretch(x, y)
+                determinant = xx * yy - xy * xy
+                x, y = x + (yy * du - xy * dv) / determinant, y + (xx * dv - xy * du) / determinant
+            else:
+                x = np.full_like(x, np.nan)
+            # Nor is there a fold between the middle of the image and its farthest place.
+            far = np.unravel_index(np.argmax(x * x + y * y), x.shape)
+            shares = np.linspace(0.0, 1.0, _SHARES)
+            if self._unfolded(x, y) and self._unfolded(shares * x[far], shares * y[far]):
                 return x, y
-            if not error < 1e3:
-                break
         raise ValueError(
             f"camera: distortion {self.distortion} cannot be undone over the whole image; "
             "are the coefficients in the order k1, k2, p1, p2, k3?"

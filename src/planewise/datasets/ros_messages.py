@@ -88,6 +88,9 @@ def _compressed(message: Any) -> NDArray[Any]:
     return depth
 
 
+_REGION = "x_offset", "y_offset", "width", "height"
+
+
 def camera_of(message: Any, rectified: bool) -> PinholeCamera:
     """Camera of a CameraInfo.
 
@@ -108,7 +111,10 @@ def camera_of(message: Any, rectified: bool) -> PinholeCamera:
         value = getattr(message, name, None)
         return np.asarray(getattr(message, name.upper()) if value is None else value, np.float64)
 
-    values: dict[str, Any] = {"width": int(message.width), "height": int(message.height)}
+    region = {name: int(getattr(message.roi, name)) for name in _REGION}
+    values: dict[str, Any] = {
+        name: int(getattr(message, name)) for name in ("width", "height", "binning_x", "binning_y")
+    } | {"roi": region}
     if rectified and field("p").any():
         values["k"] = field("p").reshape(3, 4)[:, :3].ravel()
     else:

@@ -14,13 +14,14 @@ import numpy as np
 from planewise import cameras, noise, sensors
 from planewise.camera import Camera, PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.files.distortion import distortion_of
 from planewise.files.lidar import is_spherical, spherical_camera
+from planewise.files.numbers import first_of, numbers_of
 from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
 from planewise.wording import counted
 
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
-_PLAIN_MODELS = {"", "none", "plumb_bob", "radtan", "brown_conrady", "pinhole", "opencv"}
 
 NOISE_HELP = (
     "0.005 or 5mm (the same at every depth), 1% (of the depth), a formula in z such as "
@@ -37,8 +38,9 @@ def read_camera(text: str) -> Camera:
         A key of `planewise.cameras.PRESETS`; or ``"fx,fy,cx,cy"`` in pixels; or the path of a JSON
         or YAML file, ROS ``camera_info`` included. A file states the intrinsics as ``K``,
         ``camera_matrix``, ``intrinsic_matrix`` or ``intrinsics`` (nine numbers, three rows or four
-        numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``,
-        ``distortion_coefficients`` or ``distortion`` in the order k1, k2, p1, p2, k3. A LiDAR's
+        numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``, ``distortion``,
+        ``distortion_coefficients`` or the like in the order k1, k2, p1, p2, k3, or by these names;
+        of ROS also what part of the sensor is read (``roi``, ``binning_x``). A LiDAR's
         file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's metadata
         (`planewise.files.lidar`).
 
@@ -251,7 +253,8 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
         raise PlanewiseError(
             "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
         )
-    inner = content.get("camera", content.get("intrinsics"))
+    alone = [value for name, value in content.items() if re.fullmatch(r"cam\d+", str(name))]
+    inner = content.get("camera", content.get("intrinsics", alone[0] if len(alone) == 1 else None))
     return {**content, **inner} if isinstance(inner, dict) else content
 
 
@@ -280,29 +283,54 @@ def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
     """
     values = {str(key).lower(): value for key, value in content.items()}
     fx, fy, cx, cy = _intrinsics(values)
-    return PinholeCamera(
+    width, height = _size(values)
+    camera = PinholeCamera(
         fx=fx,
         fy=fy,
         cx=cx,
         cy=cy,
-        width=_pixels(_first(values, "width", "image_width")),
-        height=_pixels(_first(values, "height", "image_height")),
-        distortion=_distortion(values),
+        width=width,
+        height=height,
+        distortion=distortion_of(values),
+    )
+    return _read_out(camera, values)
+
+
+def _read_out(camera: PinholeCamera, values: Mapping[str, Any]) -> PinholeCamera:
+    """Camera of the image, where ROS states that it is a region of the sensor's, or binned."""
+    region = values.get("roi")
+    if isinstance(region, Mapping):
+        left, top, width, height = (
+            _pixels(region.get(name)) or 0 for name in ("x_offset", "y_offset", "width", "height")
+        )
+        if width and height and (height, width) != (camera.height, camera.width):
+            camera = camera.cropped(top, left, (height, width))
+    across, down = (_pixels(values.get(name)) or 1 for name in ("binning_x", "binning_y"))
+    if across == down == 1:
+        return camera
+    return replace(
+        camera,
+        fx=camera.fx / across,
+        fy=camera.fy / down,
+        cx=(camera.cx + 0.5) / across - 0.5,
+        cy=(camera.cy + 0.5) / down - 0.5,
+        width=None if camera.width is None else camera.width // across,
+        height=None if camera.height is None else camera.height // down,
     )
 
 
 def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    matrix = _first(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
+    matrix = first_of(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
     if matrix is None or (isinstance(matrix, dict) and "data" not in matrix):
-        numbers = [_first(values, *names) for names in (("fx",), ("fy",), *_CENTRES)]
+        numbers = [first_of(values, *names) for names in (("fx",), ("fy",), *_CENTRES)]
         if any(number is None for number in numbers):
             raise PlanewiseError(
                 "states no intrinsics; expected K, camera_matrix, intrinsic_matrix, intrinsics, "
                 "or fx, fy, cx and cy"
             )
-        fx, fy, cx, cy = _numbers(numbers).tolist()
+        fx, fy, cx, cy = numbers_of(numbers).tolist()
         return fx, fy, cx, cy
-    flat = _numbers(matrix)
+    flat = numbers_of(matrix)
     if flat.size == 4:
         fx, fy, cx, cy = flat.tolist()
         return fx, fy, cx, cy
@@ -318,54 +346,26 @@ def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
     return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
 
 
+def _size(values: Mapping[str, Any]) -> tuple[int | None, int | None]:
+    """Width and height of the image."""
+    both = values.get("resolution")  # as Kalibr has it
+    if isinstance(both, (list, tuple)) and len(both) == 2:
+        return _pixels(both[0]), _pixels(both[1])
+    width, height = (
+        first_of(values, "width", "image_width"),
+        first_of(values, "height", "image_height"),
+    )
+    return _pixels(width), _pixels(height)
+
+
 def _pixels(value: Any) -> int | None:
     """Side of an image; ROS writes 0 for "unknown"."""
     if not value:
         return None
-    size = _numbers(value)
+    size = numbers_of(value)
     if size.size != 1 or not 1 <= size[0] < 1 << 31 or size[0] % 1:
         raise PlanewiseError(f"states a size of {value!r}; expected a whole number of pixels")
     return int(size[0])
 
 
 _CENTRES = (("cx", "ppx"), ("cy", "ppy"))
-
-
-def _distortion(values: Mapping[str, Any]) -> tuple[float, ...]:
-    given = _first(values, "d", "distortion_coefficients", "distortion", "dist_coeffs", "coeffs")
-    numbers = np.empty(0) if given is None else _numbers(given)
-    model = str(_first(values, "distortion_model", "model") or "").lower()
-    model = model.removeprefix("distortion.").replace(" ", "_")
-    plain = model in _PLAIN_MODELS
-    # The rational model of eight numbers is the plain one where its last three are zero.
-    if model == "rational_polynomial" and not np.any(numbers[5:]):
-        plain, numbers = True, numbers[:5]
-    if "brown_conrady" in model and not np.any(numbers):
-        plain = True
-    if not plain:
-        raise PlanewiseError(
-            f"has the distortion model {model!r}, which is not supported (plumb_bob is); "
-            "undistort the depth image, or give its rectified camera"
-        )
-    if not np.any(numbers):
-        return ()
-    if numbers.size > 5 and not np.any(numbers[5:]):
-        numbers = numbers[:5]
-    if numbers.size not in (4, 5):
-        raise PlanewiseError(
-            f"has {numbers.size} distortion coefficients; expected k1, k2, p1, p2[, k3]"
-        )
-    return tuple(numbers.tolist())
-
-
-def _first(values: Mapping[str, Any], *names: str) -> Any:
-    return next((values[name] for name in names if values.get(name) is not None), None)
-
-
-def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    if isinstance(value, dict):
-        value = value.get("data")
-    try:
-        return np.asarray(value, dtype=np.float64).reshape(-1)
-    except (TypeError, ValueError):
-        raise PlanewiseError(f"holds {value!r} where numbers are expected") from None
