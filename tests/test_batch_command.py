@@ -340,6 +340,10 @@ def test_a_store_is_scored(frames, store, tmp_path):
     assert "lacks 2: 00000, 00003" in errors
     assert (tmp_path / "s.csv").read_text().splitlines()[1].startswith("00001,")
     assert run("eval", store, store / "labels" / "00001.png")[0] == 2
+    for predicted in (tmp_path / "truth", tmp_path / "truth" / "00001.png", store):
+        code, text, errors = run("eval", predicted, store)
+        assert (code, text) == (2, "")
+        assert f"truth: {store} is a store, which only PRED may be" in errors
 
 
 def as_in_a_terminal():

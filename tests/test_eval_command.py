@@ -179,6 +179,46 @@ def test_pictures_and_archives_without_labels_are_refused(tmp_path, truth):
         assert word in errors
 
 
+def test_depth_that_does_not_fit_its_labels_is_refused(tmp_path, truth):
+    np.save(tmp_path / "found.npy", truth)
+    for depth in (np.ones((3, 3)), np.ones(truth.shape, bool)):
+        np.savez(tmp_path / "true.npz", gt=truth, depth=depth)
+        code, text, errors = run("eval", tmp_path / "found.npy", tmp_path / "true.npz")
+        assert (code, text) == (2, "")
+        assert f"true.npz has depth of {depth.dtype} and shape {depth.shape}; expected" in errors
+        assert "shape of 'gt', (40, 60)" in errors
+
+
+BAD_PARAMETERS = {
+    "no JSON": ("{", "is not valid JSON"),
+    "too deep": ("[" * 100_000, "is not valid JSON"),
+    "no planes": ("{}", "no list of 'planes'"),
+    "a list": ("[]", "no list of 'planes'"),
+    "planes by name": ('{"planes": {"1": {}}}', "no list of 'planes'"),
+    "an empty plane": ('{"planes": [{}]}', "for plane 1"),
+    "a number": ('{"planes": [3]}', "for plane 1"),
+    "no distance": ('{"planes": [{"normal": [0, 0, 1]}]}', "for plane 1"),
+    "two numbers": ('{"planes": [{"normal": [0, 1], "distance": 1}]}', "for plane 1"),
+    "words": ('{"planes": [{"normal": ["0", "0", "1"], "distance": 1}]}', "for plane 1"),
+    "NaN": ('{"planes": [{"normal": [0, 0, 1], "distance": NaN}]}', "for plane 1"),
+    "the second": ('{"planes": [{"normal": [0, 0, 1], "distance": 1}, null]}', "for plane 2"),
+}
+
+
+@pytest.mark.parametrize(("content", "word"), BAD_PARAMETERS.values(), ids=BAD_PARAMETERS)
+def test_damaged_parameters_are_named(tmp_path, truth, content, word):
+    Image.fromarray(truth).save(tmp_path / "labels.png")
+    np.save(tmp_path / "truth.npy", truth)
+    (tmp_path / "planes.json").write_text(content)
+    code, text, errors = run("eval", tmp_path / "labels.png", tmp_path / "truth.npy")
+    assert (code, text) == (2, "")
+    assert errors.count("error: ") == 1
+    assert "labels: planes.json beside labels.png " in errors
+    assert word in errors
+    assert "mend it, or remove it" in errors
+    assert "damaged" not in errors
+
+
 def test_small_and_indexed_pictures_are_labels(tmp_path, truth):
     labels = np.where(truth == 300, 2, truth).astype(np.uint8)
     np.save(tmp_path / "truth.npy", labels > 1)
@@ -202,6 +242,41 @@ def test_the_folder_of_one_result_is_known(folders, tmp_path):
         code, text, errors = run("eval", alone, truth)
         assert (code, text) == (2, "")
         assert f", or {alone / 'labels.png'} for one image" in errors
+
+
+def result(folder, labels):
+    """Folder as detect writes it for one image."""
+    folder.mkdir(parents=True)
+    Image.fromarray(labels).save(folder / "labels.png")
+    planes = [{"normal": [0, 0, -1], "distance": 1.0}] * int(labels.max())
+    (folder / "planes.json").write_text(json.dumps({"planes": planes}))
+    for name in ("overlay.png", "curve.png"):
+        Image.fromarray(np.zeros((40, 60, 3), np.uint8)).save(folder / name)
+    return folder
+
+
+def test_the_result_of_one_image_is_one_frame(tmp_path, truth, predicted):
+    first, second = result(tmp_path / "first", predicted), result(tmp_path / "second", truth)
+    np.save(tmp_path / "second.npy", truth)
+    for other in (second, tmp_path / "second.npy"):
+        code, _, errors = run("eval", first, other, "-o", tmp_path / "scores.csv")
+        assert (code, errors) == (0, "")
+        (line,) = read(tmp_path / "scores.csv")
+        assert line["frame"] == "second"
+        assert float(line["voi_frame"]) > 0
+
+
+def test_results_of_many_images_are_many_frames(folders, tmp_path, truth):
+    _, true = folders
+    found = result(tmp_path / "results", truth)  # an earlier run's, of one image
+    result(found / "1", truth)
+    result(found / "10", truth)
+    code, text, errors = run("eval", found, true)
+    assert code == 0
+    assert "2 of 2 frames scored" in text
+    code, text, errors = run("eval", found / "1", true)
+    assert (code, text) == (2, "")
+    assert "truth is a folder of frames and the other is one frame; give two of a kind" in errors
 
 
 def test_folders_that_do_not_fit_are_refused(folders, tmp_path, truth):

@@ -88,6 +88,18 @@ def test_large_labels_of_unsigned_numbers_are_told_apart():
     assert table.counts.tolist() == [[0] * 4, [0, 0, 1, 0], [0, 1, 0, 1]]
 
 
+def test_masked_pixels_are_no_plane_and_not_valid():
+    left = np.arange(4) < 2
+    predicted, truth = (np.ma.masked_array([labels], left) for labels in ([-1, 9, 3, 3], [5] * 4))
+    table = contingency_table(predicted, truth)
+    assert table.counts.tolist() == [[2, 0], [0, 2]]
+    assert table.predicted_labels.tolist() == [0, 3]
+    scores = evaluate(predicted, truth, valid=np.ma.masked_array([[True] * 4], left))
+    assert (scores.predicted_planes, scores.true_planes) == (1, 1)
+    assert (scores.frame.pixels, scores.labelled.pixels, scores.valid.pixels) == (4, 2, 2)
+    assert predicted.mask.tolist() == [left.tolist()]
+
+
 def test_policies_by_hand():
     truth = image("11112200")
     predicted = image("11334400")
@@ -380,6 +392,10 @@ def test_other_bad_input_is_refused():
         clustering([1, 2])
     with pytest.raises(ValueError, match="counts"):
         hoover_counts([[-1]])
+    for number in (np.inf, np.nan):
+        for score in (clustering, hoover_counts):
+            with pytest.raises(ValueError, match="counts must be finite numbers"):
+                score([[number, 1], [1, number]])
 
 
 @pytest.mark.parametrize("coverage", [0.5, 0.95, 0.999])

@@ -27,7 +27,9 @@ def evaluate(
     truth: Annotated[
         Path,
         typer.Argument(
-            metavar="GT", show_default=False, help="The same with the truth; 0 is no plane."
+            metavar="GT",
+            show_default=False,
+            help="The same with the truth, but no store; 0 is no plane.",
         ),
     ],
     output: Annotated[

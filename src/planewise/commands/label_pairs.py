@@ -7,7 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from planewise.errors import PlanewiseError
-from planewise.files.labels import RESULT, STORE_FILE, LabelFile, Labelled, label_images
+from planewise.files.labels import (
+    PARAMETERS,
+    RESULT,
+    STORE_FILE,
+    LabelFile,
+    Labelled,
+    label_images,
+)
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -43,24 +50,32 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     ----------
     predicted, truth : Path
         Label images, or folders of them. A subfolder with a ``labels.png``, as `planewise detect`
-        writes one for each frame, is the frame of the subfolder's name. `predicted` may be a
-        store that `planewise batch` wrote.
+        writes one for each frame, is the frame of the subfolder's name. A folder that `planewise
+        detect` wrote for one image is one file, its ``labels.png``. `predicted` may be a store
+        that `planewise batch` wrote.
 
     Raises
     ------
     PlanewiseError
-        If one is missing, a file where the other is a folder, if a folder holds two files for one
-        frame, or if no frame is in both.
+        If one is missing, a file where the other is a folder, if the truth is a store, a folder
+        holds two files for one frame, or if no frame is in both.
     """
     for name, path in (("predicted", predicted), ("truth", truth)):
         if not path.exists():
             raise PlanewiseError(f"{name}: there is no file or folder {path}")
+    if (truth / STORE_FILE).is_file():
+        raise PlanewiseError(
+            f"truth: {truth} is a store, which only PRED may be; give a folder of label images, "
+            f"such as OUT/labels of 'planewise export {truth} --format png -o OUT'"
+        )
+    predicted, truth = _label_image(predicted), _label_image(truth)
     if (predicted / STORE_FILE).is_file():
         return pair_store(predicted, truth)
     if predicted.is_dir() != truth.is_dir():
         name, path = ("predicted", predicted) if predicted.is_dir() else ("truth", truth)
         raise PlanewiseError(
-            f"{name} is a folder and the other is not; give two of a kind{_of_one_image(path)}"
+            f"{name} is a folder of frames and the other is one frame; give two of a kind"
+            f"{_of_one_image(path)}"
         )
     if not predicted.is_dir():
         return Pairs(paired=((_stem(truth), predicted, truth),))
@@ -77,6 +92,12 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
             f"{_of_one_image(predicted)}"
         )
     return pairs
+
+
+def _label_image(path: Path) -> Path:
+    """Label image of a folder that holds the result of one image and no others; else the path."""
+    alone = all((path / name).is_file() for name in (RESULT, PARAMETERS))
+    return path / RESULT if alone and not any(path.glob(f"*/{RESULT}")) else path
 
 
 def _of_one_image(folder: Path) -> str:
@@ -112,7 +133,9 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
         If `truth` is no folder, or no frame is in both.
     """
     if not truth.is_dir():
-        raise PlanewiseError(f"truth: {truth} is not a folder; the predicted labels are a store")
+        raise PlanewiseError(
+            f"truth: {truth} is no folder of frames; the predicted labels are a store"
+        )
     from planewise.batch.frame_names import safe_name
     from planewise.batch.store import Store
 

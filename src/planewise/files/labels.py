@@ -5,20 +5,22 @@ from __future__ import annotations
 import json
 import zipfile
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite
 from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.files.depth import check_size, natural_order, read_array
 
 _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".npy", ".npz")
 RESULT = "labels.png"
-_PARAMETERS = "planes.json"
+PARAMETERS = "planes.json"
+_MEND = "mend it, or remove it to do without the parameters of the planes"
 
 STORE_FILE = "store.json"
 """What a store is known by."""
@@ -73,7 +75,8 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
     Raises
     ------
     PlanewiseError
-        If the file is missing, damaged, too large, or holds no labels.
+        If the file is missing, damaged, too large, or holds no labels, or what lies beside it is
+        damaged.
     """
     if isinstance(path, Labelled):
         return path.read()
@@ -85,7 +88,12 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
             f"{name}: {path.name} is of no known kind; expected one of {', '.join(_KINDS)}"
         )
     with naming(f"{name}: {path.name}"):
-        return _read(path)
+        found = _read(path)
+    beside = path.with_name(PARAMETERS)
+    if path.name != RESULT or not beside.is_file():
+        return found
+    with naming(f"{name}: {PARAMETERS} beside {path.name}"):
+        return replace(found, planes=_read_parameters(beside))
 
 
 def label_images(folder: Path) -> dict[str, Path]:
@@ -117,9 +125,7 @@ def _read(path: Path) -> LabelFile:
     if kind == ".npy":
         with path.open("rb") as stream:
             return LabelFile(labels=_check(read_array(stream)))
-    beside = path.with_name(_PARAMETERS)
-    planes = _read_parameters(beside) if path.name == RESULT and beside.is_file() else None
-    return LabelFile(labels=_check(_read_picture(path)), planes=planes)
+    return LabelFile(labels=_check(_read_picture(path)))
 
 
 def _read_picture(path: Path) -> NDArray[Any]:
@@ -154,7 +160,12 @@ def _read_archive(path: Path) -> LabelFile:
     assert labels is not None
     labels = _check(labels)
     valid = None
-    if depth is not None and depth.shape == labels.shape and depth.dtype.kind in "uif":
+    if depth is not None:
+        if depth.shape != labels.shape or depth.dtype.kind not in "uif":
+            raise PlanewiseError(
+                f"has depth of {depth.dtype} and shape {depth.shape}; expected numbers of the "
+                f"shape of '{key}', {labels.shape}, or no depth"
+            )
         valid = np.asarray(np.isfinite(depth) & (depth > 0))
     if planes is not None and (planes.ndim != 2 or planes.shape[1] != 4):
         raise PlanewiseError(f"has planes of shape {planes.shape}; expected (N, 4)")
@@ -164,9 +175,23 @@ def _read_archive(path: Path) -> LabelFile:
 
 
 def _read_parameters(path: Path) -> NDArray[np.float64]:
-    planes = json.loads(path.read_text(encoding="utf-8"))["planes"]
-    rows = [(*plane["normal"], plane["distance"]) for plane in planes]
-    return np.array(rows, np.float64).reshape(-1, 4)
+    try:
+        record = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise PlanewiseError(f"is not valid JSON ({error}); {_MEND}") from None
+    planes = record.get("planes") if isinstance(record, dict) else None
+    if not isinstance(planes, list):
+        raise PlanewiseError(f"holds no list of 'planes'; {_MEND}")
+    return np.array([_row(*each) for each in enumerate(planes, 1)], np.float64).reshape(-1, 4)
+
+
+def _row(label: int, plane: Any) -> list[float]:
+    match plane:
+        case {"normal": [x, y, z], "distance": d} if all(map(is_finite, (x, y, z, d))):
+            return [x, y, z, d]
+    raise PlanewiseError(
+        f"has no 'normal' of three finite numbers, or no 'distance', for plane {label}; {_MEND}"
+    )
 
 
 def _check(labels: NDArray[Any]) -> NDArray[np.integer]:

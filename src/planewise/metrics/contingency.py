@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -84,9 +85,9 @@ def contingency_table(
     Parameters
     ----------
     predicted, truth : array_like of int, same shape
-        Labels, at least 0; 0 is no plane.
+        Labels, at least 0; 0 is no plane, and so is what is masked in a masked array.
     valid : array_like of bool, same shape, optional
-        Pixels to count; ``None`` means all.
+        Pixels to count, what is masked not among them; ``None`` means all.
 
     Returns
     -------
@@ -108,7 +109,7 @@ def contingency_table(
     if found.shape != true.shape:
         raise ValueError(f"predicted must have the shape of truth {true.shape}, got {found.shape}")
     if valid is not None:
-        mask = np.asarray(valid)
+        mask = _unmasked(valid)
         if mask.shape != true.shape or mask.dtype != np.bool_:
             raise ValueError(
                 f"valid must be bool of shape {true.shape}, got {mask.dtype} of {mask.shape}"
@@ -129,8 +130,12 @@ def contingency_table(
     )
 
 
+def _unmasked(image: ArrayLike) -> NDArray[Any]:
+    return np.asarray(np.ma.filled(image, 0) if np.ma.isMaskedArray(image) else image)
+
+
 def _labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
-    labels = np.asarray(image)
+    labels = _unmasked(image)
     if labels.dtype.kind not in "iub":
         raise ValueError(f"{name} must hold integer labels, got {labels.dtype}")
     if labels.dtype.kind == "b":
@@ -178,9 +183,10 @@ def clustering(counts: ArrayLike) -> Clustering:
     1.188...
     """
     table = np.asarray(counts)
-    if table.ndim != 2 or table.dtype.kind not in "iuf" or not (table >= 0).all():
+    numbers = table.ndim == 2 and table.dtype.kind in "iuf"
+    if not (numbers and (np.isfinite(table) & (table >= 0)).all()):
         raise ValueError(
-            "counts must be numbers of at least 0 of shape (G, P), "
+            "counts must be finite numbers of at least 0 of shape (G, P), "
             f"got {table.dtype} of shape {table.shape}"
         )
     common = table.astype(np.float64)

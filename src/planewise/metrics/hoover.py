@@ -88,9 +88,10 @@ def hoover_counts(counts: ArrayLike, *, tolerance: float = 0.8) -> HooverCounts:
     if not (is_finite(tolerance) and 0.5 < tolerance <= 1):
         raise ValueError(f"tolerance must lie above 0.5 and not above 1, got {tolerance!r}")
     table = np.asarray(counts, np.float64)
-    if table.ndim != 2 or 0 in table.shape or not (table >= 0).all():
+    if table.ndim != 2 or 0 in table.shape or not (np.isfinite(table) & (table >= 0)).all():
         raise ValueError(
-            f"counts must be numbers of at least 0 of shape (G + 1, P + 1), got shape {table.shape}"
+            "counts must be finite numbers of at least 0 of shape (G + 1, P + 1), "
+            f"got shape {table.shape}"
         )
     taken_truth: set[int] = set()
     taken_predicted: set[int] = set()

@@ -294,9 +294,9 @@ def evaluate(
     Parameters
     ----------
     predicted, truth : array_like of int, same shape
-        Labels, at least 0; 0 is no plane.
+        Labels, at least 0; 0 is no plane, and so is what is masked in a masked array.
     valid : array_like of bool, same shape, optional
-        Pixels with a reading.
+        Pixels with a reading, what is masked not among them.
     predicted_planes, truth_planes : array_like, shape (N, 4), optional
         Parameters of both, for their errors; see `plane_errors`.
     iou : sequence of float
