@@ -97,6 +97,33 @@ def test_bad_frames_are_reported_and_the_others_used(frames, tmp_path):
     assert out.exists()
 
 
+def test_frames_that_tell_nothing_are_reported_and_not_counted(frames, tmp_path):
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    good = (frames / "corner0.png").read_bytes()
+    (folder / "good.png").write_bytes(good)
+    (folder / "broken.png").write_bytes(good[:100])
+    Image.fromarray(np.zeros((240, 320), np.uint16)).save(folder / "void.png")
+    wild = np.random.default_rng(0).integers(0, 1 << 16, (240, 320), np.uint16)
+    Image.fromarray(wild).save(folder / "wild.png")
+    out = tmp_path / "s.json"
+    code, text, errors = run("calibrate", folder, *CAMERA, "-o", out)
+    assert code == 2
+    assert "1 of 4 frames used" in text
+    assert errors.count("error: ") == 3
+    for name in ("void.png: 0 flat cells, too few", "wild.png: ", "broken.png: "):
+        assert f"error: {name}" in errors
+    assert json.loads(out.read_text())["calibration"]["frames"] == 1
+
+
+def test_a_file_that_is_given_twice_is_read_once(frames, tmp_path, monkeypatch):
+    monkeypatch.chdir(frames)
+    given = ("corner0.png", frames / "corner0.png", frames)
+    code, text, errors = run("calibrate", *given, *CAMERA, "-o", tmp_path / "s.json")
+    assert (code, errors) == (0, "")
+    assert "4 of 4 frames used" in text
+
+
 BAD = {
     "no such file": (("none.png",), "there is no file or folder"),
     "no frame": (("empty",), "no depth files"),

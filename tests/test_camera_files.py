@@ -189,6 +189,7 @@ def test_ros_states_what_is_read_of_the_sensor(tmp_path):
         ({"K": MATRIX, "distortion_model": "rational_polynomial", "D": [0.1] * 8}, "rational"),
         ({"K": MATRIX, "D": [0.1] * 3}, "3 distortion"),
         ({"K": MATRIX, "width": "wide", "height": 480}, "'wide' where numbers are expected"),
+        ({"fx": 10**400, "fy": 525, "cx": 319.5, "cy": 239.5}, "integer that is too large"),
         ({"K": MATRIX, "width": 640.5, "height": 480}, "size of 640.5; expected a whole number"),
         ({"K": MATRIX, "width": float("inf"), "height": 480}, "size of inf"),
         ({"fx": float("nan"), "fy": 1, "cx": 1, "cy": 1}, "positive number of pixels, got nan"),

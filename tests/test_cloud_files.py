@@ -532,6 +532,9 @@ def write_bad(folder, name):
         "few.pts": b"3\n1 2 3\n4 5 6\n",
         "many.pts": b"1\n1 2 3\n4 5 6\n",
         "line.xyz": b"1" * 100_000,
+        "comma.csv": b"1000001,0791;2000002,3849;100,0115\n" * 2,
+        "comma.xyz": b"1,5 2,5 3\n",
+        "comma named.csv": b"x;y;z\n1,5;2,5;3,5\n",
     }  # fmt: skip
     path = folder / name
     if name in made:
@@ -601,6 +604,12 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
     assert "\n" not in message
     assert len(message) < 300
     assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["comma.csv", "comma.xyz", "comma named.csv"])
+def test_decimal_commas_are_told(tmp_path, name):
+    with pytest.raises(PlanewiseError, match=r"decimal comma.* '1.*write them with a decimal poi"):
+        read_cloud(write_bad(tmp_path, name))
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.pcd", "a.las", "a.laz", "a.e57", "a.npz", "a.csv"])

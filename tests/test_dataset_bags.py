@@ -192,8 +192,21 @@ def test_a_bag_of_nothing_that_is_known_says_what_it_has(tmp_path):
     def contents(messages):
         yield INFO, START, messages.info()
 
-    with pytest.raises(PlanewiseError, match=f"no topic of depth images; it has {INFO} "):
+    with pytest.raises(PlanewiseError, match=f"no topic of depth images; it has {INFO} [^;]*$"):
         datasets.open(write_bag(tmp_path / "run", "db3", contents))
+
+
+def test_images_that_may_be_depth_are_named(tmp_path):
+    def contents(messages):
+        message = messages.image(0, units(FRAMES[0], 0.001))
+        message.encoding = "mono16"
+        yield DEPTH, START, message
+        yield INFO, START, messages.info()
+
+    path = write_bag(tmp_path / "run", "db3", contents)
+    with pytest.raises(PlanewiseError, match=r"no topic of depth .* give the topic \(--topic\)$"):
+        datasets.open(path)
+    assert_array_equal(datasets.open(path, topic=DEPTH)[0].depth, units(FRAMES[0], 0.001))
 
 
 def test_messages_of_one_time_are_told_apart(tmp_path):

@@ -296,9 +296,31 @@ def test_a_damaged_label_file_costs_its_frame_only(own, tmp_path):
     coco = json.loads((tmp_path / "coco" / "annotations.json").read_text())
     assert "room 1" not in [each["frame"] for each in coco["images"]]
     scene = tmp_path / "planercnn/scans/frames"
-    assert not (scene / "frames/color/2.jpg").exists()
-    assert (scene / "frames/color/3.jpg").exists()
     assert (scene / "annotation/planes.npy").exists()
+
+
+def test_what_is_left_out_of_a_scene_leaves_no_gap(own, tmp_path):
+    store = Store(own)
+    file = store.label_file("room 1")
+    file.write_bytes(file.read_bytes()[:-40])
+    source = StoredSource(store)
+    (left_out,) = all_of(store, FORMATS["planercnn"], tmp_path / "out", source=source)
+    assert left_out.frame == "room 1"
+    scene = tmp_path / "out/scans/frames"
+    for folder in ("frames/color", "frames/depth", "frames/pose", "annotation/segmentation"):
+        indices = sorted(int(path.stem) for path in (scene / folder).iterdir())
+        assert indices == list(range(DONE - 1))
+    with (tmp_path / "out" / "frames.csv").open(newline="") as file:
+        frames = list(csv.DictReader(file))
+    assert [each["index"] for each in frames] == [str(k) for k in range(DONE - 1)]
+    assert [each["frame"] for each in frames] == [each for each in store.ids if each != "room 1"]
+    for each in frames:
+        frame = store[each["frame"]]
+        about, number, _, depth, _ = _as_the_training_reads(scene, each["index"])
+        assert about["numColorFrames"] == about["numDepthFrames"] == DONE - 1
+        assert np.array_equal(number >= 0, frame.labels > 0)
+        truth = np.nan_to_num(metres(frame, source[frame]))
+        assert np.abs(depth - truth).max() <= 0.0005 + 1e-9
 
 
 def test_nothing_is_left_of_what_does_not_end(made, tmp_path):

@@ -98,6 +98,46 @@ def test_bad_noise_is_refused(bad):
         scenes.staircase(size=SIZE, **bad)
 
 
+@pytest.mark.parametrize("quantise", [False, True])
+@pytest.mark.parametrize("sigma", [0.5, 50.0])
+def test_what_noise_puts_out_of_sight_is_no_reading(sigma, quantise):
+    scene = scenes.corner(sigma=sigma, size=SIZE, quantise=quantise)
+    lost = scene.depth == 0
+    assert lost.any()
+    assert np.array_equal(scene.labels == 0, lost)
+    z = scene.depth[~lost] * (0.001 if quantise else 1.0)
+    assert z.min() > 0
+    assert scene.sensor.max_depth == pytest.approx(z.max(), abs=0.0021)
+    assert scene.sensor.range == pytest.approx(np.ptp(z))
+    if sigma < 1:  # nothing has come from behind the camera to its other end
+        assert z.max() < 1.5 + 6 * sigma
+        kept = scenes.corner(sigma=0.0, size=SIZE).labels[~lost]
+        assert np.array_equal(scene.labels[~lost], kept)
+
+
+def test_noise_that_leaves_no_reading_is_refused():
+    with pytest.raises(ValueError, match=r"^no pixel of the scene .* give less noise$"):
+        scenes.corner(sigma=1e9, size=(1, 1))
+
+
+@pytest.mark.parametrize("quantise", [False, True])
+def test_scenes_of_one_depth_have_a_range(quantise):
+    options = {"sigma": 0.0, "quantise": quantise}
+    for scene in (
+        scenes.two_planes(179.9, **options),
+        scenes.corner(size=(1, 1), **options),
+        scenes.flatness(size=(480, 1), **options),
+    ):
+        assert np.ptp(scene.depth) * (0.001 if quantise else 1.0) < 0.001
+        assert scene.sensor.range == 0.002
+        assert (scene.labels > 0).all()
+
+
+def test_a_wave_that_is_no_number_is_refused():
+    with pytest.raises(ValueError, match="amplitude must be a number of metres, got nan"):
+        scenes.flatness(amplitude=float("nan"))
+
+
 @pytest.mark.parametrize("bad", [(0, 0), (48,), (4.5, 6), 48, (48, -64)])
 def test_bad_size_is_refused(bad):
     for make in (scenes.staircase, scenes.corner, scenes.room):

@@ -52,22 +52,31 @@ def test_only_curves_can_be_written(tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+TERM = dict.fromkeys(("constant_m", "linear_m_per_m", "quadratic_m_per_m2", "offset_m"), 0.0)
 BAD_FILES = {
     "no json": ("{", "not valid JSON"),
     "a list": ("[1]", "does not describe a sensor"),
     "another schema": ({"schema": "planewise/planes"}, "does not describe a sensor"),
     "a later version": ({"schema_version": 2}, "schema version 2, this program reads 1"),
-    "no depth": ({"max_depth_m": None}, "max_depth_m must be a number, got None"),
-    "text": ({"resolution_m": "1 mm"}, "resolution_m must be a number, got '1 mm'"),
-    "true": ({"min_depth_m": True}, "min_depth_m must be a number, got True"),
+    "no depth": ({"max_depth_m": None}, "max_depth_m must be a finite number, got None"),
+    "text": ({"resolution_m": "1 mm"}, "resolution_m must be a finite number, got '1 mm'"),
+    "true": ({"min_depth_m": True}, "min_depth_m must be a finite number, got True"),
     "negative depth": ({"max_depth_m": -1}, "max_depth must be a positive"),
     "no noise": ({"noise": None}, "noise must be a list of terms with constant_m"),
     "empty noise": ({"noise": []}, "noise must have at least one term"),
-    "half a term": ({"noise": [{"constant_m": 1}]}, "noise.linear_m_per_m must be a number"),
+    "half a term": ({"noise": [{"constant_m": 1}]}, "noise.linear_m_per_m must be a finite number"),
+    "huge depth": ({"max_depth_m": 10**400}, "max_depth_m must be a finite number, got inf"),
+    "huge noise": (
+        {"noise": [TERM | {"constant_m": 10**400}]},
+        "noise.constant_m must be a finite number, got inf",
+    ),
     "negative noise": (
-        {"noise": [dict.fromkeys(("linear_m_per_m", "quadratic_m_per_m2", "offset_m"), 0.0)
-                   | {"constant_m": -0.1}]},
-        "sigma must be positive",
+        {"noise": [TERM | {"constant_m": -0.1}]},
+        "sensor.json: noise: sigma must be positive",
+    ),
+    "negative part": (
+        {"parts": {"white": [TERM | {"constant_m": -0.1}], "shared": [], "drift_per_100_px": []}},
+        "sensor.json: parts.white: sigma must be positive",
     ),
     "parts that are none": ({"parts": 3}, "parts must be null, or hold white"),
     "parts without white": (
@@ -89,6 +98,21 @@ def test_bad_files_are_refused(tmp_path, name):
     with pytest.raises(PlanewiseError, match=r"^sensor: sensor.json: ") as error:
         sensors.load(path)
     assert message in str(error.value)
+
+
+def test_integers_that_python_does_not_read_are_refused(tmp_path):
+    path = tmp_path / "sensor.json"
+    sensors.save(sensors.KINECT_V1, path)
+    huge = json.dumps(json.loads(path.read_text()) | {"max_depth_m": "huge"})
+    path.write_text(huge.replace('"huge"', "9" * 5000))
+    with pytest.raises(PlanewiseError, match="max_depth_m must be a finite number, got inf"):
+        sensors.load(path)
+
+
+def test_noise_that_no_float_holds_is_refused():
+    for make in (noise.constant, lambda sigma: pw.Sensor(noise=sigma)):
+        with pytest.raises(ValueError, match="noise: sigma must be positive and a number"):
+            make(10**400)
 
 
 def test_a_file_that_is_not_there(tmp_path):

@@ -9,14 +9,21 @@ from typing import Any
 
 
 def is_finite(value: Any) -> bool:
-    """Whether it is a real number, and finite.
+    """Whether it is a real number, and finite, also as a float.
 
     Examples
     --------
     >>> is_finite(1.5), is_finite("1.5"), is_finite(float("nan")), is_finite(True)
     (True, False, False, False)
+    >>> is_finite(10**300), is_finite(10**400)
+    (True, False)
     """
-    return not isinstance(value, bool) and isinstance(value, Real) and math.isfinite(value)
+    if isinstance(value, bool) or not isinstance(value, Real):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer that no float can hold
+        return False
 
 
 def is_whole(value: Any) -> bool:

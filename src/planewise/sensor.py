@@ -85,7 +85,7 @@ class Sensor:
             raise ValueError("parts.white must be more than nothing: no two readings err alike")
         noise: Any = self.noise
         if not isinstance(noise, bool) and isinstance(noise, Real):
-            object.__setattr__(self, "noise", constant(float(noise)))
+            object.__setattr__(self, "noise", constant(noise))  # type: ignore[arg-type]
         elif isinstance(noise, Nothing):
             raise ValueError("noise must be more than nothing: there is no sensor without")
         elif not (callable(noise) or (isinstance(noise, str) and noise == AUTO)):

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from planewise._version import __version__
+from planewise.arguments import is_finite
 from planewise.errors import PlanewiseError
 from planewise.noise import NOTHING, ErrorParts, Noise, Nothing, Polynomial, RootSum
 from planewise.sensor import Sensor
@@ -21,6 +22,7 @@ SCHEMA_VERSION = 1
 """Version of the layout; raised when a reader has to change."""
 
 _MAX_BYTES = 1_000_000
+_MOST_DIGITS = 300  # of an integer that a float holds
 _TERM = {
     "constant_m": "constant",
     "linear_m_per_m": "linear",
@@ -128,7 +130,7 @@ def _parse(path: Path) -> dict[str, Any]:
     if path.stat().st_size > _MAX_BYTES:
         raise PlanewiseError("is too large to describe a sensor")
     try:
-        record = json.loads(path.read_text(encoding="utf-8"))
+        record = json.loads(path.read_text(encoding="utf-8"), parse_int=_whole)
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise PlanewiseError(f"is not valid JSON ({error})") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
@@ -143,6 +145,11 @@ def _parse(path: Path) -> dict[str, Any]:
             f"({record.get('planewise_version', 'unknown')})"
         )
     return record
+
+
+def _whole(digits: str) -> int | float:
+    """Integer of a file; infinite where no float holds it, which Python may refuse to read."""
+    return int(digits) if len(digits) <= _MOST_DIGITS else float(digits)
 
 
 def _from_record(record: Mapping[str, Any]) -> Sensor:
@@ -173,15 +180,15 @@ def _curve(value: object, where: str) -> Noise:
         try:
             terms.append(Polynomial(**numbers))
         except ValueError as error:
-            raise PlanewiseError(f"{where}: {error}") from None
+            raise PlanewiseError(f"{where}: {str(error).removeprefix('noise: ')}") from None
     if not terms:
         return NOTHING
     return terms[0] if len(terms) == 1 else RootSum(tuple(terms))
 
 
 def _number(record: Mapping[str, Any], key: str, where: str = "") -> float:
-    value = record.get(key)
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    value: Any = record.get(key)
+    if not is_finite(value):
         name = f"{where}.{key}" if where else key
-        raise PlanewiseError(f"{name} must be a number, got {value!r}")
+        raise PlanewiseError(f"{name} must be a finite number, got {value!r}")
     return float(value)

@@ -127,6 +127,7 @@ class _Reading:
                 yield f"{path.name}: {error}"
 
     def _cells(self, path: Path) -> NoiseCells:
+        from planewise.calibration.bins import FEWEST
         from planewise.calibration.estimate import cells_of_frame
 
         frame = read_depth(path)
@@ -134,17 +135,25 @@ class _Reading:
         if camera is None:
             raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
-        return cells_of_frame(frame.depth, camera, self.sensor, scale)
+        cells = cells_of_frame(frame.depth, camera, self.sensor, scale)
+        flat = int(cells.usable.sum())
+        if flat < FEWEST:
+            raise PlanewiseError(
+                f"{counted(flat, 'flat cell')}, too few to tell the noise ({FEWEST} are needed); "
+                "take frames of walls, floors or tables, and check the unit of the depth"
+            )
+        return cells
 
 
 def _depth_files(given: list[Path]) -> list[Path]:
-    """Files as given, folders as the depth files in them."""
-    paths: list[Path] = []
+    """Files as given, folders as the depth files in them; each file once."""
+    files: dict[Path, Path] = {}
     for path in given:
         if not path.exists():
             raise PlanewiseError(f"frames: there is no file or folder {path}")
-        paths += list_depth_files(path) if path.is_dir() else [path]
-    return paths
+        for each in list_depth_files(path) if path.is_dir() else [path]:
+            files.setdefault(each.resolve(), each)
+    return list(files.values())
 
 
 def _thinned(paths: list[Path]) -> list[Path]:

@@ -136,17 +136,19 @@ def _is_depth(bag: Bag, topic: str) -> bool:
 
 
 def _depth_topic(bag: Bag) -> str:
-    return _only(bag, _depth_topics(bag), "depth images")
+    images = any(kind in _IMAGES for kind in bag.types.values())
+    hint = "; if the images of one are depth, give the topic (--topic)" if images else ""
+    return _only(bag, _depth_topics(bag), "depth images", hint)
 
 
-def _only(bag: Bag, found: list[str], what: str) -> str:
+def _only(bag: Bag, found: list[str], what: str, hint: str = "") -> str:
     if len(found) == 1:
         return found[0]
     if found:
         raise PlanewiseError(
             f"data: the bag has several topics of {what}; give the topic: {', '.join(found)}"
         )
-    raise PlanewiseError(f"data: the bag has no topic of {what}; it has {_listed(bag)}")
+    raise PlanewiseError(f"data: the bag has no topic of {what}; it has {_listed(bag)}{hint}")
 
 
 def _checked(bag: Bag, topic: str, kinds: tuple[str, ...]) -> str:

@@ -1,7 +1,7 @@
 """Scenes as PlaneRCNN's training reads them (its ``datasets/scannet_scene.py``, ScanNet v2).
 
     scenes.txt                                  names of the scenes, one a line
-    frames.csv                                  scene and index of every frame of the store
+    frames.csv                                  scene and index of every frame that is written
     scans/SCENE/SCENE.txt                       sizes, intrinsics, number of frames
     scans/SCENE/frames/color/INDEX.jpg          picture
     scans/SCENE/frames/depth/INDEX.png          16 bit, millimetres
@@ -13,6 +13,7 @@
 A row of ``planes.npy`` is the point of a plane that is nearest to the origin of the world,
 -distance x normal. A pixel of plane i of its scene has the colour 100 (i + 1), red the highest
 byte; black is no plane. Planes are of one frame each: a wall that two frames see is two planes.
+The frames of a scene have the indices 0, 1, ... without a gap: the reader counts to their number.
 """
 
 from __future__ import annotations
@@ -44,6 +45,12 @@ _STEP = 100  # of colours, from plane to plane
 _UNANNOTATED = 41  # class of planes of no known object
 _JPEG_QUALITY = 95
 _CAMERA = ("fx", "fy", "cx", "cy", "width", "height")
+_FILES = (
+    "frames/color/{}.jpg",
+    "frames/depth/{}.png",
+    "frames/pose/{}.txt",
+    "annotation/segmentation/{}.png",
+)
 
 
 @dataclass
@@ -54,6 +61,7 @@ class _Scene:
     expected: int
     camera: tuple[float, ...] | None = None
     handled: int = 0
+    written: list[int] = field(default_factory=list)
     planes: list[Array] = field(default_factory=list)
     count: int = 0
 
@@ -80,8 +88,6 @@ class PlaneRcnnExport(Form):
         for name, _ in self._places.values():
             expected[name] = expected.get(name, 0) + 1
         self._scenes = {name: _Scene(name, count) for name, count in expected.items()}
-        self._rows = csv.writer(self.text("frames.csv"))
-        self._rows.writerow(("scene", "index", "frame"))
         self._names: list[str] = []
 
     def add(self, frame: StoredFrame, seen: SourceFrame | None) -> None:
@@ -94,16 +100,16 @@ class PlaneRcnnExport(Form):
         depth[depth > _FARTHEST] = 0
         scene.camera = scene.camera or _camera(frame)
         pose = _pose(seen)
-        at = f"scans/{name}"
-        _write_jpeg(self.path(f"{at}/frames/color/{index}.jpg"), seen.rgb)
-        write_image(self.path(f"{at}/frames/depth/{index}.png"), depth.astype(np.uint16))
-        np.savetxt(self.path(f"{at}/frames/pose/{index}.txt"), pose, fmt="%.9g")
-        write_image(
-            self.path(f"{at}/annotation/segmentation/{index}.png"), _colours(labels, scene.count)
+        colour_file, depth_file, pose_file, labels_file = (
+            self._file(name, each, index) for each in _FILES
         )
+        _write_jpeg(colour_file, seen.rgb)
+        write_image(depth_file, depth.astype(np.uint16))
+        np.savetxt(pose_file, pose, fmt="%.9g")
+        write_image(labels_file, _colours(labels, scene.count))
         scene.planes.append(nearest_points(planes, pose))
         scene.count += len(planes)
-        self._rows.writerow((name, index, frame.id))
+        scene.written.append(index)
         self._handled(scene)
 
     def left_out(self, frame: StoredFrame) -> None:
@@ -114,6 +120,12 @@ class PlaneRcnnExport(Form):
         """See `Form`."""
         text = "".join(f"{name}\n" for name in sorted(self._names))
         self.path("scenes.txt").write_text(text, encoding="ascii")
+        now = {each.name: _numbers(each) for each in self._scenes.values()}
+        rows = csv.writer(self.text("frames.csv"))
+        rows.writerow(("scene", "index", "frame"))
+        for frame, (name, index) in self._places.items():
+            if index in now[name]:
+                rows.writerow((name, now[name][index], frame))
 
     @staticmethod
     def _check(scene: _Scene, frame: StoredFrame, seen: SourceFrame) -> None:
@@ -131,6 +143,9 @@ class PlaneRcnnExport(Form):
         scene.handled += 1
         if scene.handled < scene.expected or scene.camera is None:
             return
+        for before, index in _numbers(scene).items():  # upwards, so that none is written over
+            for each in _FILES if before != index else ():
+                self._file(scene.name, each, before).rename(self._file(scene.name, each, index))
         at = f"scans/{scene.name}"
         planes = np.concatenate(scene.planes)
         np.save(self.path(f"{at}/annotation/planes.npy"), planes)
@@ -138,15 +153,24 @@ class PlaneRcnnExport(Form):
         info[:] = [[(number, _UNANNOTATED, _UNANNOTATED)] for number in range(len(planes))]
         np.save(self.path(f"{at}/annotation/plane_info.npy"), info, allow_pickle=True)
         fx, fy, cx, cy, width, height = scene.camera
+        count = len(scene.written)
         sizes = {"colorWidth": width, "colorHeight": height, "depthWidth": width}
         lines: dict[str, Any] = {
             **sizes, "depthHeight": height, "fx_depth": fx, "fy_depth": fy, "mx_depth": cx,
-            "my_depth": cy, "numColorFrames": scene.expected, "numDepthFrames": scene.expected,
+            "my_depth": cy, "numColorFrames": count, "numDepthFrames": count,
         }  # fmt: skip
         text = "".join(f"{key} = {value}\n" for key, value in lines.items())
         self.path(f"{at}/{scene.name}.txt").write_text(text, encoding="ascii")
         self._names.append(scene.name)
         scene.planes = []
+
+    def _file(self, scene: str, name: str, index: int) -> Path:
+        return self.path(f"scans/{scene}/{name.format(index)}")
+
+
+def _numbers(scene: _Scene) -> dict[int, int]:
+    """Indices of the written frames by those they were written with, which leave gaps."""
+    return {before: index for index, before in enumerate(sorted(scene.written))}
 
 
 def nearest_points(planes: Array, pose: Array) -> Array:

@@ -30,3 +30,5 @@ def numbers_of(value: Any) -> NDArray[np.float64]:
         return np.asarray(value, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
         raise PlanewiseError(f"holds {value!r} where numbers are expected") from None
+    except OverflowError:
+        raise PlanewiseError("holds an integer that is too large for any camera") from None

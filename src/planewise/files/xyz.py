@@ -88,6 +88,11 @@ def _layout(path: Path) -> _Layout:
                 count = int(words[0])
                 continue
             break
+        elif _has_decimal_commas(bare):
+            raise PlanewiseError(
+                f"has numbers with a decimal comma, which are not read: '{text[:60]}'; write them "
+                "with a decimal point"
+            )
         elif names is None:
             names = words
         else:
@@ -104,6 +109,13 @@ def _layout(path: Path) -> _Layout:
         )
     positions(names)
     return _Layout(delimiter=delimiter, names=names, skip=before, count=count)
+
+
+def _has_decimal_commas(line: str) -> bool:
+    """Whether it is one of numbers once their commas are points."""
+    words = line.replace('"', "").replace(";", " ").split()
+    pointed = [word.replace(",", ".", 1) for word in words]
+    return len(words) > 1 and pointed != words and all(map(is_number, pointed))
 
 
 def _delimiter(line: str) -> str | None:

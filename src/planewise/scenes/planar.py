@@ -1,6 +1,7 @@
 """The paper's test images and other scenes of a few planes, with exact truth.
 
-The camera is a pinhole without distortion; depth is in metres or millimetres.
+The camera is a pinhole without distortion; depth is in metres or millimetres. What noise puts
+behind the camera, or beyond what 16 bits hold, is no reading.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from planewise.scenes.scene import Array, Scene, Seed, checked_size
 from planewise.sensor import Sensor
 
 _VGA = (480, 640)
+_FARTHEST = 65_535  # millimetres that 16 bits hold
 
 
 def staircase(
@@ -96,6 +98,8 @@ def flatness(
     sigma, size, rng, quantise
         As in `staircase`.
     """
+    if not math.isfinite(amplitude):
+        raise ValueError(f"amplitude must be a number of metres, got {amplitude}")
     planes = np.array([(0.0, 0.0, -1.0, d) for d in (2.5, 2.7, 2.9, 3.1)])
     height, width = checked_size(size)
     band = np.arange(width) * 4 // width
@@ -199,19 +203,27 @@ def _planes_scene(
     exact = np.take_along_axis(_depths(planes, size), labels[None].astype(np.int64) - 1, axis=0)[0]
     z = exact + relief + np.random.default_rng(rng).normal(0, 1, size) * sigma
     resolution = 0.001
-    depth = np.floor(z / resolution).astype(np.uint16) if quantise else z
-    metres = depth * resolution if quantise else z
+    readings = np.floor(z / resolution) if quantise else z
+    seen = (readings > 0) & (readings <= _FARTHEST if quantise else True)
+    if not seen.any():
+        raise ValueError(
+            f"no pixel of the scene has a reading: sigma = {sigma} m puts all behind the camera or "
+            "too far away; give less noise"
+        )
+    depth = np.where(seen, readings, 0.0)
+    metres = depth[seen] * resolution if quantise else depth[seen]
+    spread = float(metres.max() - metres.min())
     assumed = sigma if noise is None else noise
     return Scene(
-        depth=depth,
+        depth=depth.astype(np.uint16) if quantise else depth,
         camera=_camera(size),
         sensor=Sensor(
             max_depth=math.ceil(metres.max() / resolution) * resolution + resolution,
-            depth_range=float(metres.max() - metres.min()),
+            depth_range=spread if spread > resolution else 2 * resolution,  # of at least two steps
             resolution=resolution,
             noise=constant(max(assumed, resolution / math.sqrt(12))),  # rounding is noise, too
         ),
-        labels=truth,
+        labels=np.where(seen, truth, 0).astype(np.uint16),
         planes=planes,
         rgb=_shaded(planes, truth),
     )

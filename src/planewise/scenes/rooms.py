@@ -52,8 +52,8 @@ def room(
         Every seed is another room, with 8 to 21 planes in view.
     sigma : float, optional
         Standard deviation of the white noise in metres at every depth; ``None`` means the Kinect's
-        (`planewise.noise.KINECT`). Readings then fall into the Kinect's steps of disparity, and are
-        rounded to millimetres.
+        (`planewise.noise.KINECT`). Whatever it is, readings then fall into the Kinect's steps of
+        disparity, 3 mm apart at 1 m and 72 mm at 5 m, and are rounded to millimetres.
     size : (height, width)
         Pixels; the camera has the same view at every size.
     holes : bool
@@ -66,7 +66,8 @@ def room(
     -------
     Scene
         Faces that cover less than 0.25 % of the image, table legs, spheres and cylinders are
-        clutter: label 0. With `every_face` only what is curved is.
+        clutter: label 0. With `every_face` only what is curved is. The noise and the resolution of
+        its sensor leave the Kinect's steps out.
     """
     if sigma is not None and not (math.isfinite(sigma) and sigma > 0):
         raise ValueError(f"sigma must be a positive number of metres, got {sigma}")

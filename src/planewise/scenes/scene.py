@@ -35,12 +35,13 @@ class Scene:
     Attributes
     ----------
     depth : ndarray of uint16, shape (H, W)
-        Readings in millimetres, 0 where there is none; float metres for scenes made with
-        ``quantise=False``.
+        Readings in millimetres, or float metres for scenes made with ``quantise=False``; 0 where
+        there is none.
     camera : Camera
         Its rays.
     sensor : Sensor
-        Its range, resolution and true noise.
+        Its range, resolution and true noise; it leaves out the steps that readings of a `room`
+        fall into.
     labels : ndarray of uint16, shape (H, W)
         True plane of every pixel that has a reading: 0 for none, j for ``planes[j - 1]``.
     planes : ndarray, shape (N, 4)
