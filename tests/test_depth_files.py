@@ -243,3 +243,11 @@ def test_a_link_to_nothing_is_a_file_that_cannot_be_read(tmp_path):
     assert [path.name for path in list_depth_files(tmp_path)] == ["1.npy", "2.npy"]
     with pytest.raises(PlanewiseError, match="there is no file"):
         read_depth(tmp_path / "2.npy")
+
+
+def test_exr_with_channels_that_say_nothing_of_depth(tmp_path):
+    write_exr(tmp_path / "alpha.exr", {"A": np.ones_like(METRES), "V": METRES})
+    assert np.array_equal(read_depth(tmp_path / "alpha.exr").depth, METRES)
+    write_exr(tmp_path / "two.exr", {"U": METRES, "V": METRES})
+    with pytest.raises(PlanewiseError, match="'Z' or 'depth', or one only; it has U, V"):
+        read_depth(tmp_path / "two.exr")

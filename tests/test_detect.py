@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise import scenes
 from planewise.model import Curve, Move
 from planewise.objective import PAPER as PAPER_OBJECTIVE
 from planewise.observation import RayObservation
@@ -230,6 +231,45 @@ def test_integer_and_float_depth_agree(roof, camera):
     assert integer.information == pytest.approx(metres.information, rel=1e-9)
 
 
+@pytest.mark.parametrize("seed", [0, 9])
+def test_a_limit_makes_no_other_planes(seed):
+    """It used to count those that were cut later, and gave fewer with a higher Phi."""
+    room = scenes.room(seed, size=(240, 320))
+
+    def found(**options):
+        return pw.detect_planes(room.depth, room.camera, room.sensor, **options)
+
+    for options in ({}, {"instances": True}):
+        full = found(**options)
+        for most in (len(full), len(full) + 3):
+            same = found(**options, max_planes=most)
+            assert_array_equal(same.labels, full.labels)
+            assert same.information == full.information
+            assert same.curve.reason == full.curve.reason
+        few, best = found(**options, max_planes=5), full.top(5)
+        assert_array_equal(few.labels, best.labels)
+        assert few.information == pytest.approx(best.information, rel=1e-12)
+        assert few.curve.reason == "reached max_planes = 5"
+        assert few.curve.chosen == np.argmin(list(few.curve)) == 5
+
+
+def test_a_limit_makes_no_other_planes_of_points():
+    rng = np.random.default_rng(0)
+    boxes = [
+        rng.uniform(0, 1, (n, 3)) * (1, 1, 0) + (2 * k, 0, k) for k, n in enumerate((900, 600, 400))
+    ]
+    points = np.concatenate(boxes) + rng.normal(0, 0.005, (1900, 3)) * (0, 0, 1)
+    sensor = pw.Sensor(noise=0.005, max_depth=10.0)
+    full = pw.detect_planes_in_points(points, sensor)
+    assert len(full) == 3
+    same = pw.detect_planes_in_points(points, sensor, max_planes=3)
+    assert_array_equal(same.labels, full.labels)
+    assert (same.information, same.curve.reason) == (full.information, full.curve.reason)
+    few = pw.detect_planes_in_points(points, sensor, max_planes=2)
+    assert_array_equal(few.labels, full.top(2).labels)
+    assert few.curve.reason == "reached max_planes = 2"
+
+
 def test_max_planes_is_kept(roof, camera):
     for way in WAYS.values():
         model = pw.detect_planes(roof[0], camera, SENSOR, **way, max_planes=1)
@@ -397,7 +437,11 @@ def test_why_there_is_no_plane(camera):
     floor = rng.uniform(0, 3, (2000, 3)) * (1, 1, 0) + (0, 0, 2)
     for options, count, why in (
         ({}, 1, ""),
-        ({"significance": 1e6}, 0, "no plane saves more than it costs"),
+        (
+            {"significance": 1e6},
+            0,
+            "no plane saves more than it costs by more than significance = 1e+06 nats",
+        ),
     ):
         model = pw.detect_planes_in_points(floor, sensor, **options)
         assert (len(model), model.note) == (count, why)

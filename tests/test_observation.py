@@ -204,3 +204,34 @@ def test_points_keep_their_precision_far_from_the_origin():
 def test_bad_points_are_refused(points):
     with pytest.raises(ValueError, match=r"points must be real numbers of shape \(k, n\)"):
         pw.observe_points(points, SENSOR)
+
+
+@pytest.mark.parametrize("dtype", [np.uint16, np.float32, np.float64])
+def test_an_observation_does_not_change_with_the_array_it_was_made_of(dtype):
+    """A camera's driver fills the same memory again and again."""
+    camera = pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24)
+    rng = np.random.default_rng(0)
+    depth = (2.0 + rng.normal(0, 0.005, (48, 64))) * (1000 if dtype == np.uint16 else 1)
+    buffer = depth.astype(dtype)
+    seen = pw.observe(buffer, camera, pw.Sensor(noise=0.005))
+    expected = pw.find(pw.observe(buffer.copy(), camera, pw.Sensor(noise=0.005)), pw.Options())
+    buffer[:] = 9000
+    found = pw.find(seen, pw.Options())
+    assert found.information == expected.information
+    assert len(found) == 1
+    assert pw.information(seen, found.planes, found.labels, objective="spatial") > 0
+
+
+def test_what_is_no_observation_is_refused():
+    depth = np.full((48, 64), 2.0)
+    for call in (
+        lambda: pw.find(depth, pw.Options()),
+        lambda: pw.information(depth, [], np.zeros((48, 64), int)),
+    ):
+        with pytest.raises(ValueError, match=r"planewise\.observe .* got a ndarray"):
+            call()
+    seen = pw.observe(depth, pw.PinholeCamera(fx=50, fy=50, cx=32, cy=24), pw.Sensor(noise=0.005))
+    with pytest.raises(ValueError, match="options must be"):
+        pw.find(seen, None)
+    with pytest.raises(ValueError, match=r"such as model\.planes"):
+        pw.information(seen, pw.find(seen, pw.Options()), np.zeros((48, 64), int))

@@ -156,9 +156,9 @@ def _find_in_tiles(
     if cloud is None:
         finite = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), finite, sensor, settings)
-    found = found_in(cloud, sensor, options.significance, most)
+    found = found_in(cloud, sensor, options.significance)
     if options.instances:
-        found = told_apart(found, options.significance, most)
+        found = told_apart(found, options.significance)
     return ranked_model(len(points), found, sensor, most, settings)
 
 

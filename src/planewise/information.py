@@ -7,13 +7,13 @@ Symbols: k readings, N planes, R range, eps resolution, n dimension of space, f 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.model import Plane
-from planewise.observation import Observation, RayObservation
+from planewise.observation import Observation, RayObservation, checked_observation
 
 Array = NDArray[np.float64]
 
@@ -163,6 +163,9 @@ def information(
     """
     if objective not in ("paper", "spatial"):
         raise ValueError(f"objective must be 'paper' or 'spatial', got {objective!r}")
+    checked_observation(observation)
+    if not isinstance(planes, Iterable):
+        raise ValueError(f"planes must be a list, such as model.planes, got {planes!r}")
     rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], np.float64)
     n = observation.dimension
     rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows

@@ -17,6 +17,14 @@ NOTHING_PAYS = "no plane saves more than it costs"
 """Why there is none, where a search looked at some."""
 
 
+def reason_of(planes: int, significance: float) -> str:
+    """Why a search that merges stopped, with so many planes."""
+    if planes:
+        return "no merge saves anything"
+    more = f" by more than significance = {significance:g} nats" if significance else ""
+    return NOTHING_PAYS + more
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # arrays do not compare to one bool
 class Plane:
     """One detected plane: normal . x + distance = 0 in the frame of the input.

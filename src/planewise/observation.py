@@ -260,6 +260,21 @@ class RayObservation(Observation):
         return (self.rays * self.depth).T
 
 
+def checked_observation(observation: object) -> None:
+    """Refuse what is no observation, such as the depth image itself.
+
+    Raises
+    ------
+    ValueError
+        If it is not an `Observation`.
+    """
+    if not isinstance(observation, Observation):
+        raise ValueError(
+            "observation must be what planewise.observe or observe_points returned, "
+            f"got a {type(observation).__name__}"
+        )
+
+
 def observe(
     depth: ArrayLike,
     camera: Camera,
@@ -283,7 +298,8 @@ def observe(
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` means the sensor's resolution.
     workspace : Workspace, optional
-        Memory to work in; the observation lasts until it is used again.
+        Memory to work in; the observation lasts until it is used again, and as long as the image
+        stays as it is. Without one it has a copy of the image.
 
     Returns
     -------
@@ -299,6 +315,8 @@ def observe(
     from planewise import compilation  # loads Numba
 
     compilation.announce("depth image")
+    if workspace is None and isinstance(depth, np.ndarray):
+        depth = depth.copy()
     image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
     checked_camera(camera).check(image.shape)
     seen = RayObservation(

@@ -12,7 +12,7 @@ from planewise.memory import keep_freed
 from planewise.model import NOTHING_PAYS, Curve, PlaneModel
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective
-from planewise.observation import Observation, RayObservation
+from planewise.observation import Observation, RayObservation, checked_observation
 from planewise.options import Options
 from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
@@ -56,6 +56,9 @@ def find(
     PlaneModel
         Planes, best first.
     """
+    checked_observation(observation)
+    if not isinstance(options, Options):
+        raise ValueError(f"options must be planewise.Options(), got a {type(options).__name__}")
     options = options.resolved(isinstance(observation, RayObservation))
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import angles
+from planewise.arguments import is_whole
 
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
@@ -118,8 +119,10 @@ class SphericalCamera:
         clockwise : bool
             Whether azimuth falls from column to column, seen from above.
         """
-        if columns < 2:
-            raise ValueError(f"camera: columns must be at least 2, got {columns}")
+        if not (is_whole(columns) and columns >= 2):
+            raise ValueError(
+                f"camera: columns must be at least 2 and a whole number, got {columns!r}"
+            )
         step = (-360.0 if clockwise else 360.0) / columns
         camera = cls(
             elevation=elevation,

@@ -41,7 +41,7 @@ from planewise.information import (
 )
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
-from planewise.model import NOTHING_PAYS, Curve, Move, Plane, PlaneModel
+from planewise.model import Curve, Move, Plane, PlaneModel, reason_of
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -68,8 +68,6 @@ class CloudPlanes:
         Its size.
     significance, correlation : ndarray, shape (N,)
         Nats that each saves, all its costs paid; of the residuals of cells side by side.
-    left_out : int
-        Planes that pay but are more than was asked for.
     curved : int
         Pieces of curved surfaces, which are none.
     """
@@ -80,7 +78,6 @@ class CloudPlanes:
     error: CloudError
     significance: Array
     correlation: Array
-    left_out: int = 0
     curved: int = 0
 
 
@@ -135,24 +132,19 @@ def cloud_model(
     if cloud is None:
         there = int(np.isfinite(points).all(axis=1).sum())
         return nothing_in(len(points), there, sensor, settings)
-    found = found_in(cloud, sensor, significance, max_planes)
+    found = found_in(cloud, sensor, significance)
     if few:
         announce("points")
         with stage("few"):
             fine = cloud_of(points, sensor, sigma, workers, cloud_few.POINTS, origin, louder)
             assert fine is not None
-            found = _from_few(fine, found, sensor, significance, max_planes, rng)
+            found = _from_few(fine, found, sensor, significance, rng)
     if instances:
-        found = told_apart(found, significance, max_planes)
+        found = told_apart(found, significance)
     return ranked_model(len(points), found, sensor, max_planes, settings)
 
 
-def found_in(
-    cloud: Cloud,
-    sensor: Sensor,
-    significance: float,
-    max_planes: int,
-) -> CloudPlanes:
+def found_in(cloud: Cloud, sensor: Sensor, significance: float) -> CloudPlanes:
     """Planes that cells tell, and every point's label."""
     with stage("cells"):
         cells = cells_of(cloud)
@@ -167,7 +159,6 @@ def found_in(
             plane_information(3, sensor.range, sensor.resolution),
             sensor.range,
             significance=significance,
-            max_planes=MAX_PLANES,
             workers=cloud.workers,
             memory=cloud.memory,
         )
@@ -186,17 +177,14 @@ def found_in(
     saved = np.asarray(np.bincount(part, found.significance, len(rows)), np.float64)
     of_cell = np.append(part, -1)[found.of_cell]
     correlation = residual_correlation(cells, of_cell, planes_of(rows))
-    planes = CloudPlanes(
-        cloud, labels, rows, cells.error, saved, correlation, found.left_out, found.curved
-    )
-    return _most_significant(planes, max_planes)
+    return CloudPlanes(cloud, labels, rows, cells.error, saved, correlation, found.curved)
 
 
-def _most_significant(found: CloudPlanes, most: int, least: float = 0.0) -> CloudPlanes:
-    """Planes that save more than `least`, if that is more than nothing, and the first so many."""
+def _most_significant(found: CloudPlanes, least: float) -> CloudPlanes:
+    """Planes that save more than `least`, if that is more than nothing, and fit a label."""
     keep = np.argsort(-found.significance, kind="stable")
     keep = keep[found.significance[keep] > least] if least else keep
-    left_out, keep = max(0, len(keep) - most), np.sort(keep[:most])
+    keep = np.sort(keep[:MAX_PLANES])
     if len(keep) == len(found.rows):
         return found
     place = np.zeros(len(found.rows) + 1, np.uint16)
@@ -204,14 +192,14 @@ def _most_significant(found: CloudPlanes, most: int, least: float = 0.0) -> Clou
     found.cloud.rename(found.labels, place)
     return CloudPlanes(
         found.cloud, found.labels, found.rows[keep], found.error, found.significance[keep],
-        found.correlation[keep], found.left_out + left_out, found.curved,
+        found.correlation[keep], found.curved,
     )  # fmt: skip
 
 
-def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes:
+def told_apart(found: CloudPlanes, least: float) -> CloudPlanes:
     """Planes and labels by surfaces that touch; what a plane saves is shared by its points.
 
-    Those that save no more than `least` are left out, and of more than `max_planes` the last.
+    Those that save no more than `least` are left out.
     """
     with stage("instances"):
         labels, row = apart(found.cloud, found.labels, found.rows)
@@ -227,9 +215,9 @@ def told_apart(found: CloudPlanes, least: float, max_planes: int) -> CloudPlanes
     rows[:, AREA] *= share
     pieces = CloudPlanes(
         found.cloud, labels, rows, found.error, found.significance[row] * share,
-        found.correlation[row], found.left_out, found.curved,
+        found.correlation[row], found.curved,
     )  # fmt: skip
-    return _most_significant(pieces, max_planes, least)
+    return _most_significant(pieces, least)
 
 
 def _from_few(
@@ -237,7 +225,6 @@ def _from_few(
     found: CloudPlanes,
     sensor: Sensor,
     significance: float,
-    max_planes: int,
     rng: np.random.Generator,
 ) -> CloudPlanes:
     """Planes of few points; found: what cells told."""
@@ -253,16 +240,13 @@ def _from_few(
     data = data_of(cloud, groups, alone, planes_of(rows), rows[:, AREA], found.error, *limits)
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
-    keep = np.argsort(-saved, kind="stable")
-    keep = keep[(saved[keep] > significance) & ~curved[keep]]
-    left_out, keep = max(0, len(keep) - max_planes), np.sort(keep[:max_planes])
+    keep = np.flatnonzero((saved > significance) & ~curved)
     place = np.zeros(n + 1, np.uint16)
     place[keep + 1] = np.arange(1, len(keep) + 1)
     unknown = np.full(len(keep), np.nan)
     return CloudPlanes(
-        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, left_out,
-        int(curved.sum()),
-    )  # fmt: skip
+        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, int(curved.sum())
+    )
 
 
 def ranked_model(
@@ -272,7 +256,10 @@ def ranked_model(
     max_planes: int,
     settings: Mapping[str, object],
 ) -> PlaneModel:
-    """Refit the planes to their points, keep those that pay by exact Phi, best first: as images."""
+    """Refit the planes to their points, keep those that pay by exact Phi, best first: as images.
+
+    Of more than `max_planes` these are the best ones.
+    """
     cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
     areas, labels = found.rows[:, AREA], found.labels
     with stage("ledger"):
@@ -283,12 +270,14 @@ def ranked_model(
         now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
         mask = mask_of(cloud, labels, groups, len(rows), error)
         book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
-    best = int(np.argmin(curve))
+    paying = int(np.argmin(curve))
+    best = min(paying, max_planes)
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
-    if best < len(rows):
+    if paying < len(rows):
         # What does not pay for itself by exact Phi goes.
-        moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
+        moves.append(Move(kind="cut", planes=paying, information=float(curve[paying])))
     order, phi = book.order[:best], curve[: best + 1]
+    curve = phi if best < paying else curve
     with stage("describe"):
         place = np.zeros(len(rows) + 1, np.uint16)
         place[order + 1] = np.arange(1, best + 1)
@@ -300,12 +289,12 @@ def ranked_model(
         planes = _described(found, groups, rows, book.saved, order)
     factor = found.cloud.louder * math.sqrt(found.error.white)
     settings = {**settings, "sigma_factor": round(factor, 3)}
-    reason = "no merge saves anything" if best else NOTHING_PAYS
+    reason = reason_of(best, float(str(settings.get("significance") or 0.0)))
     if not len(rows) and not settings.get("significance"):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:
             reason = "all patches that are flat enough are pieces of curved surfaces"
-    if found.left_out:
+    if best < paying:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
         labels=ranked,

@@ -16,6 +16,7 @@ from planewise.clouds.memory import Memory
 from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
+from planewise.paper.evaluate import MAX_PLANES
 
 Array = NDArray[np.float64]
 
@@ -41,8 +42,6 @@ class CloudSegments:
         Plane of every cell, -1 for none.
     significance : ndarray, shape (N,)
         Nats that each saves, all its costs paid.
-    left_out : int
-        Planes that pay but are more than was asked for.
     curved : int
         Segments that are none, for they are pieces of curved surfaces.
     """
@@ -50,7 +49,6 @@ class CloudSegments:
     rows: Array
     of_cell: NDArray[np.int64]
     significance: Array
-    left_out: int = 0
     curved: int = 0
 
 
@@ -60,7 +58,6 @@ def segments_of(
     range: float,
     *,
     significance: float,
-    max_planes: int,
     workers: int,
     memory: Memory | None = None,
 ) -> CloudSegments:
@@ -76,8 +73,6 @@ def segments_of(
         R in metres.
     significance : float
         Nats that a plane has to save beyond its costs.
-    max_planes : int
-        Keep the most significant ones only.
     workers : int
         Threads.
     memory : Memory, optional
@@ -90,13 +85,12 @@ def segments_of(
     planes, owner, total = joined_through_gaps(
         rows, worth, accepted, _PLANE_COST * cost, significance, cells.error.drift, range
     )
-    left_out = max(0, len(planes) - max_planes)
-    if left_out:
-        keep = np.sort(np.argsort(-total, kind="stable")[:max_planes])
+    if len(planes) > MAX_PLANES:
+        keep = np.sort(np.argsort(-total, kind="stable")[:MAX_PLANES])
         place = np.full(len(planes) + 1, -1)
         place[keep] = np.arange(len(keep))
         planes, owner, total = planes[keep], place[owner], total[keep]
-    return CloudSegments(planes, owner[of_cell], total, left_out, int(curved.sum()))
+    return CloudSegments(planes, owner[of_cell], total, int(curved.sum()))
 
 
 def merged_cells(

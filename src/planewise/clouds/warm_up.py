@@ -68,7 +68,7 @@ def later_stages() -> None:
         cells.ends.copy(), *nats, cells.rows.copy(), cells.error.drift, (*PRIOR, 0.0), cost,
         np.zeros(count, np.bool_), np.empty(count, np.int64),
     )  # fmt: skip
-    segments_of(cells, cost, sensor.range, significance=0.0, max_planes=9, workers=1)
+    segments_of(cells, cost, sensor.range, significance=0.0, workers=1)
 
 
 def _made_up() -> tuple[Cloud, CloudCells]:

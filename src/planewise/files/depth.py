@@ -271,9 +271,14 @@ def _read_exr(path: Path) -> DepthFile:
         check_size(int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1)))
     with OpenEXR.File(str(path), separate_channels=True) as image:
         channels = image.channels()
-        name = next((name for name in ("Z", "depth") if name in channels), next(iter(channels)))
-        if len(channels) >= 3 and {"R", "G", "B"} <= set(channels) and name not in ("Z", "depth"):
+        names = [each for each in ("Z", "depth") if each in channels]
+        names = names[:1] or [each for each in channels if each not in ("A", "alpha")]
+        if {"R", "G", "B"} <= set(names):
             raise PlanewiseError(_COLOUR)
+        if len(names) != 1:
+            found = ", ".join(channels)
+            raise PlanewiseError(f"must hold a channel 'Z' or 'depth', or one only; it has {found}")
+        (name,) = names
         depth = np.asarray(channels[name].pixels)
     return DepthFile(depth=_check_array(depth.astype(np.float32)))
 

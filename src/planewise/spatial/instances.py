@@ -31,7 +31,6 @@ def told_apart(
     cells: Cells | None,
     solution: SpatialSolution,
     *,
-    max_planes: int,
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
@@ -43,8 +42,6 @@ def told_apart(
         The readings.
     solution : SpatialSolution
         Planes, of which those that pay are looked at.
-    max_planes : int
-        Largest number of surfaces.
     significance : float
         Nats that a surface has to save beyond its costs.
     workspace : Workspace
@@ -87,11 +84,6 @@ def told_apart(
     )
     with workspace.stage():
         out = judged(observation, frame, cells, split, workspace, refit=False)
-    if out.best > max_planes:
-        left_out = out.found.left_out + out.best - max_planes
-        out = replace(
-            out, found=replace(out.found, left_out=left_out), curve=out.curve[: max_planes + 1]
-        )
     move = Move(kind="instances", planes=out.best, information=out.information)
     return replace(out, moves=(*solution.moves, move))
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from planewise.kernels import planes as plane_loops
-from planewise.model import NOTHING_PAYS, Curve, PlaneModel
+from planewise.model import Curve, PlaneModel, reason_of
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
@@ -74,7 +74,6 @@ def spatial_model(
         observation,
         frame,
         cells,
-        max_planes=max_planes,
         significance=significance,
         workspace=workspace,
     )
@@ -84,22 +83,33 @@ def spatial_model(
 
         with stage("regions"):
             solution = with_regions(
-                observation, frame, cells, solution, regions, max_planes=max_planes,
-                significance=significance, workspace=workspace,
-            )  # fmt: skip
+                observation,
+                frame,
+                cells,
+                solution,
+                regions,
+                significance=significance,
+                workspace=workspace,
+            )
     if instances:
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.instances import told_apart
 
         with stage("instances"):
             solution = told_apart(
-                observation, frame, cells, solution, max_planes=max_planes,
-                significance=significance, workspace=workspace,
-            )  # fmt: skip
-    found, book, best = solution.found, solution.book, solution.best
+                observation,
+                frame,
+                cells,
+                solution,
+                significance=significance,
+                workspace=workspace,
+            )
+    # Of more than are asked for the best ones are given: a limit makes no other search.
+    found, book, best = solution.found, solution.book, min(solution.best, max_planes)
     order = book.order[:best]
     place = frame.sectors.places(order, len(book.order))
     phi = solution.curve[: best + 1]
+    curve = phi if best < solution.best else solution.curve
 
     rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
     affine = solution.affine[:: frame.sectors.count][order]
@@ -118,19 +128,19 @@ def spatial_model(
         else:
             labels = frame.sectors.image(place[found.labels])
             planes = describe_labels(observation, rows, covariances, labels, **told)
-    reason = NOTHING_PAYS if not best else "no merge saves anything"
+    reason = reason_of(best, significance)
     if cells is None and observation.count >= _MANY:
         reason = (
             "in no cell of 6 x 6 pixels do enough readings lie near a plane; "
             "detect_planes_in_points takes readings that lie far apart"
         )
-    if found.left_out:
+    if best < solution.best:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
         labels=labels,
         planes=tuple(planes),
         information=float(phi[-1]),
-        curve=Curve(information=solution.curve, chosen=best, reason=reason, moves=solution.moves),
+        curve=Curve(information=curve, chosen=best, reason=reason, moves=solution.moves),
         readings=observation.count,
         prefix=tuple(phi.tolist()),
         search="joint",

@@ -46,7 +46,6 @@ def with_regions(
     solution: SpatialSolution,
     regions: Regions,
     *,
-    max_planes: int,
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
@@ -60,8 +59,6 @@ def with_regions(
         What the search has found.
     regions : Regions
         Of the frame; the remainder is one, too.
-    max_planes : int
-        Largest number of planes.
     significance : float
         Nats that a plane has to save beyond its costs.
     workspace : Workspace
@@ -85,7 +82,7 @@ def with_regions(
             if len(now.affine):
                 trials.append(mover.given(now, pixels))
             for trial in trials:
-                if trial.best <= max_planes and trial.information < now.information - _LEAST:
+                if trial.information < now.information - _LEAST:
                     now = trial
     if now is start or not now.information < solution.information - _LEAST:
         return solution

@@ -47,6 +47,7 @@ _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
 _MOST_DRIFTING = 0.5  # of frames where what would pay but for its border is looked at again
 _OFF = 64.0  # squared offset of a cell against its variance, where error drifts: too far off
 _FEWEST_OFF = 12  # cells side by side that might be a plane of their own
+_MOST_NUMBERS = np.iinfo(np.int16).max  # of planes in sectors, while pixels are labelled
 
 
 @dataclass(frozen=True)
@@ -101,8 +102,6 @@ class Segmentation:
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
         Of cells side by side on each plane (`spatial.labels`), once that was looked at.
-    left_out : int
-        Planes that pay but are more than was asked for.
     """
 
     information: Array
@@ -110,7 +109,6 @@ class Segmentation:
     significance: Array
     affine: Array
     residual_correlation: Array = field(default_factory=lambda: np.empty(0))
-    left_out: int = 0
 
 
 def segment(
@@ -118,7 +116,6 @@ def segment(
     frame: Frame,
     cells: Cells | None,
     *,
-    max_planes: int | None = None,
     significance: float = 0.0,
     workspace: Workspace | None = None,
     meanwhile: Callable[[], None] | None = None,
@@ -131,8 +128,6 @@ def segment(
         Of a depth image.
     frame, cells
         The same readings as images, and their cells.
-    max_planes : int, optional
-        Keep the most significant ones only.
     significance : float
         Nats that a segment has to save beyond its costs.
     workspace : Workspace, optional
@@ -160,10 +155,9 @@ def segment(
             )
         chosen, owner, planes = join_through_gaps(segments, worth, accepted, frame.sectors)
         worth = worth[chosen]
-    count = planes.shape[1]
-    left_out = 0 if max_planes is None else max(0, count - max_planes)
-    if max_planes is not None and left_out:
-        planes, owner = _most_significant(planes, owner, worth, max_planes)
+    count, most = planes.shape[1], _MOST_NUMBERS // frame.sectors.count
+    if count > most:
+        planes, owner = _most_significant(planes, owner, worth, most)
     if not count:
         return _nothing(frame.w.shape)
     with stage("labels"), workspace.stage():
@@ -172,7 +166,7 @@ def segment(
         )
     kept = owner >= 0
     total = np.bincount(owner[kept], worth[kept], planes.shape[1])
-    return _segmentation(rows, labels, np.asarray(total), frame.sectors, left_out)
+    return _segmentation(rows, labels, np.asarray(total), frame.sectors)
 
 
 def planes_within(
@@ -330,16 +324,13 @@ def _most_significant(
     return planes[:, keep], place[owner]
 
 
-def _segmentation(
-    planes: Array, labels: Labels, worth: Array, sectors: Sectors, left_out: int
-) -> Segmentation:
+def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     return Segmentation(
         information=information_matrices(planes[:: sectors.count]),
         labels=labels,
         significance=worth,
         affine=affine_planes(planes),
-        left_out=left_out,
     )
 
 

@@ -84,7 +84,6 @@ def solve(
     frame: Frame,
     cells: Cells | None,
     *,
-    max_planes: int,
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
@@ -98,7 +97,7 @@ def solve(
 
     Parameters
     ----------
-    observation, frame, cells, max_planes, significance, workspace
+    observation, frame, cells, significance, workspace
         As `spatial.search.segment` takes them.
     """
     blocks = Blocks(frame, cells, observation.resolution, workspace)
@@ -111,7 +110,6 @@ def solve(
             found = segment_points(
                 observation,
                 frame,
-                max_planes=max_planes,
                 significance=significance,
             )
         with stage("ledger"), workspace.stage():
@@ -130,7 +128,6 @@ def solve(
             observation,
             frame,
             cells,
-            max_planes=max_planes,
             significance=significance,
             workspace=workspace,
             meanwhile=meanwhile,

@@ -45,7 +45,6 @@ def segment_points(
     observation: RayObservation,
     frame: Frame,
     *,
-    max_planes: int,
     significance: float,
 ) -> Segmentation:
     """Planes and labels that the search in space finds, under the image's noise.
@@ -54,8 +53,8 @@ def segment_points(
     ----------
     observation, frame
         The readings, of a pinhole camera.
-    max_planes, significance
-        As `spatial.search.segment` takes them.
+    significance
+        As `spatial.search.segment` takes it.
     """
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.model import cloud_model
@@ -76,8 +75,7 @@ def segment_points(
         rng=np.random.default_rng(0),
     )
     rows = np.array([plane.coefficients for plane in model.planes]).reshape(-1, 4)
-    met = np.flatnonzero(rows[:, 3] > _NEAREST)
-    kept = met[:max_planes]
+    kept = np.flatnonzero(rows[:, 3] > _NEAREST)
     place = np.zeros(len(rows) + 1, np.uint16)
     place[kept + 1] = np.arange(1, len(kept) + 1)
     labels, rows = readings.unflatten(place[model.labels]), rows[kept]
@@ -87,7 +85,6 @@ def segment_points(
         significance=np.array([each.significance for each in model.planes])[kept],
         affine=frame.sectors.affine(-rows[:, :3] / rows[:, 3:]),
         residual_correlation=np.array([each.residual_correlation for each in model.planes])[kept],
-        left_out=len(met) - len(kept),
     )
 
 
