@@ -42,8 +42,9 @@ class Options:
         Tell surfaces of one plane that do not touch apart (spatial objective): each is a plane of
         its own, with the parameters that they share.
     significance : float
-        Nats that a plane has to save beyond its parameters and its border (spatial objective): the
-        larger, the fewer planes.
+        Nats that a plane has to save beyond its parameters and its border (spatial objective), and
+        each of its pieces, where it is seen in several: the larger, the fewer planes. What is then
+        no plane is on none, or goes to its neighbours.
     confidence : float
         c of the paper: probability that a plane's sample is drawn from it alone (sequential).
     inlier_ratio : float
