@@ -251,3 +251,24 @@ def test_exr_with_channels_that_say_nothing_of_depth(tmp_path):
     write_exr(tmp_path / "two.exr", {"U": METRES, "V": METRES})
     with pytest.raises(PlanewiseError, match="'Z' or 'depth', or one only; it has U, V"):
         read_depth(tmp_path / "two.exr")
+
+
+def test_tiffs_that_are_not_read_are_told_from_damaged_ones(tmp_path):
+    tifffile = pytest.importorskip("tifffile")
+    path = tmp_path / "depth.tif"
+    for kind in (np.float64, np.float16):
+        tifffile.imwrite(path, METRES.astype(kind))
+        with pytest.raises(PlanewiseError, match="kind that is not read; write integers of 16"):
+            read_depth(path)
+    tifffile.imwrite(path, METRES.astype(np.float32))
+    assert np.array_equal(read_depth(path).depth, METRES.astype(np.float32))
+
+
+@pytest.mark.parametrize("kind", [np.uint32, np.int32])
+def test_tiffs_of_32_bits(tmp_path, kind):
+    tifffile = pytest.importorskip("tifffile")
+    units = np.array([[0, 2000], [3000, np.iinfo(kind).max]], kind)
+    tifffile.imwrite(tmp_path / "depth.tif", units)
+    found = read_depth(tmp_path / "depth.tif").depth
+    assert np.array_equal(found, units)
+    assert found.min() >= 0

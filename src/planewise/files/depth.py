@@ -28,6 +28,8 @@ MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
 
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
+_TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
+_SAMPLES = 339  # its tag that says whether numbers are signed
 _EIGHT_BIT = (
     "holds 8 bits per reading: 256 steps cannot carry depth to the millimetre; "
     "export the depth as 16-bit integers or as floating-point metres"
@@ -151,12 +153,20 @@ def _read_picture(path: Path) -> DepthFile:
 def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
     """Read a depth image of one channel from a PNG or TIFF; raises what its decoder does."""
     try:
-        from PIL import Image
+        from PIL import Image, UnidentifiedImageError
     except ImportError:
         raise MissingExtraError("pillow", "reading PNG and TIFF files") from None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
-        opened = Image.open(source, formats=("PNG", "TIFF"))
+        try:
+            opened = Image.open(source, formats=("PNG", "TIFF"))
+        except UnidentifiedImageError:
+            if isinstance(source, Path) and source.read_bytes()[:4] in _TIFF:
+                raise PlanewiseError(
+                    "is a TIFF of a kind that is not read; write integers of 16 bits or "
+                    "floating-point numbers of 32"
+                ) from None
+            raise
     with opened as image:
         check_size(image.width * image.height)
         if image.mode in ("1", "L", "P"):
@@ -167,6 +177,10 @@ def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
             raise PlanewiseError("holds several images; export one frame a file")
         image.load()
         depth = np.asarray(image)
+        # Pillow has no unsigned integers of 32 bits, which those of a TIFF are if it is silent.
+        tags = getattr(image, "tag_v2", None)
+        if depth.dtype == np.int32 and tags is not None and tags.get(_SAMPLES, (1,)) == (1,):
+            depth = depth.view(np.uint32)
     return _check_array(depth.astype(depth.dtype.newbyteorder("=")))
 
 
