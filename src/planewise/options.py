@@ -51,9 +51,10 @@ class Options:
         r of the paper: share of the readings on the smallest plane sought (sequential).
     max_planes : int, optional
         Largest number of planes; under the spatial objective the best of all that there are, as
-        `PlaneModel.top` gives them. ``None`` means 8 for the sequential search, as in the paper,
-        and 64 for the joint one under the paper's objective. There is no limit under the spatial
-        objective, nor for the sequential search with a partition.
+        `PlaneModel.top` gives them. Under the paper's a search goes no further than that, and may
+        then drop some. ``None`` means 8 for the sequential search, as in the paper, and 64 for the
+        joint one under the paper's objective. There is no limit under the spatial objective, nor
+        for the sequential search with a partition.
     reassign : {"normals"} or NormalReassignment, optional
         The paper's step after the search: readings that fit several planes go to the one whose
         normal and distance are most like those of the surface around them. For depth images under
