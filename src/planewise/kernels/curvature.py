@@ -248,8 +248,8 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
 def leave_out(pairs, states, together, curved):  # type: ignore[no-untyped-def]
     """Of curved segments leave those that are, side by side, at most two, or are with none SURE.
 
-    pairs (m, 2), states (m,): as `surface_borders` writes them; together (n,): those that may be
-    between curved ones, which are among them; curved (n,), which may be the same array.
+    pairs (m, 2), states (m,): as `surface_borders` writes them; together (n,): those that count,
+    curved ones among them; curved (n,), which may be the same array.
     """
     group, size = np.empty(curved.size, np.int64), np.empty(curved.size, np.int64)
     sure = np.empty(curved.size, np.bool_)
@@ -264,7 +264,7 @@ def leave_out(pairs, states, together, curved):  # type: ignore[no-untyped-def]
         if states[e] & SURE != 0 and together[u] and together[v]:
             sure[root_of(group, u)] = True
     for s in range(curved.size):
-        size[root_of(group, s)] += curved[s]
+        size[root_of(group, s)] += together[s]
     for s in range(curved.size):
         root = root_of(group, s)
         curved[s] &= sure[root] and size[root] > 2

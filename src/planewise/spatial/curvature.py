@@ -48,9 +48,9 @@ def curved_segments(
     the planes turn by less than 60 degrees, where both are too narrow to tell, as at the rims of
     round things, and where their own cells turn by less than half of that, as in the folds of
     cloth. A segment is curved if its surface goes on across most of its border, as are those among
-    them. Side by side there are at least three: two that go on into each other may be the sides of
-    a rounded edge; and not only narrow ones: corrugated sheets are such, and ground that few beams
-    see.
+    them. Side by side there are at least three, doubtful ones among them: two that go on into each
+    other may be the sides of a rounded edge; and not only narrow ones: corrugated sheets are such,
+    and ground that few beams see.
 
     Parameters
     ----------
