@@ -1,4 +1,4 @@
-"""What an argument may be: numbers, whether Python's or NumPy's, and Python's once it is taken."""
+"""What an argument may be: numbers of Python or NumPy, Python's once taken, and masked arrays."""
 
 from __future__ import annotations
 
@@ -6,6 +6,14 @@ import math
 from collections.abc import Callable
 from numbers import Integral, Real
 from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def unmasked(image: ArrayLike) -> NDArray[Any]:
+    """An array, 0 where a masked one is masked."""
+    return np.asarray(np.ma.filled(image, 0) if np.ma.isMaskedArray(image) else image)
 
 
 def is_finite(value: Any) -> bool:

@@ -8,7 +8,7 @@ the point z r.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -298,15 +298,27 @@ class PinholeCamera:
         """Return the camera of the image resized by `factor` (pixel centres at integers)."""
         if not (is_finite(factor) and factor > 0):
             raise ValueError(f"factor must be a positive number, got {factor!r}")
-        size = [None if n is None else round(n * factor) for n in (self.width, self.height)]
-        return PinholeCamera(
-            fx=self.fx * factor,
-            fy=self.fy * factor,
-            cx=(self.cx + 0.5) * factor - 0.5,
-            cy=(self.cy + 0.5) * factor - 0.5,
-            width=size[0],
-            height=size[1],
-            distortion=self.distortion,
+        sides = self.width, self.height
+        width, height = (None if n is None else round(n * factor) for n in sides)
+        return self._resized(factor, factor, width, height)
+
+    def binned(self, across: int, down: int) -> PinholeCamera:
+        """Return the camera of the image whose pixels are `across` x `down` of these each."""
+        width = None if self.width is None else self.width // across
+        height = None if self.height is None else self.height // down
+        return self._resized(1 / across, 1 / down, width, height)
+
+    def _resized(
+        self, across: float, down: float, width: int | None, height: int | None
+    ) -> PinholeCamera:
+        return replace(
+            self,
+            fx=self.fx * across,
+            fy=self.fy * down,
+            cx=(self.cx + 0.5) * across - 0.5,
+            cy=(self.cy + 0.5) * down - 0.5,
+            width=width,
+            height=height,
         )
 
     def cropped(self, top: int, left: int, shape: tuple[int, int]) -> PinholeCamera:

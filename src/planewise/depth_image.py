@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import threads
-from planewise.arguments import checked_scale
+from planewise.arguments import checked_scale, unmasked
 from planewise.sensor import Sensor
 from planewise.wild import wild_readings
 from planewise.workspace import Workspace
@@ -245,7 +245,7 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:
-    image = np.asarray(np.ma.filled(depth, 0) if np.ma.isMaskedArray(depth) else depth)
+    image = unmasked(depth)
     if image.ndim != 2 or min(image.shape) < 2:
         found = f"shape {image.shape}" if image.ndim else type(depth).__name__
         raise ValueError(

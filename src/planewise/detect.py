@@ -103,7 +103,8 @@ def detect_planes(
         threads=threads,
     )
     with stage("observe"):
-        frame = observe(depth, camera, sensor, depth_scale=depth_scale)
+        # Its memory is its own, so that it needs no copy of the image.
+        frame = observe(depth, camera, sensor, depth_scale=depth_scale, workspace=Workspace())
     return find(frame, options, rgb=rgb)
 
 

@@ -97,16 +97,13 @@ class Batch:
         PlanewiseError
             If the store cannot be used: made with other options, or from another source.
         """
-        plan = self._plan()
-        if (Path(self.store) / STORE_FILE).exists():
-            self._check_readings(Store(self.store))
-        return plan
+        return self._plan(compared=True)
 
-    def _plan(self) -> Plan:
-        """Say what there is to do, without reading a frame."""
+    def _plan(self, *, compared: bool) -> Plan:
+        """Say what there is to do; `compared`: with readings held against the store's."""
         arrow()
         selected = self.selection.of(self.source.ids)
-        statuses = self._statuses()
+        statuses = self._statuses(compared=compared)
         left_out = {DONE} if self.retry_failed else {DONE, FAILED}
         done = sum(statuses.get(frame) == DONE for _, frame in selected)
         failed = sum(statuses.get(frame) in left_out - {DONE} for _, frame in selected)
@@ -146,13 +143,14 @@ class Batch:
             staging = Staging(folder / f"{_UNFINISHED}{writer}")
             try:
                 self._begin(folder, staging)
-                plan = self._plan()  # once more, now that nobody else can change it
+                # Once more, now that nobody else can change it.
+                plan = self._plan(compared=False)
                 with opened(folder, writer, staging) as store:
                     yield Run(FrameWork(self.source, self.recipe), plan, store, engine)
             finally:
                 staging.close()
 
-    def _statuses(self) -> dict[str, str]:
+    def _statuses(self, *, compared: bool) -> dict[str, str]:
         """Status of every frame of the store, which is checked to be of this batch."""
         folder = Path(self.store)
         if not (folder / STORE_FILE).exists():
@@ -173,6 +171,8 @@ class Batch:
                 f"and {self.source.name} has {len(self.source.ids):,} now, which changes their "
                 "numbers; give a new folder"
             )
+        if compared:
+            self._check_readings(store)
         return known
 
     def _check_readings(self, store: Store) -> None:

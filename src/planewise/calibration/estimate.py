@@ -21,6 +21,7 @@ from planewise.camera import Camera
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, proportional
 from planewise.observation import RayObservation, observe
 from planewise.sensor import Sensor, checked_sensor
+from planewise.wording import counted
 
 Array = NDArray[np.float64]
 Seed = int | np.random.Generator
@@ -247,6 +248,11 @@ def pooled_noise(
     )
 
 
+def too_few(cells: int) -> str:
+    """Say why so many flat cells cannot tell the noise."""
+    return f"{counted(cells, 'flat cell')}, too few to tell the noise ({FEWEST} are needed)"
+
+
 def _assumed(sensor: Sensor, cells: int, frames: int) -> NoiseEstimate:
     """What is taken where there are too few flat cells: what the sensor says, else 1 % of depth."""
     parts = sensor.parts
@@ -263,8 +269,5 @@ def _assumed(sensor: Sensor, cells: int, frames: int) -> NoiseEstimate:
             cells=np.empty(0, np.int64),
         ),
         frames=frames,
-        note=(
-            f"{cells} flat cells, too few to tell the noise ({FEWEST} are needed): "
-            f"sigma = {parts.white} was assumed"
-        ),
+        note=f"{too_few(cells)}: sigma = {parts.white} was assumed",
     )  # fmt: skip

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -254,7 +255,7 @@ def ranked_model(
     found: CloudPlanes,
     sensor: Sensor,
     max_planes: int,
-    settings: Mapping[str, object],
+    settings: Mapping[str, Any],
 ) -> PlaneModel:
     """Refit the planes to their points, keep those that pay by exact Phi, best first: as images.
 
@@ -289,7 +290,7 @@ def ranked_model(
         planes = _described(found, groups, rows, book.saved, order)
     factor = found.cloud.louder * math.sqrt(found.error.white)
     settings = {**settings, "sigma_factor": round(factor, 3)}
-    reason = reason_of(best, float(str(settings.get("significance") or 0.0)))
+    reason = reason_of(best, settings.get("significance", 0.0))
     if not len(rows) and not settings.get("significance"):
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:

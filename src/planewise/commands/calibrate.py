@@ -128,7 +128,7 @@ class _Reading:
 
     def _cells(self, path: Path) -> NoiseCells:
         from planewise.calibration.bins import FEWEST
-        from planewise.calibration.estimate import cells_of_frame
+        from planewise.calibration.estimate import cells_of_frame, too_few
 
         frame = read_depth(path)
         camera = self.camera or frame.camera
@@ -139,8 +139,8 @@ class _Reading:
         flat = int(cells.usable.sum())
         if flat < FEWEST:
             raise PlanewiseError(
-                f"{counted(flat, 'flat cell')}, too few to tell the noise ({FEWEST} are needed); "
-                "take frames of walls, floors or tables, and check the unit of the depth"
+                f"{too_few(flat)}; take frames of walls, floors or tables, and check the unit of "
+                "the depth"
             )
         return cells
 

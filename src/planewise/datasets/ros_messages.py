@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.errors import PlanewiseError
-from planewise.files.camera import camera_of_mapping
+from planewise.files.camera import REGION, camera_of_mapping
 from planewise.files.depth import check_size, read_depth_picture
 
 MILLIMETRE = 0.001
@@ -88,9 +88,6 @@ def _compressed(message: Any) -> NDArray[Any]:
     return depth
 
 
-_REGION = "x_offset", "y_offset", "width", "height"
-
-
 def camera_of(message: Any, rectified: bool) -> PinholeCamera:
     """Camera of a CameraInfo.
 
@@ -111,7 +108,7 @@ def camera_of(message: Any, rectified: bool) -> PinholeCamera:
         value = getattr(message, name, None)
         return np.asarray(getattr(message, name.upper()) if value is None else value, np.float64)
 
-    region = {name: int(getattr(message.roi, name)) for name in _REGION}
+    region = {name: int(getattr(message.roi, name)) for name in REGION}
     values: dict[str, Any] = {
         name: int(getattr(message, name)) for name in ("width", "height", "binning_x", "binning_y")
     } | {"roi": region}

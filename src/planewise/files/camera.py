@@ -21,6 +21,9 @@ from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
 from planewise.wording import counted
 
+REGION = "x_offset", "y_offset", "width", "height"
+"""What ROS says of the region of a sensor that is read."""
+
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
 
 NOISE_HELP = (
@@ -300,23 +303,11 @@ def _read_out(camera: PinholeCamera, values: Mapping[str, Any]) -> PinholeCamera
     """Camera of the image, where ROS states that it is a region of the sensor's, or binned."""
     region = values.get("roi")
     if isinstance(region, Mapping):
-        left, top, width, height = (
-            _pixels(region.get(name)) or 0 for name in ("x_offset", "y_offset", "width", "height")
-        )
+        left, top, width, height = (_pixels(region.get(name)) or 0 for name in REGION)
         if width and height and (height, width) != (camera.height, camera.width):
             camera = camera.cropped(top, left, (height, width))
     across, down = (_pixels(values.get(name)) or 1 for name in ("binning_x", "binning_y"))
-    if across == down == 1:
-        return camera
-    return replace(
-        camera,
-        fx=camera.fx / across,
-        fy=camera.fy / down,
-        cx=(camera.cx + 0.5) / across - 0.5,
-        cy=(camera.cy + 0.5) / down - 0.5,
-        width=None if camera.width is None else camera.width // across,
-        height=None if camera.height is None else camera.height // down,
-    )
+    return camera if across == down == 1 else camera.binned(across, down)
 
 
 def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
@@ -351,11 +342,8 @@ def _size(values: Mapping[str, Any]) -> tuple[int | None, int | None]:
     both = values.get("resolution")  # as Kalibr has it
     if isinstance(both, (list, tuple)) and len(both) == 2:
         return _pixels(both[0]), _pixels(both[1])
-    width, height = (
-        first_of(values, "width", "image_width"),
-        first_of(values, "height", "image_height"),
-    )
-    return _pixels(width), _pixels(height)
+    width = first_of(values, "width", "image_width")
+    return _pixels(width), _pixels(first_of(values, "height", "image_height"))
 
 
 def _pixels(value: Any) -> int | None:

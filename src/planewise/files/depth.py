@@ -29,6 +29,7 @@ MAX_PIXELS = 50_000_000
 
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
+_EXR = b"\x76\x2f\x31\x01"
 _SAMPLES = 339  # its tag that says whether numbers are signed
 _EIGHT_BIT = (
     "holds 8 bits per reading: 256 steps cannot carry depth to the millimetre; "
@@ -146,6 +147,11 @@ def check_size(pixels: int) -> None:
         raise PlanewiseError(f"claims {pixels:,} values; at most {MAX_PIXELS:,} are read")
 
 
+def _beginning(path: Path) -> bytes:
+    with path.open("rb") as stream:
+        return stream.read(4)
+
+
 def _read_picture(path: Path) -> DepthFile:
     return DepthFile(depth=read_depth_picture(path))
 
@@ -161,7 +167,7 @@ def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
         try:
             opened = Image.open(source, formats=("PNG", "TIFF"))
         except UnidentifiedImageError:
-            if isinstance(source, Path) and source.read_bytes()[:4] in _TIFF:
+            if isinstance(source, Path) and _beginning(source) in _TIFF:
                 raise PlanewiseError(
                     "is a TIFF of a kind that is not read; write integers of 16 bits or "
                     "floating-point numbers of 32"
@@ -278,7 +284,7 @@ def _read_exr(path: Path) -> DepthFile:
         import OpenEXR  # type: ignore[import-not-found, unused-ignore]
     except ImportError:
         raise MissingExtraError("openexr", "reading .exr files") from None
-    if path.read_bytes()[:4] != b"\x76\x2f\x31\x01":
+    if _beginning(path) != _EXR:
         raise PlanewiseError("is not an OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:
         low, high = header.header()["dataWindow"]

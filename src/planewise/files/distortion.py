@@ -45,12 +45,13 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
         If the model is another one, or a distortion is stated in a way that is not known.
     """
     numbers = _numbers(values)
+    if not np.any(numbers[5:]):
+        numbers = numbers[:5]
     model = str(first_of(values, "distortion_model", "camera_model", "model") or "").lower()
     model = model.removeprefix("distortion.").replace(" ", "_")
     plain = model in _PLAIN_MODELS
     # The rational model of eight numbers is the plain one where its last three are zero.
-    if model == "rational_polynomial" and not np.any(numbers[5:]):
-        plain, numbers = True, numbers[:5]
+    plain |= model == "rational_polynomial" and numbers.size <= 5
     if "brown_conrady" in model and not np.any(numbers):
         plain = True
     if not plain:
@@ -60,8 +61,6 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
         )
     if not np.any(numbers):
         return ()
-    if numbers.size > 5 and not np.any(numbers[5:]):
-        numbers = numbers[:5]
     if numbers.size not in (4, 5):
         raise PlanewiseError(
             f"has {numbers.size} distortion coefficients; expected k1, k2, p1, p2[, k3]"

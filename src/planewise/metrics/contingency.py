@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from planewise.arguments import unmasked
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
@@ -109,7 +110,7 @@ def contingency_table(
     if found.shape != true.shape:
         raise ValueError(f"predicted must have the shape of truth {true.shape}, got {found.shape}")
     if valid is not None:
-        mask = _unmasked(valid)
+        mask = unmasked(valid)
         if mask.shape != true.shape or mask.dtype != np.bool_:
             raise ValueError(
                 f"valid must be bool of shape {true.shape}, got {mask.dtype} of {mask.shape}"
@@ -130,12 +131,8 @@ def contingency_table(
     )
 
 
-def _unmasked(image: ArrayLike) -> NDArray[Any]:
-    return np.asarray(np.ma.filled(image, 0) if np.ma.isMaskedArray(image) else image)
-
-
 def _labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
-    labels = _unmasked(image)
+    labels = unmasked(image)
     if labels.dtype.kind not in "iub":
         raise ValueError(f"{name} must hold integer labels, got {labels.dtype}")
     if labels.dtype.kind == "b":
