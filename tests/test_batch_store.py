@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import re
@@ -362,6 +363,63 @@ def test_what_a_killed_shard_left_is_taken_over(frames, full, tmp_path):
     assert len(list(store)) == COUNT
     assert not list((whole.store / "journal").iterdir())
     assert not list(whole.store.glob(".unfinished*"))
+
+
+def test_other_shards_try_again_what_failed(changing):
+    """Rows of failed frames go, whoever wrote them, unless he may be at work."""
+    folder, whole = changing
+    bad = folder / f"{Store(whole.store).ids[4]}.png"
+    good = bad.read_bytes()
+    bad.write_bytes(b"none")
+    shutil.rmtree(whole.store)
+    for part in (1, 2, 3):
+        fill(replace(whole, selection=Selection(shard=(part, 3))))
+    assert Store(whole.store).failed == (bad.stem,)
+    bad.write_bytes(good)
+    for part in (1, 2):
+        fill(replace(whole, selection=Selection(shard=(part, 2)), retry_failed=True))
+    store = Store(whole.store)
+    assert (len(store), store.failed, list(store.failures())) == (COUNT, (), [])
+    assert len(store.frames) == len(list(store)) == COUNT
+
+
+def test_a_shard_leaves_what_failed_to_another_of_as_many(changing):
+    folder, whole = changing
+    bad = folder / f"{Store(whole.store).ids[4]}.png"
+    bad.write_bytes(b"none")
+    shutil.rmtree(whole.store)
+    for part in (1, 2):
+        fill(replace(whole, selection=Selection(shard=(part, 2)), retry_failed=True))
+    store = Store(whole.store)
+    assert (len(store.frames), store.failed) == (COUNT, (bad.stem,))
+
+
+def test_no_room_for_another_journal_is_said_to_be_that(frames, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_writer, "_SECONDS_A_GROUP", 0.0)
+    monkeypatch.setattr(store_writer, "_FRAMES_A_SEGMENT", 2)
+    journals = []
+
+    def journal(path):
+        if journals:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        journals.append(Journal(path))
+        return journals[0]
+
+    monkeypatch.setattr(store_writer, "Journal", journal)
+    with pytest.raises(OSError, match="No space left"):
+        fill(batch_of(frames[0], tmp_path / "store", frames[1]))
+    monkeypatch.undo()
+    fill(batch_of(frames[0], tmp_path / "store", frames[1]))
+    assert len(Store(tmp_path / "store").frames) == COUNT
+
+
+def test_folders_are_made_to_last_once(frames, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_writer, "_SECONDS_A_GROUP", 0.0)
+    synced = []
+    monkeypatch.setattr(store_writer, "sync_folder", synced.append)
+    fill(batch_of(frames[0], tmp_path / "store", frames[1]))
+    assert synced.count(tmp_path / "store") == 1
+    assert synced.count(tmp_path / "store" / "labels") > 1  # each time that files come into it
 
 
 def test_what_is_no_store_is_refused(full, tmp_path):

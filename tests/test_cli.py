@@ -199,6 +199,20 @@ def test_bad_arguments(depth, out, name):
     assert not out.parent.exists()
 
 
+@pytest.mark.parametrize(
+    ("arguments", "named"), [(("-o", ""), "an argument"), (("--output=",), "--output")]
+)
+def test_an_empty_argument_is_not_the_current_folder(
+    depth, tmp_path, monkeypatch, arguments, named
+):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    code, text, errors = run("detect", depth, *ARGUMENTS, *arguments)
+    assert (code, text) == (2, "")
+    assert errors.startswith(f"error: {named} is empty, perhaps a variable of the shell")
+    assert sorted(tmp_path.iterdir()) == before
+
+
 def bad_image(path, kind):
     """Write an unusable image of some kind; return its path."""
     good = np.full((120, 160), 1000, np.uint16)
@@ -363,6 +377,16 @@ def test_a_bad_frame_of_a_folder_is_named_whatever_is_wrong_with_it(depth, out, 
     assert "1 of 3 frames done" in text
     assert "error: below.npy: depth must not be negative" in errors
     assert "error: half.npy: camera is for images of 160 x 120 pixels" in errors
+
+
+def test_a_frame_that_fails_now_is_said_to_keep_what_an_earlier_run_found(depth, out, scene):
+    np.save(depth.parent / "other.npy", scene.depth)
+    assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
+    np.save(depth.parent / "other.npy", -scene.depth.astype(np.float32))
+    code, _, errors = run("detect", depth.parent, *ARGUMENTS, "-o", out)
+    assert code == 2
+    assert f"; {out / 'other'} still has what an earlier run found" in " ".join(errors.split())
+    assert errors.count("an earlier run") == 1
 
 
 def test_one_picture_is_none_of_a_folder(depth, out, tmp_path, scene):

@@ -32,10 +32,14 @@ class Journal:
         records, whole = _whole_records(path)
         self.count = len(records)
         self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        os.ftruncate(self._file, whole)
-        os.lseek(self._file, 0, os.SEEK_END)
-        os.fsync(self._file)
-        sync_folder(path.parent)
+        try:
+            os.ftruncate(self._file, whole)
+            os.lseek(self._file, 0, os.SEEK_END)
+            os.fsync(self._file)
+            sync_folder(path.parent)
+        except OSError:
+            self.close()
+            raise
 
     def add(self, records: list[bytes]) -> None:
         """Add records; when this returns, they survive a loss of power.

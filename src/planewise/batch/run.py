@@ -195,13 +195,14 @@ class Batch:
         if not (folder / STORE_FILE).exists():
             text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
             staging.publish(text.encode() + b"\n", folder / STORE_FILE)
-        own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
+        own, parts = writer_name(self.selection.shard), self.selection.shard[1]
+        alone, under_way = parts == 1, f"-of-{parts}"  # as other shards of as many may be
         if alone:
             for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
                 shutil.rmtree(left)  # by a shard that was killed
         for segment in segments_of(folder):
             writer = segment.name.rpartition("-")[0]
-            if self.retry_failed and (alone or writer in (own, writer_name((1, 1)))):
+            if self.retry_failed and (writer == own or not writer.endswith(under_way)):
                 segment.forget_failed(staging)
             if alone and writer != own:
                 segment.seal(staging)

@@ -102,10 +102,10 @@ class StoreWriter:
 
     def _make_folder(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
+        self._folders.add(folder)
         while folder != self._store:
             folder = folder.parent
             sync_folder(folder)
-        self._folders.add(folder)
 
     def _open_journal(self) -> Journal:
         """Go on with the last journal, and seal what should have been."""
@@ -129,8 +129,9 @@ class StoreWriter:
     def _seal(self, following: Segment | None) -> None:
         self._segment_open.seal(self._staging)
         if following is not None:
-            self._journal.close()
-            self._segment_open, self._journal = following, Journal(following.journal)
+            sealed, self._journal = self._journal, Journal(following.journal)
+            self._segment_open = following
+            sealed.close()
 
 
 @contextmanager

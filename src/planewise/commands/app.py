@@ -69,6 +69,15 @@ def command_line(arguments: Sequence[str] = ()) -> typer.Typer:
 class _Commands(TyperGroup):
     """Says in one line what of the arguments cannot be used."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        for each in args:  # a path of no letters would be the current folder
+            if not each or (each.startswith("--") and each.endswith("=")):
+                where = each.removesuffix("=") or "an argument"
+                raise _USAGE_ERROR(
+                    f"{where} is empty, perhaps a variable of the shell that is not set", ctx=ctx
+                )
+        return super().parse_args(ctx, args)
+
     def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> NoReturn:
         try:
             code = super().main(*arguments, standalone_mode=False, **options)  # type: ignore[misc]

@@ -157,7 +157,10 @@ class Job:
                 yield self.run(path, target / name, many=True)
             except (ValueError, OSError) as error:
                 named = path.name in str(error)
-                yield Failed(path=path, reason=f"{'' if named else f'{path.name}: '}{error}")
+                kept = ""
+                if any((target / name / each).is_file() for each in FILES):
+                    kept = f"; {target / name} still has what an earlier run found"
+                yield Failed(path=path, reason=f"{'' if named else f'{path.name}: '}{error}{kept}")
 
     def _options(self, path: Path, rgb: NDArray[np.uint8] | None, many: bool) -> Options:
         """Options for one frame, whose regions may be in a file of their own."""
