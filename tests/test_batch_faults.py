@@ -79,6 +79,12 @@ def test_workers_that_cannot_start_are_given_up(frames, tmp_path, monkeypatch):
     assert not (tmp_path / "store").exists()
 
 
+def test_what_ended_a_worker_is_named():
+    assert local_engine._cause(-9) == "were killed by SIGKILL"
+    assert local_engine._cause(-35) == "were killed by signal 35"
+    assert local_engine._cause(3) == "ended with code 3"
+
+
 @pytest.mark.parametrize("times", [1, 2])
 def test_a_process_is_started_once_more(times):
     """What it is forked from may have been killed."""

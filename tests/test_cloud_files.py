@@ -80,7 +80,7 @@ def test_ply_of_ours_is_read_by_another_reader(tmp_path, points, colour):
     blocks = (
         {"x": far[a:b, 0], "y": far[a:b, 1], "z": far[a:b, 2], "red": colour[a:b, 0],
          "plane": np.arange(a, b, dtype=np.uint16)}
-        for a, b in ((0, 200), (200, 500))
+        for a, b in ((0, 0), (0, 200), (200, 500))
     )  # fmt: skip
     write_ply(tmp_path / "a.ply", 500, blocks, ["by a test"])
     vertex = plyfile.PlyData.read(str(tmp_path / "a.ply"))["vertex"]
@@ -501,6 +501,8 @@ def write_bad(folder, name):
         "magic.e57": b"ASTM-E57" + bytes(400),
         "bomb.ply": head.format(little, 10**12, xyz).encode() + few.tobytes(),
         "bomb ascii.ply": head.format("ascii", 10**12, xyz).encode() + b"1 2 3\n",
+        "bomb before.ply": b"ply\nformat ascii 1.0\nelement other 9999999999\nproperty int a\n"
+        + head.format("ascii", 1, xyz).partition("1.0\n")[2].encode() + b"1 2 3\n",
         "short.ply": head.format(little, 5, xyz).encode() + few.tobytes(),
         "short ascii.ply": head.format("ascii", 2, xyz).encode() + b"1 2 3\n" + b" " * 99,
         "words.ply": head.format("ascii", 2, xyz).encode() + b"1 2 3\n1 two 3\n",
@@ -582,7 +584,7 @@ def write_bad(folder, name):
 BAD = [
     "empty.ply", "empty.xyz", "blank.csv", "names only.csv", "junk.ply", "junk.pcd", "junk.xyz",
     "junk.npy", "junk.npz", "junk.las", "junk.laz", "junk.e57", "magic.e57", "bomb.ply",
-    "bomb ascii.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply", "twice.ply",
+    "bomb ascii.ply", "bomb before.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply", "twice.ply",
     "unknown type.ply", "list.ply", "no vertex.ply", "no format.ply", "no end.ply", "bomb.pcd",
     "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd", "short.pcd", "sizes.pcd",
     "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",
@@ -665,6 +667,13 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path, monkeypatch, points
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(MissingExtraError, match=rf"{package}.*planewise\[cloud\]"):
         read_cloud(path)
+
+
+@pytest.mark.parametrize("order", "CF")
+def test_rows_of_many_numbers_are_no_points(tmp_path, order):
+    np.save(tmp_path / "a.npy", np.zeros((3, 20_000), order=order))
+    with pytest.raises(PlanewiseError, match="holds rows of 20000 numbers, not points"):
+        open_cloud(tmp_path / "a.npy")
 
 
 def test_a_file_that_shrinks_while_it_is_read(tmp_path, points):

@@ -137,6 +137,9 @@ def test_scans_that_the_file_does_not_know():
     )
     with pytest.raises(PlanewiseError, match=r"name scans 2 to 2, but the file says of 2"):
         detect_planes_in_cloud(cloud, SENSOR, origin="file")
+    unnamed = pw.PointCloud(points=POINTS[:100], origins=np.zeros((2, 3)))
+    with pytest.raises(PlanewiseError, match="where 2 scanners stood, but not whose each point is"):
+        detect_planes_in_cloud(unnamed, SENSOR, origin="file")
     with pytest.raises(PlanewiseError, match="does not say where its scanner stood"):
         detect_planes_in_cloud(pw.PointCloud(points=POINTS[:100]), SENSOR, origin="file")
 

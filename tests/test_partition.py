@@ -143,6 +143,22 @@ def test_blocks(view):
     assert (regions[0, 40], regions[32, 0], regions[47, 63]) == (2, 3, 4)
     with pytest.raises(ValueError, match="rows must be a number of pixels of at least 2, got 1"):
         Blocks(rows=1)
+    assert Blocks(rows=np.int64(20)) == Blocks(rows=20)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("scale", np.inf, "scale must be a positive number, got inf"),
+        ("scale", "large", "scale must be a positive number, got 'large'"),
+        ("colour", -1.0, r"colour must be a number that is not negative, got -1\.0"),
+        ("least", True, "least must be a whole number of at least 1, got True"),
+        ("reach", 2.5, r"reach must be a whole number of at least 1, got 2\.5"),
+    ],
+)
+def test_settings_that_no_graph_has(name, value, message):
+    with pytest.raises(ValueError, match=message):
+        Graph(**{name: value})
 
 
 def test_any_function_and_object_will_do(view):

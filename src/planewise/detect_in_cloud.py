@@ -46,7 +46,8 @@ def detect_planes_in_cloud(
 ) -> PlaneModel:
     """Find the planes of a cloud that may be larger than memory, a tile at a time.
 
-    The result is that of `detect_planes_in_points` for all points at once.
+    The result is that of `detect_planes_in_points` for all points at once, but for points that are
+    there twice: a tile takes each for a reading of its own.
 
     Parameters
     ----------
@@ -209,8 +210,13 @@ def origins_of(cloud: PointCloud, memory: Memory) -> NDArray[np.float64]:
     """
     if cloud.origins is None or not len(cloud.origins):
         raise PlanewiseError("origin: the file does not say where its scanner stood; give x,y,z")
-    if len(cloud.origins) == 1 or cloud.scan is None:
+    if len(cloud.origins) == 1:
         return np.asarray(cloud.origins[0], np.float64)
+    if cloud.scan is None:
+        raise PlanewiseError(
+            f"origin: the file says where {len(cloud.origins)} scanners stood, but not whose each "
+            "point is; give x,y,z"
+        )
     out: NDArray[np.float64] = memory.empty((len(cloud), 3))
     for first in range(0, len(cloud), BLOCK):
         scan = cloud.scan[first : first + BLOCK]

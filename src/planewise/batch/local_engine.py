@@ -147,11 +147,12 @@ class _Pool:
             frame = self._next()
             if frame is None:
                 break
-            worker.given.append(frame)
             try:
                 worker.pipe.send(frame)
             except OSError:  # dead: `step` will see
+                self._again.appendleft(frame)
                 return
+            worker.given.append(frame)
         if not worker.given and not self._anyone_busy():
             for each in self.workers:
                 each.end()
@@ -215,7 +216,8 @@ def _started(context: Any, pipe: Connection) -> BaseProcess:
 
 def _cause(code: int | None) -> str:
     if code is not None and code < 0:
-        return f"were killed by {signal.Signals(-code).name}"
+        known = -code in set(signal.Signals)  # others are there for programs to use
+        return f"were killed by {signal.Signals(-code).name if known else f'signal {-code}'}"
     return f"ended with code {code}"
 
 

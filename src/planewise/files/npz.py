@@ -33,6 +33,11 @@ class _Rows:
     def __init__(self, opened: Callable[[], IO[bytes]], size: int, stack: ExitStack) -> None:
         stream = stack.enter_context(opened())
         self.shape, fortran, self.dtype = _header(stream)
+        if len(self.shape) == 2 and self.shape[1] > _MOST_COLUMNS:
+            raise PlanewiseError(
+                f"holds rows of {self.shape[1]} numbers, not points; planes of a depth image are "
+                "what 'planewise detect' finds"
+            )
         start = stream.tell()
         there, wanted = size - start, math.prod(self.shape) * self.dtype.itemsize
         if wanted > there:
@@ -135,11 +140,6 @@ def _opened(
         if len(points.shape) != 2 or points.shape[1] < 3 or points.dtype.kind not in "fiu":
             raise PlanewiseError(
                 f"must hold points of shape (k, 3), got {points.dtype} of shape {points.shape}"
-            )
-        if points.shape[1] > _MOST_COLUMNS:
-            raise PlanewiseError(
-                f"holds rows of {points.shape[1]} numbers, not points; planes of a depth image are "
-                "what 'planewise detect' finds"
             )
         count = points.shape[0]
         for name in (*beside, *([colour] if colour else [])):

@@ -70,6 +70,7 @@ def open_ply(path: Path) -> CloudFile:
     names = [name for name, _ in vertex.fields]
     if not header.order:
         lines = sum(element.count for element in before)
+        check_length(path, header.start, lines, 1)
         check_length(path, header.start, vertex.count, 2 * len(names))
         return _ascii(path, header, vertex, lines)
     if any(element.lists for element in before):
@@ -200,20 +201,21 @@ def write_ply(
     comments : iterable of str
         Lines for the header.
     """
-    written = 0
+    written, row = 0, None
     with path.open("wb") as stream:
         for columns in blocks:
-            row = np.dtype([(name, each.dtype.newbyteorder("<")) for name, each in columns.items()])
-            if not written:
+            if row is None:
+                kinds = {name: each.dtype.newbyteorder("<") for name, each in columns.items()}
+                row = np.dtype(list(kinds.items()))
                 stream.write(_vertex_header(count, row, comments))
             rows = np.empty(len(next(iter(columns.values()))), row)
             for name, each in columns.items():
                 rows[name] = each
             rows.tofile(stream)
             written += len(rows)
-        if not written:
-            row = np.dtype([(name, "<f4") for name in "xyz"])
-            stream.write(_vertex_header(0, row, comments))
+        if row is None:
+            nothing = np.dtype([(name, "<f4") for name in "xyz"])
+            stream.write(_vertex_header(0, nothing, comments))
     if written != count:
         raise PlanewiseError(f"{path.name}: {written:,} points came where {count:,} were announced")
 

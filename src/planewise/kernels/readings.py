@@ -328,8 +328,8 @@ def cell_moments(a, s, index, width, side, columns, moments):  # type: ignore[no
     """Moments of the least-squares plane of every square cell of `side` pixels.
 
     Linear in inverse depth: theta minimises sum (theta . a s - 1)^2 s^2, the residual of 1 / z with
-    its first-order weight. Writes moments (cells, 10): the upper triangle of sum b b' with
-    b = a s^2, then sum b s, then the count.
+    its first-order weight. Writes moments (cells, 11): the upper triangle of sum b b' with
+    b = a s^2, then sum b s, sum s^2 and the count.
     """
     moments[:] = 0.0
     for i in range(s.size):

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite, is_whole
 from planewise.errors import MissingExtraError
 from planewise.partition.regions import Regions
 
@@ -51,14 +52,16 @@ class Graph:
     reach: int = 5
 
     def __post_init__(self) -> None:
-        if not self.scale > 0:
-            raise ValueError(f"scale must be positive, got {self.scale}")
+        if not (is_finite(self.scale) and self.scale > 0):
+            raise ValueError(f"scale must be a positive number, got {self.scale!r}")
         for name in ("smoothing", "colour", "normals", "depth"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise ValueError(f"{name} must not be negative, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if not (is_finite(value) and value >= 0):
+                raise ValueError(f"{name} must be a number that is not negative, got {value!r}")
         for name in ("least", "reach"):
-            if not getattr(self, name) >= 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if not (is_whole(value) and value >= 1):
+                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
 
     def __call__(self, view: View) -> Regions:
         """Region of every pixel, from 1."""

@@ -113,6 +113,7 @@ class Cells:
             whole=self.whole[units],
             squares=place[self.squares[top // 2 : bottom // 2, left // 2 : right // 2]],
             drift=self.drift[units],
+            told_drift=self.told_drift[units],
             offset_prior=self.offset_prior[units],
             slope_prior=self.slope_prior[units],
         )
