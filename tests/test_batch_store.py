@@ -344,6 +344,22 @@ def interrupted(batch, number):
                 raise KeyboardInterrupt
 
 
+def test_a_fresh_process_reads_a_store_that_is_a_journal(frames, tmp_path):
+    """Whatever this one has loaded by now."""
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(batch, 7)
+    assert not list((batch.store / "frames").iterdir())
+    code = (
+        "import sys; from planewise.batch import Store; store = Store(sys.argv[1]);"
+        "print(len(list(store)), len(store[store.ids[0]].planes) > 0)"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code, batch.store], check=True, capture_output=True, text=True
+    )
+    assert said.stdout == f"{len(Store(batch.store))} True\n"
+
+
 def test_what_a_killed_shard_left_is_taken_over(frames, full, tmp_path):
     whole = batch_of(frames[0], tmp_path / "store", frames[1])
     part = Batch(

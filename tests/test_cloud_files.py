@@ -584,7 +584,8 @@ def write_bad(folder, name):
 BAD = [
     "empty.ply", "empty.xyz", "blank.csv", "names only.csv", "junk.ply", "junk.pcd", "junk.xyz",
     "junk.npy", "junk.npz", "junk.las", "junk.laz", "junk.e57", "magic.e57", "bomb.ply",
-    "bomb ascii.ply", "bomb before.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply", "twice.ply",
+    "bomb ascii.ply", "bomb before.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply",
+    "twice.ply",
     "unknown type.ply", "list.ply", "no vertex.ply", "no format.ply", "no end.ply", "bomb.pcd",
     "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd", "short.pcd", "sizes.pcd",
     "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",

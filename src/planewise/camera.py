@@ -323,15 +323,8 @@ class PinholeCamera:
 
     def cropped(self, top: int, left: int, shape: tuple[int, int]) -> PinholeCamera:
         """Return the camera of the crop whose first pixel is (`top`, `left`)."""
-        return PinholeCamera(
-            fx=self.fx,
-            fy=self.fy,
-            cx=self.cx - left,
-            cy=self.cy - top,
-            width=shape[1],
-            height=shape[0],
-            distortion=self.distortion,
-        )
+        height, width = shape
+        return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
     def describe(self) -> dict[str, float | list[float]]:
         """Say in plain types what the camera is, for result files."""

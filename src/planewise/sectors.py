@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from planewise import prices
 from planewise.kernels.cells import SIDE, UNIT
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -221,8 +222,7 @@ class Sectors:
 
     def places(self, order: NDArray[np.intp], planes: int) -> NDArray[np.uint16]:
         """Rank 1 ... of every label (N K + 1,) by the order of planes; 0 for those left out."""
-        place = np.zeros(planes + 1, np.uint16)
-        place[order + 1] = np.arange(1, len(order) + 1)
+        place = ranks(order, planes)
         return np.concatenate((place[:1], self.repeated(place[1:])))
 
     def affine(self, theta: Array) -> Array:

@@ -186,12 +186,12 @@ class beside:  # noqa: N801 - used like a function
             self._helper.wait()
 
 
-def halves(work: Callable[[int, int], None], size: int, step: int = 1) -> None:
+def halves(work: Callable[[int, int], None], size: int) -> None:
     """Call ``work(first, last)`` on both halves of ``range(size)``, together where allowed.
 
-    The halves are the same for any number of threads, and meet at a multiple of `step`.
+    The halves are the same for any number of threads.
     """
-    middle = size // 2 // step * step
+    middle = size // 2
     with beside(lambda: work(middle, size)):
         work(0, middle)
 

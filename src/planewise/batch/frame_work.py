@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, field, fields, replace
@@ -21,6 +20,7 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.errors import MissingExtraError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
+from planewise.results.planes_json import number_or_none
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -208,10 +208,6 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split()) or type(error).__name__
 
 
-def _number_or_none(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
 def _frame_row(
     number: int, frame: str, seen: SourceFrame, detector: Detector, model: PlaneModel
 ) -> dict[str, Any]:
@@ -228,7 +224,7 @@ def _frame_row(
         "readings": model.readings,
         "planes": len(model),
         "information": float(model.information),
-        "curve": [_number_or_none(each) for each in model.curve],
+        "curve": [number_or_none(each) for each in model.curve],
         "note": model.note,
         **_camera_columns(detector.camera),
         "depth_scale": scale,
@@ -255,10 +251,10 @@ def _plane_row(frame: str, label: int, plane: Plane, rle: str | None) -> list[An
         float(plane.distance),
         float(plane.information),
         int(plane.count),
-        _number_or_none(plane.rms),
-        _number_or_none(plane.significance),
-        _number_or_none(plane.residual_correlation),
-        _number_or_none(plane.area),
+        number_or_none(plane.rms),
+        number_or_none(plane.significance),
+        number_or_none(plane.residual_correlation),
+        number_or_none(plane.area),
         *plane.centroid.tolist(),
         *(int(edge) for edge in plane.bounding_box),
         covariance.tolist() if np.isfinite(covariance).all() else None,

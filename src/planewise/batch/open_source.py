@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 from pathlib import Path
 
 from planewise import datasets
 from planewise.batch.source import DepthFolder, Source
 from planewise.camera import PinholeCamera
 from planewise.datasets.frames import PointDataset
-from planewise.datasets.opening import reader_of
+from planewise.datasets.opening import accepted, reader_of
 from planewise.errors import PlanewiseError
 from planewise.files.depth import is_depth_file
 from planewise.sensor import Sensor
@@ -49,8 +48,7 @@ def open_source(
         return _storable(DepthFolder(path))
     given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
     if reader is not None:
-        known = inspect.signature(reader).parameters
-        given = {name: value for name, value in given.items() if name in known}
+        given = accepted(reader, given)
     opened = datasets.open(path, kind, **given)
     if isinstance(opened, PointDataset):
         raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")

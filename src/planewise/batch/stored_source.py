@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -16,7 +15,7 @@ from planewise.batch.open_source import open_source
 from planewise.batch.source import DepthFolder, Source, SourceFrame
 from planewise.batch.store import Store, StoredFrame
 from planewise.camera import Camera, PinholeCamera
-from planewise.datasets.opening import READERS
+from planewise.datasets.opening import READERS, accepted
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.lidar import is_spherical, spherical_camera
 
@@ -112,6 +111,4 @@ def _open(info: Mapping[str, Any], path: Path | None) -> Source:
     given: dict[str, Any] = {"camera": camera, "depth_scale": made["depth_scale"]}
     if reader is None:
         return open_source(path, pictures=True, **given)
-    known = inspect.signature(reader).parameters
-    given = {name: value for name, value in given.items() if name in known}
-    return open_source(path, reader.kind, pictures=True, **given)
+    return open_source(path, reader.kind, pictures=True, **accepted(reader, given))

@@ -25,6 +25,7 @@ def arrow() -> Any:
         If it is not installed.
     """
     try:
+        import pyarrow.compute  # not loaded with pyarrow, nor always with Parquet
         import pyarrow.parquet
     except ImportError:
         raise MissingExtraError("pyarrow", "a store of many frames", "batch") from None

@@ -33,6 +33,7 @@ from planewise.paper.joint import joint_search
 from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
 from planewise.point_observation import PointObservation
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -100,8 +101,7 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     planes = int(labels.max(initial=0))
     rows = plane_rows(cloud, groups_of(cloud, labels, error), planes, error)
     told = np.flatnonzero(rows[:, AREA] > 0)
-    place = np.zeros(planes + 1, np.uint16)
-    place[told + 1] = np.arange(1, len(told) + 1)
+    place = ranks(told, planes)
     labels, rows = place[labels], rows[told]
     groups = groups_of(cloud, labels, error)
     alone = alone_of(cloud, groups, *limits)
@@ -109,8 +109,7 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     mask = mask_of(cloud, labels, groups, len(rows), error)
     book = ledger(cloud, mask, groups, len(rows), alone, data, *limits)
     best = int(np.argmin(book.curve))
-    place = np.zeros(len(rows) + 1, np.uint16)
-    place[book.order[:best] + 1] = np.arange(1, best + 1)
+    place = ranks(book.order[:best], len(rows))
     return float(book.curve[best]), place[labels]
 
 

@@ -22,7 +22,9 @@ from planewise.clouds.groups import CloudGroups
 from planewise.clouds.masks import Mask
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_information as kernels
+from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import ROW, WEIGHT, XX, ZZ
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -105,7 +107,7 @@ def refitted(
     """
     rows, weights = np.zeros((len(areas), ROW)), np.zeros((len(areas), 2))
     pieces = cloud.cuts_sheets(error.white)
-    drift = 0.113 * error.drift * np.sqrt(areas)
+    drift = PLANE_RESIDUAL * error.drift * np.sqrt(areas)
     for begin, end in cloud.runs():
         g = slice(groups.places[begin], groups.places[end])
         kernels.plane_rows(
@@ -140,8 +142,7 @@ def ledger(
         )
     if order is None:
         order = np.argsort(worth[1:], kind="stable")
-    place = np.zeros(planes + 1, np.int64)
-    place[order + 1] = np.arange(1, planes + 1)
+    place = ranks(order, planes).astype(np.int64)
     left, prior = cloud.memory.empty(len(groups.label)), _prior(range, resolution)
     cloud.over_cubes(
         lambda first, last: kernels.groups_left(

@@ -44,6 +44,7 @@ from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import Curve, Move, Plane, PlaneModel, reason_of
 from planewise.paper.evaluate import MAX_PLANES
+from planewise.ranks import ranks
 from planewise.sensor import Sensor
 from planewise.stages import stage
 from planewise.wording import counted
@@ -188,8 +189,7 @@ def _most_significant(found: CloudPlanes, least: float) -> CloudPlanes:
     keep = np.sort(keep[:MAX_PLANES])
     if len(keep) == len(found.rows):
         return found
-    place = np.zeros(len(found.rows) + 1, np.uint16)
-    place[keep + 1] = np.arange(1, len(keep) + 1)
+    place = ranks(keep, len(found.rows))
     found.cloud.rename(found.labels, place)
     return CloudPlanes(
         found.cloud, found.labels, found.rows[keep], found.error, found.significance[keep],
@@ -242,8 +242,7 @@ def _from_few(
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
     keep = np.flatnonzero((saved > significance) & ~curved)
-    place = np.zeros(n + 1, np.uint16)
-    place[keep + 1] = np.arange(1, len(keep) + 1)
+    place = ranks(keep, n)
     unknown = np.full(len(keep), np.nan)
     return CloudPlanes(
         cloud, place[labels], rows[keep], found.error, saved[keep], unknown, int(curved.sum())
@@ -280,8 +279,7 @@ def ranked_model(
     order, phi = book.order[:best], curve[: best + 1]
     curve = phi if best < paying else curve
     with stage("describe"):
-        place = np.zeros(len(rows) + 1, np.uint16)
-        place[order + 1] = np.arange(1, best + 1)
+        place = ranks(order, len(rows))
         ranked = cloud.memory.empty(size, np.uint16)
         ranked[:] = 0
         for first, last in cloud.runs():

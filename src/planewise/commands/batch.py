@@ -5,10 +5,9 @@ from __future__ import annotations
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -48,7 +47,7 @@ from planewise.commands.shared_options import (
     optional,
 )
 from planewise.errors import PlanewiseError
-from planewise.files.camera import no_camera, read_camera, read_sensor
+from planewise.files.camera import no_camera, read_camera, with_changes
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source
@@ -223,11 +222,7 @@ def _sensor(
     stated = sensor_of_source(source)
     if name is not None or stated is None or preset_of(camera) is not None:
         return sensor_of(name, camera, noise, max_depth, resolution)
-    changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
-    if noise is not None:
-        changes |= {"noise": read_sensor(None, noise=noise).noise}
-        stated = replace(stated, parts=None)
-    return replace(stated, **{key: value for key, value in changes.items() if value is not None})
+    return with_changes(stated, noise=noise, max_depth=max_depth, resolution=resolution)
 
 
 def _partition(name: str | None, model: str | None, device: str | None) -> Partitioner | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,7 +15,13 @@ from numpy.typing import NDArray
 
 from planewise.camera import Camera
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, check_output, reported, sensor_of
+from planewise.commands.command_line import (
+    check_numbers,
+    check_output,
+    read_size,
+    reported,
+    sensor_of,
+)
 from planewise.commands.shared_options import (
     CameraName,
     DepthScale,
@@ -197,14 +202,7 @@ def _room(size: str) -> _Frame:
     """Synthetic room of a size such as 640x480."""
     from planewise import scenes
 
-    found = re.fullmatch(r"(\d+)\s*[x×]\s*(\d+)", size.strip().lower())
-    sides = tuple(int(side) for side in found.groups()) if found else ()
-    if not sides or any(side not in _SIZES for side in sides):
-        raise PlanewiseError(
-            f"size: expected width x height such as {_ROOM}, each {_SIZES[0]} to {_SIZES[-1]} "
-            f"pixels, got {size!r}"
-        )
-    room = scenes.room(0, size=(sides[1], sides[0]))
+    room = scenes.room(0, size=read_size(size, _SIZES, _ROOM))
     return _Frame(name="synthetic room", depth=room.depth, camera=room.camera, sensor=room.sensor)
 
 

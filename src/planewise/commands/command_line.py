@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import logging
 import os
+import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -93,6 +94,18 @@ def check_numbers(depth_scale: float | None, seed: int) -> None:
     checked_scale(depth_scale)
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
+
+
+def read_size(size: str, sides: range, example: str) -> tuple[int, int]:
+    """Height and width of a synthetic image from a size such as 640x480."""
+    found = re.fullmatch(r"(\d+)\s*[x×]\s*(\d+)", size.strip().lower())
+    width, height = (int(side) for side in found.groups()) if found else (0, 0)
+    if width not in sides or height not in sides:
+        raise PlanewiseError(
+            f"size: expected width x height such as {example}, each {sides[0]} to {sides[-1]} "
+            f"pixels, got {size!r}"
+        )
+    return height, width
 
 
 def of_samples(search: str, confidence: float | None, inlier_ratio: float | None) -> dict[str, Any]:

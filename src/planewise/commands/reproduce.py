@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import time
 from enum import StrEnum
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import reported
+from planewise.commands.command_line import read_size, reported
 from planewise.commands.shared_options import (
     optional,
 )
@@ -72,7 +71,9 @@ def reproduce(
         count = _at_least_one("seeds", seeds, _QUICK_SEEDS if quick else _SEEDS)
         workers = _at_least_one("processes", processes, processors())
         pixels = size or (_QUICK_SIZE if quick else _SIZE)
-        settings = Settings(methods=available(), seeds=count, size=_pixels(pixels), quick=quick)
+        settings = Settings(
+            methods=available(), seeds=count, size=read_size(pixels, _SIDES, _SIZE), quick=quick
+        )
         report.check_extra()
         chosen = [each for name, each in EXPERIMENTS.items() if experiment in (name, _Name.all)]
         command = f"planewise reproduce {experiment} --seeds {count} --size {pixels}"
@@ -92,15 +93,3 @@ def _at_least_one(name: str, given: int | None, default: int) -> int:
     if given is not None and given < 1:
         raise PlanewiseError(f"{name} must be at least 1, got {given}")
     return default if given is None else given
-
-
-def _pixels(size: str) -> tuple[int, int]:
-    """Height and width from a size such as 640x480."""
-    found = re.fullmatch(r"(\d+)\s*[x×]\s*(\d+)", size.strip().lower())
-    sides = tuple(int(side) for side in found.groups()) if found else ()
-    if not sides or any(side not in _SIDES for side in sides):
-        raise PlanewiseError(
-            f"size: expected width x height such as {_SIZE}, each {_SIDES[0]} to {_SIDES[-1]} "
-            f"pixels, got {size!r}"
-        )
-    return sides[1], sides[0]

@@ -52,7 +52,7 @@ class GenericFolder(PictureFolder):
         self.sensor = _sensor_of(values.get("sensor"))
         super().__init__(
             root,
-            depth_and_colour(root, "depth", ("rgb", "color", "image")),
+            depth_and_colour(root, ("rgb", "color", "image")),
             read_camera(str(path)) if camera is None else camera,
             _scale_of(scale),
         )

@@ -118,6 +118,12 @@ def reader_of(path: Path) -> Reader | None:
     return next((reader for reader in READERS if reader.recognises(path)), None)
 
 
+def accepted(reader: Reader, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of the options that a reader has."""
+    known = inspect.signature(reader).parameters
+    return {name: value for name, value in given.items() if name in known}
+
+
 def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
     known = list(inspect.signature(reader).parameters)[1:]
     unknown = [name for name in given if name not in known]

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from planewise.errors import PlanewiseError
 from planewise.files.depth import natural_order
 
@@ -67,17 +70,10 @@ def text_of(root: Path, name: str) -> str:
         raise PlanewiseError(f"{name} is damaged: it is no text") from None
 
 
-def numbers_of(root: Path, name: str, shape: tuple[int, ...]) -> list[float]:
-    """Numbers of a text file that has to hold as many as an array of that shape."""
+def matrix_of(root: Path, name: str) -> NDArray[np.float64]:
+    """Matrix of a text file of 4 x 4 numbers."""
     words = text_of(root, name).split()
-    count = 1
-    for size in shape:
-        count *= size
     try:
-        values = [float(word) for word in words]
+        return np.array(words, np.float64).reshape(4, 4)
     except ValueError:
-        values = []
-    if len(values) != count:
-        wanted = " x ".join(map(str, shape))
-        raise PlanewiseError(f"{name} must hold {wanted} numbers")
-    return values
+        raise PlanewiseError(f"{name} must hold 4 x 4 numbers") from None

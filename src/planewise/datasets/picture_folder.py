@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planewise.camera import Camera
 from planewise.datasets.colour import is_picture, read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
-from planewise.datasets.paths import inside, listed, numbers_of
+from planewise.datasets.paths import inside, listed, matrix_of
 from planewise.files.depth import is_depth_file, read_depth
 
 
@@ -96,15 +96,13 @@ class PictureFolder(Dataset):
         return read_colour(inside(self.folder, name))
 
 
-def depth_and_colour(folder: Path, depth: str, colour: Iterable[str]) -> list[FrameFiles]:
-    """Pair the depth images of a folder with the pictures of another.
+def depth_and_colour(folder: Path, colour: Iterable[str]) -> list[FrameFiles]:
+    """Pair the depth images of the folder ``depth`` with the pictures of another.
 
     Parameters
     ----------
     folder : Path
-        The dataset.
-    depth : str
-        Its folder of depth images, whose names without ending become ids.
+        The dataset; names of depth images without ending become ids.
     colour : iterable of str
         Names the folder of pictures may have; the first that is there is taken.
 
@@ -114,7 +112,7 @@ def depth_and_colour(folder: Path, depth: str, colour: Iterable[str]) -> list[Fr
         With the picture of the same name; where no name fits but both folders hold as many files,
         with that of the same number; else without.
     """
-    images = listed(inside(folder, depth), is_depth_file)
+    images = listed(inside(folder, "depth"), is_depth_file)
     place = next((name for name in colour if (folder / name).is_dir()), None)
     pictures = [] if place is None else listed(inside(folder, place), is_picture)
     named = {path.stem: path for path in pictures}
@@ -123,7 +121,7 @@ def depth_and_colour(folder: Path, depth: str, colour: Iterable[str]) -> list[Fr
     return [
         FrameFiles(
             id=path.stem,
-            depth=f"{depth}/{path.name}",
+            depth=f"depth/{path.name}",
             rgb=f"{place}/{named[path.stem].name}" if path.stem in named else None,
         )
         for path in images
@@ -132,7 +130,7 @@ def depth_and_colour(folder: Path, depth: str, colour: Iterable[str]) -> list[Fr
 
 def pose_of(root: Path, name: str) -> NDArray[np.float64] | None:
     """Pose in a text file of 4 x 4 numbers; ``None`` where it says that it is not known."""
-    return known_pose(np.array(numbers_of(root, name, (4, 4))).reshape(4, 4))
+    return known_pose(matrix_of(root, name))
 
 
 def known_pose(pose: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -52,7 +52,7 @@ class RedwoodFolder(PictureFolder):
         name = next((name for name in _CAMERAS if (root / name).is_file()), _CAMERAS[0])
         super().__init__(
             root,
-            map(_stamped, depth_and_colour(root, "depth", ("color", "image", "rgb"))),
+            map(_stamped, depth_and_colour(root, ("color", "image", "rgb"))),
             read_camera(str(inside(root, name))) if camera is None else camera,
             depth_scale,
         )

@@ -14,7 +14,7 @@ import numpy as np
 
 from planewise import sensors
 from planewise.camera import PinholeCamera
-from planewise.datasets.paths import numbers_of
+from planewise.datasets.paths import matrix_of
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
 from planewise.errors import PlanewiseError
 
@@ -47,9 +47,9 @@ class ScanNetFolder(PictureFolder):
         poses = {path.name for path in (root / "pose").iterdir()} if _has(root, "pose") else set()
         frames = [
             replace(each, pose=f"pose/{each.id}.txt") if f"{each.id}.txt" in poses else each
-            for each in depth_and_colour(root, "depth", ("color",))
+            for each in depth_and_colour(root, ("color",))
         ]
-        known = camera or camera_of(np.array(numbers_of(root, _INTRINSIC, (4, 4))).reshape(4, 4))
+        known = camera or camera_of(matrix_of(root, _INTRINSIC))
         super().__init__(root, frames, known, DEPTH_SCALE)
 
     @classmethod

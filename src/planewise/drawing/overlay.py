@@ -25,6 +25,7 @@ Light = NDArray[np.float32]  # of a picture, in 0 ... 1
 
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
 _TINT = 0.6
+_NEAR = 3  # pixels to each side of what is smoothed or looked at together
 _MOST_COLUMNS = 3  # of the legend; planes beyond are neither listed nor numbered
 _WIDEST = 4  # times their height that small pictures of LiDARs are wide
 _INK, _PAPER, _FAINT = (28, 30, 34), (250, 250, 248), (120, 124, 130)
@@ -222,13 +223,13 @@ def _shade(depth: Array, camera: Camera) -> Light:
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def _smooth(depth: Light, passes: int = 2, radius: int = 3) -> Light:
+def _smooth(depth: Light) -> Light:
     """Mean of the readings near each pixel that lie within 3 % of it: noise goes, edges stay."""
     z = depth
-    for _ in range(passes):
+    for _ in range(2):
         total, weight, most = np.zeros_like(z), np.zeros_like(z), 0.03 * z
         for axis in (0, 1):
-            for step in range(-radius, radius + 1):
+            for step in range(-_NEAR, _NEAR + 1):
                 other = _moved(z, step, axis)
                 with np.errstate(invalid="ignore"):
                     near = np.abs(other - z) < most
@@ -272,22 +273,23 @@ def _tint(
 
 def _outline(picture: Picture, labels: NDArray[np.uint16]) -> None:
     """Draw a thin light line on the border of every plane, in place."""
-    solid = _coherence(labels, 3) >= 0.45  # lines around single stray pixels would hide the rest
+    solid = _coherence(labels) >= 0.45  # lines around single stray pixels would hide the rest
     edge = np.zeros(labels.shape, bool)
     edge[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & solid[:, 1:] & solid[:, :-1]
     edge[1:] |= (labels[1:] != labels[:-1]) & solid[1:] & solid[:-1]
     picture[edge] = (0.3 * picture[edge] + 0.7 * 255).astype(np.uint8)
 
 
-def _coherence(labels: NDArray[np.uint16], radius: int) -> Array:
+def _coherence(labels: NDArray[np.uint16]) -> Array:
     """Share of the square around each pixel that has its label."""
     height, width = labels.shape
-    padded = np.pad(labels, radius, mode="edge")
+    side = 2 * _NEAR + 1
+    padded = np.pad(labels, _NEAR, mode="edge")
     same = np.zeros(labels.shape, np.uint8)
-    for y in range(2 * radius + 1):
-        for x in range(2 * radius + 1):
+    for y in range(side):
+        for x in range(side):
             same += padded[y : y + height, x : x + width] == labels
-    return np.asarray(same / (2 * radius + 1) ** 2)
+    return np.asarray(same / side**2)
 
 
 def _anchors(labels: NDArray[np.uint16]) -> dict[int, tuple[int, int, int]]:
@@ -309,9 +311,8 @@ def _anchors(labels: NDArray[np.uint16]) -> dict[int, tuple[int, int, int]]:
     for label in range(1, int(labels.max(initial=0)) + 1):
         depth = np.where(small == label, layers, 0)
         if depth.any():
-            y, x = np.argwhere(depth == depth.max()).mean(axis=0)
             best = np.argwhere(depth == depth.max())
-            row, column = best[np.hypot(*(best - (y, x)).T).argmin()]
+            row, column = best[np.hypot(*(best - best.mean(axis=0)).T).argmin()]
             half = step // 2
             out[label] = (
                 int(row) * step + half,

@@ -124,13 +124,21 @@ def read_sensor(
             f"sensor: {name!r} is neither a preset ({', '.join(sensors.PRESETS)}) nor a file, "
             "such as planewise calibrate writes"
         )
+    return with_changes(base, noise=noise, max_depth=max_depth, resolution=resolution)
+
+
+def with_changes(
+    sensor: Sensor, *, noise: str | None, max_depth: float | None, resolution: float | None
+) -> Sensor:
+    """Replace of a sensor what is given, each as `read_sensor` takes it."""
     changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
     if noise is not None:
         auto = noise.strip().lower() == AUTO
-        changes["noise"] = AUTO if auto else read_noise(noise)
-        base = replace(base, parts=None)  # they were those of another noise
+        # Parts were those of another noise.
+        changes |= {"noise": AUTO if auto else read_noise(noise)}
+        sensor = replace(sensor, parts=None)
     given = {key: value for key, value in changes.items() if value is not None}
-    return replace(base, **given)
+    return replace(sensor, **given)
 
 
 def read_noise(text: str) -> Noise:

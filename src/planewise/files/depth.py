@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from planewise.camera import PinholeCamera
 from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.files.camera import camera_of_mapping
+from planewise.files.npy import array_header
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -257,18 +258,8 @@ def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:
 
 def read_array(stream: IO[bytes]) -> NDArray[Any]:
     """Read one NumPy array; the size it claims is checked first, pickles are refused."""
-    version = np.lib.format.read_magic(stream)
-    read_header: Callable[[IO[bytes]], tuple[tuple[int, ...], bool, np.dtype[Any]]] = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, fortran, dtype = read_header(stream)
-    if dtype.hasobject:
-        raise PlanewiseError("holds pickled Python objects, which are never loaded")
+    shape, fortran, dtype = array_header(stream)
     count = math.prod(shape)
-    if min(shape, default=0) < 0 or dtype.itemsize > 16:
-        raise PlanewiseError(f"claims an array of shape {shape} and type {dtype}")
     check_size(count // 3 if len(shape) == 3 else count)
     # Only what the header claims is unpacked, so an archive cannot swell beyond it.
     data = stream.read(count * dtype.itemsize)

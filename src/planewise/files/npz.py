@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_of, eight_bits
+from planewise.files.npy import array_header
 from planewise.point_cloud import Array, CloudFile, PointCloud, less, offset_of
 
 _POINTS = ("points", "xyz", "arr_0")
 _COLOUR = ("colour", "color", "colours", "colors", "rgb")
 _COLUMNS = ("intensity", "gt", "labels", "label", "plane", "scan")
 _LOOK = 10_000  # points that tell the offset
-_LARGEST_ITEM = 16  # bytes
 _MOST_COLUMNS = 32  # of a cloud; more are an image
 
 
@@ -32,7 +32,11 @@ class _Rows:
 
     def __init__(self, opened: Callable[[], IO[bytes]], size: int, stack: ExitStack) -> None:
         stream = stack.enter_context(opened())
-        self.shape, fortran, self.dtype = _header(stream)
+        self.shape, fortran, self.dtype = array_header(stream)
+        if self.dtype.kind not in "fiub":
+            raise PlanewiseError(
+                f"holds an array of shape {self.shape} and type {self.dtype}; expected numbers"
+            )
         if len(self.shape) == 2 and self.shape[1] > _MOST_COLUMNS:
             raise PlanewiseError(
                 f"holds rows of {self.shape[1]} numbers, not points; planes of a depth image are "
@@ -64,21 +68,6 @@ class _Rows:
         if len(parts) > 1:
             return np.stack(parts, axis=1)
         return parts[0].reshape(count, *self.shape[1:])
-
-
-def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
-    version = np.lib.format.read_magic(stream)
-    reader = (
-        np.lib.format.read_array_header_1_0
-        if version == (1, 0)
-        else np.lib.format.read_array_header_2_0
-    )
-    shape, fortran, dtype = reader(stream)
-    if dtype.hasobject:
-        raise PlanewiseError("holds pickled Python objects, which are never loaded")
-    if min(shape, default=0) < 0 or dtype.itemsize > _LARGEST_ITEM or dtype.kind not in "fiub":
-        raise PlanewiseError(f"holds an array of shape {shape} and type {dtype}; expected numbers")
-    return shape, fortran, dtype
 
 
 def open_npy(path: Path) -> CloudFile:

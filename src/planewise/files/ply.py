@@ -207,7 +207,7 @@ def write_ply(
             if row is None:
                 kinds = {name: each.dtype.newbyteorder("<") for name, each in columns.items()}
                 row = np.dtype(list(kinds.items()))
-                stream.write(_vertex_header(count, row, comments))
+                stream.write(_header_of(count, row, comments))
             rows = np.empty(len(next(iter(columns.values()))), row)
             for name, each in columns.items():
                 rows[name] = each
@@ -215,20 +215,20 @@ def write_ply(
             written += len(rows)
         if row is None:
             nothing = np.dtype([(name, "<f4") for name in "xyz"])
-            stream.write(_vertex_header(0, nothing, comments))
+            stream.write(_header_of(0, nothing, comments))
     if written != count:
         raise PlanewiseError(f"{path.name}: {written:,} points came where {count:,} were announced")
 
 
-def _vertex_header(count: int, row: np.dtype[Any], comments: Iterable[str]) -> bytes:
+def _header_of(count: int, row: np.dtype[Any], comments: Iterable[str]) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {each}" for each in comments)]
-    return "\n".join([*lines, *element_header("vertex", count, row), "end_header\n"]).encode()
+    return "\n".join([*lines, *vertex_header(count, row), "end_header\n"]).encode()
 
 
-def element_header(name: str, count: int, row: np.dtype[Any]) -> list[str]:
-    """Header lines of an element whose rows have this structure."""
+def vertex_header(count: int, row: np.dtype[Any]) -> list[str]:
+    """Header lines of points whose rows have this structure."""
     kinds = [(each, row[each].str[1:]) for each in row.names or ()]
     return [
-        f"element {name} {count}",
+        f"element vertex {count}",
         *(f"property {_NAMES[kind]} {each}" for each, kind in kinds),
     ]

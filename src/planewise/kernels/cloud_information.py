@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import (
     COUNT,
     CUT,
@@ -26,6 +27,8 @@ from planewise.kernels.cloud_rows import (
     YZ,
     ZZ,
     add_row,
+    plane_axes,
+    scatter_along,
     write_normal,
 )
 from planewise.kernels.jit import compiled, in_order, internal
@@ -54,24 +57,13 @@ def _on_none(row, norm, prior):  # type: ignore[no-untyped-def]
 def _on_plane(rows, g, planes, j, offset, tilt, norm, anything):  # type: ignore[no-untyped-def]
     """Nats of a group on a plane, its random offset and tilt integrated out."""
     nx, ny, nz = planes[j, 0], planes[j, 1], planes[j, 2]
-    sign = 1.0 if nz >= 0.0 else -1.0
-    k = -1.0 / (sign + nz)
-    q = nx * ny * k
-    ex, ey, ez = 1.0 + sign * nx * nx * k, sign * q, -sign * nx
-    fx, fy, fz = q, sign + ny * ny * k, -ny
+    ex, ey, ez, fx, fy, fz = plane_axes(nx, ny, nz)
     sx = rows[g, XX] * nx + rows[g, XY] * ny + rows[g, XZ] * nz
     sy = rows[g, XY] * nx + rows[g, YY] * ny + rows[g, YZ] * nz
     sz = rows[g, XZ] * nx + rows[g, YZ] * ny + rows[g, ZZ] * nz
     square = nx * sx + ny * sy + nz * sz
     xw, yw = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
-    sx = rows[g, XX] * ex + rows[g, XY] * ey + rows[g, XZ] * ez
-    sy = rows[g, XY] * ex + rows[g, YY] * ey + rows[g, YZ] * ez
-    sz = rows[g, XZ] * ex + rows[g, YZ] * ey + rows[g, ZZ] * ez
-    xx, xy = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
-    sx = rows[g, XX] * fx + rows[g, XY] * fy + rows[g, XZ] * fz
-    sy = rows[g, XY] * fx + rows[g, YY] * fy + rows[g, YZ] * fz
-    sz = rows[g, XZ] * fx + rows[g, YZ] * fy + rows[g, ZZ] * fz
-    yy = fx * sx + fy * sy + fz * sz
+    xx, xy, yy = scatter_along(rows, g, ex, ey, ez, fx, fy, fz)
     a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy
     determinant = a * c - b * b
     u, v = tilt * (c * xw - b * yw) / determinant, tilt * (a * yw - b * xw) / determinant
@@ -117,7 +109,7 @@ def group_data(  # type: ignore[no-untyped-def]
         if j >= 0:
             count, weight = groups[g, COUNT], groups[g, WEIGHT]
             norm = _norm(count, weight, resolution)
-            offset = shared * count / weight + 0.113 * drift * planes[j, 4]
+            offset = shared * count / weight + PLANE_RESIDUAL * drift * planes[j, 4]
             tilt = 0.9 * drift / side + CUT * (count / weight / side**2) ** 2
             on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))

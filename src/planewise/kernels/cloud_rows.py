@@ -215,6 +215,14 @@ def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-un
 @internal
 def _slopes(rows, k, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
     """Covariance of the slopes of a row along two axes: the inverse of the scatter along them."""
+    ee, ef, ff = scatter_along(rows, k, ex, ey, ez, fx, fy, fz)
+    scale = 1.0 / max(ee * ff - ef * ef, 1e-300)
+    return ff * scale, -ef * scale, ee * scale
+
+
+@internal
+def scatter_along(rows, k, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
+    """Scatter of a row along two axes: e S e, e S f and f S f."""
     gx = rows[k, XX] * ex + rows[k, XY] * ey + rows[k, XZ] * ez
     gy = rows[k, XY] * ex + rows[k, YY] * ey + rows[k, YZ] * ez
     gz = rows[k, XZ] * ex + rows[k, YZ] * ey + rows[k, ZZ] * ez
@@ -222,9 +230,7 @@ def _slopes(rows, k, ex, ey, ez, fx, fy, fz):  # type: ignore[no-untyped-def]
     gx = rows[k, XX] * fx + rows[k, XY] * fy + rows[k, XZ] * fz
     gy = rows[k, XY] * fx + rows[k, YY] * fy + rows[k, YZ] * fz
     gz = rows[k, XZ] * fx + rows[k, YZ] * fy + rows[k, ZZ] * fz
-    ff = fx * gx + fy * gy + fz * gz
-    scale = 1.0 / max(ee * ff - ef * ef, 1e-300)
-    return ff * scale, -ef * scale, ee * scale
+    return ee, ef, fx * gx + fy * gy + fz * gz
 
 
 @internal

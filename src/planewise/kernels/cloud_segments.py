@@ -92,9 +92,15 @@ def value_pairs(rows, ends, drift, prior, first, last, discords, evidence):  # t
     """Discord and evidence of pairs[first:last] of rows; of APART, no evidence."""
     for e in range(first, last):
         u, v = ends[e, 0], ends[e, 1]
-        area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
-        offset = prior[0] * area + prior[2]
+        offset = _offset_prior(rows, u, v, prior)
         discords[e], evidence[e] = compare(rows, u, v, drift, offset, prior[1])
+
+
+@internal
+def _offset_prior(rows, u, v, prior):  # type: ignore[no-untyped-def]
+    """Variance of the offset of two planes that have nothing to do with each other."""
+    area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
+    return prior[0] * area + prior[2]
 
 
 @internal
@@ -104,8 +110,7 @@ def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-un
     Returns the misfit of the join, too, of which half counts.
     """
     small = u if rows[u, COUNT] < rows[v, COUNT] else v
-    area = min(rows[u, AREA] / rows[u, CELLS], rows[v, AREA] / rows[v, CELLS])
-    discord, evidence = compare(rows, u, v, drift, prior[0] * area + prior[2], prior[1])
+    discord, evidence = compare(rows, u, v, drift, _offset_prior(rows, u, v, prior), prior[1])
     if discord >= APART:
         return -APART, 0.0
     misfit = tempered(discord, rows[small, COUNT])

@@ -1,15 +1,13 @@
 """Scores of planes against labels: VOI, RI, SC, precision and recall."""
 
+from planewise.metrics.contingency import ContingencyTable, clustering, contingency_table
+from planewise.metrics.hoover import hoover_counts
 from planewise.metrics.scores import (
     MINIMUM_PIXELS,
-    ContingencyTable,
     Detection,
     FrameScores,
-    clustering,
-    contingency_table,
     detection,
     evaluate,
-    hoover_counts,
     plane_errors,
     summarise,
 )

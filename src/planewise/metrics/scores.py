@@ -42,24 +42,6 @@ from planewise.metrics.contingency import (
 )
 from planewise.metrics.hoover import HooverCounts, hoover_counts
 
-__all__ = [
-    "Clustering",
-    "ContingencyTable",
-    "Detection",
-    "FrameScores",
-    "HooverCounts",
-    "Interval",
-    "PlaneErrors",
-    "clustering",
-    "contingency_table",
-    "detection",
-    "evaluate",
-    "hoover_counts",
-    "mean_interval",
-    "plane_errors",
-    "summarise",
-]
-
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 

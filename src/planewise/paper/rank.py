@@ -12,6 +12,7 @@ from planewise.observation import Observation
 from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 
@@ -54,8 +55,7 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     if not merged:
         return solution
     keep = np.sort(alive)
-    lookup = np.zeros(len(planes) + 1, np.uint16)
-    lookup[keep + 1] = np.arange(1, len(keep) + 1)
+    lookup = ranks(keep, len(planes))
     assignment = Assignment.of(lookup[labels], gains, len(keep))
     phi = problem.phi(len(keep), assignment.gain)
     return Solution(planes[keep], assignment, phi)
@@ -123,6 +123,5 @@ def rank(
     covariances = evaluator.covariances(solution.parameters, labels)
     planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)
     order = np.argsort([plane.information for plane in planes], kind="stable")
-    place = np.zeros(len(solution) + 1, np.uint16)
-    place[order + 1] = np.arange(1, len(solution) + 1)
+    place = ranks(order, len(solution))
     return tuple(planes[j] for j in order), place[labels]

@@ -17,6 +17,7 @@ from planewise.arguments import is_finite, is_whole, make_plain
 from planewise.observation import RayObservation
 from planewise.paper.evaluate import Assignment
 from planewise.paper.problem import Problem, Solution
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -164,8 +165,7 @@ def reassign_by_normals(
         labels[closer], lowest[closer] = j, unlike[closer]
         gains[closer] = (error - problem.evaluator.tau)[closer]
     kept = np.flatnonzero(np.bincount(labels, minlength=len(rows) + 1)[1:])
-    place = np.zeros(len(rows) + 1, np.uint16)
-    place[kept + 1] = np.arange(1, kept.size + 1)
+    place = ranks(kept, len(rows))
     assignment = Assignment.of(place[labels], gains, kept.size)
     return Solution(solution.parameters[kept], assignment, problem.phi(kept.size, assignment.gain))
 

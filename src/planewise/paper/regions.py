@@ -19,6 +19,7 @@ from planewise.paper.problem import Problem, Solution
 from planewise.paper.rank import merge_into_better
 from planewise.paper.sequential import sequential_search, trial_count
 from planewise.partition.options import PartitionOptions
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 Structure = Callable[[int, int], Array]
@@ -149,8 +150,7 @@ def _best(
     if cut:
         phi = costs + np.concatenate(([0.0], np.cumsum(worth[order])))
         order = order[: int(np.argmin(phi))]
-    place = np.zeros(len(planes) + 1, np.uint16)
-    place[order + 1] = np.arange(1, len(order) + 1)
+    place = ranks(order, len(planes))
     kept = place[labels]
     assignment = Assignment.of(kept, np.where(kept > 0, gains, 0.0), len(order))
     phi_of_all = problem.empty + float(costs[len(order)]) + assignment.gain

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.drawing.palette import distinct_colours
-from planewise.files.ply import element_header
+from planewise.files.ply import vertex_header
 from planewise.outlines.outlines import Surface, as_shapely, load_shapely
 
 Array = NDArray[np.float64]
@@ -145,7 +145,7 @@ def write_mesh_ply(path: Path, surfaces: Sequence[Surface], offset: Array) -> No
     header = [
         "ply",
         "format binary_little_endian 1.0",
-        *element_header("vertex", len(vertices), corner),
+        *vertex_header(len(vertices), corner),
         f"element face {len(faces)}",
         "property list uchar int vertex_indices",
         "property ushort plane",

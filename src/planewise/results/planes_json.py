@@ -139,7 +139,7 @@ def _as_text(name: str) -> str:
     return name.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
-def _number_or_none(value: float) -> float | None:
+def number_or_none(value: float) -> float | None:
     """The number, or what JSON has for NaN."""
     return float(value) if math.isfinite(value) else None
 
@@ -155,9 +155,9 @@ def _describe_plane(plane: Plane, rank: int, readings: int) -> dict[str, Any]:
         "readings": int(plane.count),
         "share": plane.count / readings,
         "rms": float(plane.rms),
-        "significance": _number_or_none(plane.significance),
-        "residual_correlation": _number_or_none(plane.residual_correlation),
-        "area": _number_or_none(plane.area),
+        "significance": number_or_none(plane.significance),
+        "residual_correlation": number_or_none(plane.residual_correlation),
+        "area": number_or_none(plane.area),
         "centroid": plane.centroid.tolist(),
         "bounding_box": [int(edge) for edge in plane.bounding_box] or None,
         "covariance": covariance.tolist() if np.isfinite(covariance).all() else None,

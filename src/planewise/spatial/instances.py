@@ -15,6 +15,7 @@ from planewise.kernels.cells import SIDE
 from planewise.kernels.pieces import label_pieces
 from planewise.model import Move
 from planewise.observation import RayObservation
+from planewise.ranks import ranks
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.information import MOST_LABELS
@@ -71,8 +72,7 @@ def told_apart(
     row = paying[plane]
     saved = found.significance[row] * share
     keep = np.flatnonzero(saved > significance)
-    kept = np.zeros(count + 1, np.uint16)
-    kept[keep + 1] = np.arange(1, len(keep) + 1)
+    kept = ranks(keep, count)
     row = row[keep]
     of_plane = solution.affine.reshape(-1, sectors.count, 3)
     split = replace(

@@ -15,7 +15,7 @@ from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.frame import Frame
+from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.workspace import Workspace
 
@@ -149,16 +149,32 @@ def _label_pixels(
     threads.halves(lay_out, rows)
     marks.show_beyond(frame.sectors)
     marks.seen[:] = marks.busy
+    _sweep(frame, cells, marks, frame.w, x, y, affine, variance, null)
+    marks.hide_beyond(frame.sectors)
+
+
+def _sweep(
+    frame: Frame,
+    cells: Cells,
+    marks: Marks,
+    w: Image,
+    x: Image,
+    y: Image,
+    affine: Array,
+    variance: Array,
+    null: float,
+) -> None:
+    """Label the pixels that wait in `marks`, of a part w, x, y of the frame or all of it."""
     label_loops.label_pixels(
         marks.label.reshape(-1),
         marks.state.reshape(-1),
         marks.busy.reshape(-1),
         marks.seen.reshape(-1),
         marks.label.shape[1],
-        frame.w.reshape(-1),
+        w.reshape(-1),
         x.reshape(-1),
         y.reshape(-1),
-        frame.w.shape[1],
+        w.shape[1],
         variance,
         frame.table.per_metre,
         affine,
@@ -167,7 +183,6 @@ def _label_pixels(
         _DIFFERING,
         _SWEEPS,
     )
-    marks.hide_beyond(frame.sectors)
 
 
 def _put_creases(
@@ -296,25 +311,8 @@ def relabelled(
     for edge, end in ((0, left > 0), (-1, right < width)):
         state[:, edge] = label_loops.FIXED if end else state[:, edge]
     marks.state[inner] = state
-    planes = _with_none(affine)
-    label_loops.label_pixels(
-        marks.label.reshape(-1),
-        marks.state.reshape(-1),
-        marks.busy.reshape(-1),
-        marks.seen.reshape(-1),
-        marks.label.shape[1],
-        w.reshape(-1),
-        x.reshape(-1),
-        y.reshape(-1),
-        w.shape[1],
-        _variances(frame, cells)[0],
-        frame.table.per_metre,
-        planes,
-        _lateral(cells, planes),
-        null,
-        _DIFFERING,
-        _SWEEPS,
-    )
+    variance = _variances(frame, cells)[0]
+    _sweep(frame, cells, marks, w, x, y, _with_none(affine), variance, null)
     out = labels.copy()
     label_loops.without_margin(marks.label, out[box])
     return out

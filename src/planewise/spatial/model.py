@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planewise.kernels import planes as plane_loops
-from planewise.model import Curve, PlaneModel, reason_of
+from planewise.model import Curve, Plane, PlaneModel, reason_of
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image
-from planewise.spatial.frame import tame_frame
-from planewise.spatial.solution import solve
+from planewise.spatial.frame import Frame, tame_frame
+from planewise.spatial.solution import SpatialSolution, solve
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -105,29 +106,11 @@ def spatial_model(
                 workspace=workspace,
             )
     # Of more than are asked for the best ones are given: a limit makes no other search.
-    found, book, best = solution.found, solution.book, min(solution.best, max_planes)
-    order = book.order[:best]
-    place = frame.sectors.places(order, len(book.order))
+    best = min(solution.best, max_planes)
     phi = solution.curve[: best + 1]
     curve = phi if best < solution.best else solution.curve
-
-    rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
-    affine = solution.affine[:: frame.sectors.count][order]
-    plane_loops.in_space(affine, found.information[order], frame.sectors.turn[0], rows, covariances)
-    told = {
-        "information": book.saved[:best].tolist(),
-        "significance": found.significance[order].tolist(),
-        "residual_correlation": found.residual_correlation[order].tolist(),
-    }
     with stage("describe"):
-        if frame.sectors.column is None:
-            area = observation.camera.pixel_area(observation.shape)
-            planes, labels = describe_image(
-                frame, area, affine, rows, covariances, found.labels, place, **told
-            )
-        else:
-            labels = frame.sectors.image(place[found.labels])
-            planes = describe_labels(observation, rows, covariances, labels, **told)
+        planes, labels = _described(observation, frame, solution, best)
     reason = reason_of(best, significance)
     if cells is None and observation.count >= _MANY:
         reason = (
@@ -148,3 +131,25 @@ def spatial_model(
         note="" if best else reason,
         settings=settings,
     )
+
+
+def _described(
+    observation: RayObservation, frame: Frame, solution: SpatialSolution, best: int
+) -> tuple[Sequence[Plane], NDArray[np.uint16]]:
+    """Give the best planes by rank, and the label image, shape (H, W)."""
+    found, book = solution.found, solution.book
+    order = book.order[:best]
+    place = frame.sectors.places(order, len(book.order))
+    rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
+    affine = solution.affine[:: frame.sectors.count][order]
+    plane_loops.in_space(affine, found.information[order], frame.sectors.turn[0], rows, covariances)
+    told = {
+        "information": book.saved[:best].tolist(),
+        "significance": found.significance[order].tolist(),
+        "residual_correlation": found.residual_correlation[order].tolist(),
+    }
+    if frame.sectors.column is None:
+        area = observation.camera.pixel_area(observation.shape)
+        return describe_image(frame, area, affine, rows, covariances, found.labels, place, **told)
+    labels = frame.sectors.image(place[found.labels])
+    return describe_labels(observation, rows, covariances, labels, **told), labels

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from planewise.density import usual_count
 from planewise.observation import RayObservation
+from planewise.ranks import ranks
 from planewise.spatial.frame import Frame
 from planewise.spatial.search import Segmentation
 
@@ -76,8 +77,7 @@ def segment_points(
     )
     rows = np.array([plane.coefficients for plane in model.planes]).reshape(-1, 4)
     kept = np.flatnonzero(rows[:, 3] > _NEAREST)
-    place = np.zeros(len(rows) + 1, np.uint16)
-    place[kept + 1] = np.arange(1, len(kept) + 1)
+    place = ranks(kept, len(rows))
     labels, rows = readings.unflatten(place[model.labels]), rows[kept]
     return Segmentation(
         information=_information(frame, labels, len(rows)),
