@@ -77,6 +77,28 @@ def test_workers_fill_a_store_and_go_on_where_they_were(frames, store):
 
 
 @pytest.mark.usefixtures("here")
+def test_frames_of_another_size_and_without_a_reading_are_warned_of(frames, store):
+    first, second, *_ = sorted(frames.iterdir())
+    depth = np.asarray(Image.open(second))
+    Image.fromarray(np.zeros_like(depth)).save(first)
+    Image.fromarray(depth[:, ::2]).save(second)
+    code, _, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert code == 0
+    assert errors.count("warning: ") == 2
+    assert f"frame {second.stem} has 40 x 60 pixels and frames before it 80 x 60" in errors
+    assert "1 frame without a reading, and so no plane" in errors
+
+
+def test_archives_among_other_depth_images_are_not_taken_for_all(frames, store):
+    np.savez(frames / "more.npz", depth=np.zeros((60, 80)), K=[60, 60, 40, 30])
+    code, text, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert (code, text) == (2, "")
+    assert f"holds archives (.npz) and {COUNT} other depth images such as 00000.png" in errors
+    code, text, _ = run("batch", frames, "-o", store, *CAMERA, "--kind", "archives", "--dry-run")
+    assert (code, "1 frame, 1 selected" in text) == (0, True)
+
+
+@pytest.mark.usefixtures("here")
 def test_shards_together_are_the_whole(frames, store, tmp_path):
     run("batch", frames, "-o", tmp_path / "whole", *CAMERA)
     for part in (2, 1, 3):
@@ -92,12 +114,12 @@ def test_shards_together_are_the_whole(frames, store, tmp_path):
 def test_other_options_are_refused_and_named(frames, store):
     assert run("batch", frames, "-o", store, *CAMERA, "--every", 5)[0] == 0
     for other, word in (
-        (("--max-planes", 7), "options.max_planes is not given there, 7 here"),
+        (("--max-planes", 7), " max_planes is not given there, 7 here"),
         (("--noise", "1%"), 'sensor.noise is "0.0012 + 0.0019 (z - 0.4)^2 m" there, "0.01 z m"'),
         (("--labels", "rle"), 'labels is "png" there, "rle" here'),
         (("--depth-scale", 0.002), "depth_scale is not given there, 0.002 here"),
         (("--camera", "60,60,39.5,39.5"), "camera.fx is 65.625 there, 60.0 here"),
-        (("--seed", 1), "options.rng is 0 there, 1 here"),
+        (("--seed", 1), " seed is 0 there, 1 here"),
     ):
         code, text, errors = run("batch", frames, "-o", store, *CAMERA, *other)
         assert (code, text) == (2, "")
@@ -240,7 +262,7 @@ def test_a_dataset_needs_neither_camera_nor_sensor(frames, store, tmp_path):
 def test_a_partition_is_an_option_of_the_store(frames, store):
     arguments = ("batch", frames, "-o", store, *CAMERA, "--limit", 2)
     assert run(*arguments, "--partition", "blocks", "--search", "sequential")[0] == 0
-    assert "options.search" in run(*arguments)[2]
+    assert " search is " in run(*arguments)[2]
     assert "not a file" in run(*arguments, "--partition", frames / "00001.png")[2]
 
 

@@ -24,7 +24,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
-from planewise.batch import Batch, Recipe, Selection, Store, store_writer
+from planewise.batch import Batch, LocalEngine, Recipe, Selection, Store, store_writer
 from planewise.batch.columns import FRAMES, PLANES
 from planewise.batch.frame_names import safe_name
 from planewise.batch.frame_work import FrameWork
@@ -36,6 +36,7 @@ from planewise.batch.source import FileFrame, parse_shard
 from planewise.batch.staging import Staging
 from planewise.batch.tables import parquet_of, read_table
 from planewise.commands.label_pairs import pair_store
+from planewise.commands.scoring import Scoring
 from planewise.errors import PlanewiseError
 from tests.batch_sources import Renamed
 
@@ -246,6 +247,28 @@ def test_a_lock_that_was_removed_holds_nothing(tmp_path, monkeypatch):
 
 
 # Selections
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Recipe(sensor="nyu", options=pw.Options()), "sensor must be a planewise.Sensor"),
+        (lambda: recipe_with(options={}), "options must be planewise.Options, got {}"),
+        (lambda: recipe_with(camera=(1, 2, 3, 4)), "camera must be a planewise.PinholeCamera"),
+        (lambda: recipe_with(depth_scale=-1), "depth_scale must be a positive number"),
+        (lambda: Selection(every=2.5), r"every must be a whole number of at least 1, got 2\.5"),
+        (lambda: Selection(limit=0), "limit must be a whole number of at least 1, got 0"),
+        (lambda: Selection(shard="1/2"), r"shard must be two whole numbers \(i, n\), got '1/2'"),
+        (lambda: LocalEngine(workers="2"), "workers must be a whole number of at least 1, got '2'"),
+    ],
+)
+def test_what_makes_no_batch_is_refused_at_once(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def recipe_with(**options):
+    return Recipe(**{"sensor": pw.sensors.KINECT_V1, "options": pw.Options()} | options)
 
 
 def test_selections_are_disjoint_and_whole():
@@ -463,6 +486,13 @@ def test_a_store_is_paired_with_the_truth(full, tmp_path):
     read = pairs.paired[0][1].read()
     assert np.array_equal(read.labels, full.labels("00003"))
     assert np.array_equal(read.planes, full["00003"].planes)
+
+
+def test_truth_of_another_size_names_the_frame_of_the_store(full, tmp_path):
+    frame = full.ids[0]
+    np.save(tmp_path / f"{frame}.npy", np.zeros((3, 3), int))
+    (result,) = Scoring().run_pairs(pair_store(full.path, tmp_path))
+    assert f"predicted: the frame {frame} of {full.path} has shape (60, 80), its" in result.reason
 
 
 def test_a_damaged_table_is_named(frames, tmp_path):

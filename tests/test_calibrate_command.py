@@ -97,6 +97,17 @@ def test_bad_frames_are_reported_and_the_others_used(frames, tmp_path):
     assert out.exists()
 
 
+def test_one_camera_for_frames_of_two_sizes_is_warned_of(frames, tmp_path):
+    half = np.asarray(Image.open(frames / "corner0.png"))[::2, ::2]
+    Image.fromarray(half).save(tmp_path / "half.png")
+    code, _, errors = run(
+        "calibrate", frames, tmp_path / "half.png", *CAMERA, "-o", tmp_path / "s.json"
+    )
+    assert code == 0
+    assert errors.count("warning: ") == 1
+    assert "half.png has 160 x 120 pixels and frames before it 320 x 240" in errors
+
+
 def test_frames_that_tell_nothing_are_reported_and_not_counted(frames, tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()

@@ -389,6 +389,15 @@ def test_a_frame_that_fails_now_is_said_to_keep_what_an_earlier_run_found(depth,
     assert errors.count("an earlier run") == 1
 
 
+def test_frames_of_another_size_are_warned_of_once(depth, out, scene):
+    np.save(depth.parent / "half1.npy", scene.depth[::2, ::2])
+    np.save(depth.parent / "half2.npy", scene.depth[::2, ::2])
+    camera = ("--camera", "131,131,39.5,29.5", "--sensor", "nyu")
+    code, _, errors = run("detect", depth.parent, *camera, "-o", out)
+    assert (code, errors.count("warning: ")) == (0, 1)
+    assert "half1.npy has 80 x 60 pixels and frames before it 160 x 120; --camera is" in errors
+
+
 def test_one_picture_is_none_of_a_folder(depth, out, tmp_path, scene):
     picture = tmp_path / "rgb.png"
     Image.fromarray(scene.rgb).save(picture)

@@ -329,6 +329,30 @@ def test_a_part_that_cannot_be_opened_is_one_frame_that_cannot_be_read(tmp_path)
     assert len(list(dataset.readable(lambda frame, error: None))) == COUNT
 
 
+def test_a_part_without_its_camera_is_not_left_out(run, tmp_path):
+    for name in "abc":
+        files.write_generic(tmp_path / name)
+    (tmp_path / "b" / "camera.json").unlink()
+    (tmp_path / "notes").mkdir()
+    dataset = datasets.open(tmp_path)
+    assert list(dataset.parts) == ["a", "b", "c"]
+    with pytest.raises(PlanewiseError, match=r"frame b: .*nothing states its camera"):
+        dataset["b"]
+    code, out, err = run(tmp_path, "--check")
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"{2 * COUNT} of {2 * COUNT + 1} frames can be read" in out
+
+
+def test_a_frame_of_another_size_than_its_camera_is_damaged(run, tmp_path):
+    root = files.write_generic(tmp_path / "data", width=64, height=48)
+    depth = np.full((24, 64), 1000, np.uint16)
+    Image.fromarray(depth).save(root / "depth/view 2.png")
+    code, out, err = run(root, "--check")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "error: data, frame view 2: camera is for images of" in err
+    assert "2 of 3 frames can be read" in out
+
+
 def test_points_and_depth_are_not_mixed(tmp_path):
     files.write_kitti(tmp_path / "points")
     files.write_sens(tmp_path / "scene.sens")

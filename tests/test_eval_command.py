@@ -134,8 +134,12 @@ def test_no_table_where_no_frame_can_be_used(tmp_path, truth):
     )
     assert code == 2
     assert errors.count("error: ") == 1
-    assert "0 of 1 frame scored" in text
+    assert text.strip() == "0 of 1 frame scored"
     assert not (tmp_path / "s.csv").exists()
+    (tmp_path / "s.csv").write_text("earlier")
+    _, text, _ = run("eval", tmp_path / "a.npy", tmp_path / "b.npy", "-o", tmp_path / "s.csv")
+    assert f"0 of 1 frame scored; {tmp_path / 's.csv'} still has what an earlier run" in text
+    assert (tmp_path / "s.csv").read_text() == "earlier"
 
 
 BAD_FILES = {
@@ -226,10 +230,12 @@ def test_small_and_indexed_pictures_are_labels(tmp_path, truth):
     indexed = Image.fromarray(labels).convert("P")
     indexed.putdata(labels.ravel().tolist())
     indexed.save(tmp_path / "indexed.png")
-    grey, by_index = (
-        run("eval", tmp_path / name, tmp_path / "truth.npy") for name in ("grey.png", "indexed.png")
+    Image.fromarray(labels.astype(np.uint16)).save(tmp_path / "wide.tiff")
+    grey, by_index, wide = (
+        run("eval", tmp_path / name, tmp_path / "truth.npy")
+        for name in ("grey.png", "indexed.png", "wide.tiff")
     )
-    assert grey == by_index
+    assert grey == by_index == wide
     assert grey[0] == 0
 
 
@@ -287,6 +293,7 @@ def test_folders_that_do_not_fit_are_refused(folders, tmp_path, truth):
     np.save(true / "1.copy.npy", truth)
     for arguments, word in (
         ((found, other), "no frame is in both"),
+        ((found, other), "has 1 such as 99; their names"),
         ((found, true / "1.npy"), "folder"),
         ((tmp_path / "absent", true), "there is no file or folder"),
     ):

@@ -12,16 +12,17 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import checked_scale
 from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import safe_name
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
-from planewise.camera import Camera, PinholeCamera
+from planewise.camera import Camera, PinholeCamera, checked_camera
 from planewise.errors import MissingExtraError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.results.planes_json import number_or_none
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 
 if TYPE_CHECKING:
     from planewise.detect import Detector
@@ -60,6 +61,12 @@ class Recipe:
     def __post_init__(self) -> None:
         if self.labels not in ("png", "rle"):
             raise ValueError(f"labels must be 'png' or 'rle', got {self.labels!r}")
+        checked_sensor(self.sensor)
+        if self.camera is not None:
+            checked_camera(self.camera)
+        object.__setattr__(self, "depth_scale", checked_scale(self.depth_scale))
+        if not hasattr(self.options, "resolved"):
+            raise ValueError(f"options must be planewise.Options, got {self.options!r}")
         if not isinstance(self.options.rng, int):
             raise ValueError("rng must be an int: a generator does not give the same answer twice")
         if not isinstance(self.options.objective, str | None):
@@ -83,6 +90,10 @@ class Outcome:
         Path in the store and content.
     planes : int
         How many were found.
+    shape : tuple of int
+        Height and width.
+    present : int
+        Pixels with a depth, be it out of the sensor's range.
     out_of_range : bool
         Whether more than half of what the frame holds is outside the sensor's range.
     reason : str
@@ -98,6 +109,8 @@ class Outcome:
     record: bytes = b""
     label_file: tuple[str, bytes] | None = None
     planes: int = 0
+    shape: tuple[int, int] = (0, 0)
+    present: int = 0
     out_of_range: bool = False
     reason: str = ""
     fatal: str = ""
@@ -160,6 +173,8 @@ class FrameWork:
             record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
+            shape=observed.shape,
+            present=observed.image.present,
             out_of_range=2 * observed.count < observed.image.present,
             milliseconds=times,
         )

@@ -17,6 +17,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 from planewise.batch.frame_work import FrameWork, Outcome, failure
+from planewise.batch.source import check_count
 from planewise.errors import PlanewiseError
 
 Frame = tuple[int, str]
@@ -72,8 +73,7 @@ class LocalEngine:
     workers: int
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise PlanewiseError(f"workers must be at least 1, got {self.workers}")
+        check_count("workers", self.workers)
 
     def run(self, work: FrameWork, frames: Iterable[Frame]) -> Iterator[Outcome]:
         """See `planewise.batch.engine.Engine`."""

@@ -7,11 +7,13 @@ from pathlib import Path
 from planewise import datasets
 from planewise.batch.source import DepthFolder, Source
 from planewise.camera import PinholeCamera
+from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import PointDataset
 from planewise.datasets.opening import accepted, reader_of
 from planewise.errors import PlanewiseError
 from planewise.files.depth import is_depth_file
 from planewise.sensor import Sensor
+from planewise.wording import counted
 
 
 def open_source(
@@ -44,8 +46,14 @@ def open_source(
     """
     path = Path(path)
     reader = reader_of(path) if kind is None and path.exists() else None
-    if kind is None and reader is None and _holds_depth_files(path):
+    if kind is None and reader is None and _depth_files(path):
         return _storable(DepthFolder(path))
+    if reader is ArchiveFolder and (others := _depth_files(path, besides=".npz")):
+        raise PlanewiseError(
+            f"data: {path} holds archives (.npz) and {counted(len(others), 'other depth image')} "
+            f"such as {min(others)}; give each a folder of their own, or --kind archives to take "
+            "the archives alone"
+        )
     given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
     if reader is not None:
         given = accepted(reader, given)
@@ -68,8 +76,10 @@ def _storable(source: Source) -> Source:
     return source
 
 
-def _holds_depth_files(path: Path) -> bool:
-    return path.is_dir() and any(map(is_depth_file, path.iterdir()))
+def _depth_files(path: Path, *, besides: str = "") -> list[str]:
+    """Names of depth images in a folder, but for those of an ending."""
+    files = path.iterdir() if path.is_dir() else ()
+    return [each.name for each in files if is_depth_file(each) and each.suffix != besides]
 
 
 def sensor_of_source(source: Source) -> Sensor | None:

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_whole
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
 from planewise.files.depth import list_depth_files, read_depth
@@ -143,19 +144,27 @@ class Selection:
     limit: int | None = None
 
     def __post_init__(self) -> None:
-        if self.every < 1:
-            raise PlanewiseError(f"every must be at least 1, got {self.every}")
-        if self.limit is not None and self.limit < 1:
-            raise PlanewiseError(f"limit must be at least 1, got {self.limit}")
-        part, parts = self.shard
-        if not 1 <= part <= parts:
-            raise PlanewiseError(f"shard must be i/n with 1 <= i <= n, got {part}/{parts}")
+        check_count("every", self.every)
+        if self.limit is not None:
+            check_count("limit", self.limit)
+        match self.shard:
+            case (part, parts) if is_whole(part) and is_whole(parts):
+                if not 1 <= part <= parts:
+                    raise PlanewiseError(f"shard must be i/n with 1 <= i <= n, got {part}/{parts}")
+            case _:
+                raise PlanewiseError(f"shard must be two whole numbers (i, n), got {self.shard!r}")
 
     def of(self, ids: Sequence[str]) -> list[tuple[int, str]]:
         """Number and id of the frames that are taken, in their order."""
         part, parts = self.shard
         numbers = range(0, len(ids), self.every)[part - 1 :: parts]
         return [(number, ids[number]) for number in numbers[: self.limit]]
+
+
+def check_count(name: str, value: int) -> None:
+    """Refuse what is no number of frames or workers."""
+    if not (is_whole(value) and value >= 1):
+        raise PlanewiseError(f"{name} must be a whole number of at least 1, got {value!r}")
 
 
 def parse_shard(text: str) -> tuple[int, int]:

@@ -22,6 +22,7 @@ from planewise.sensor_files import describe_exactly
 SCHEMA = "planewise/store"
 
 _NAMED = 4  # differences that a message lists
+_ASKED = {"rng": "seed"}  # what users call an option
 _PACKAGES = ("pillow", "pyarrow", "ray")
 
 
@@ -126,7 +127,8 @@ def _differences(name: str, there: Any, here: Any) -> Iterator[str]:
         for key in [*there, *(key for key in here if key not in there)]:
             yield from _differences(f"{name}.{key}", there.get(key), here.get(key))
     elif there != here:
-        yield f"{name} is {_short(there)} there, {_short(here)} here"
+        said = name.removeprefix("options.")
+        yield f"{_ASKED.get(said, said)} is {_short(there)} there, {_short(here)} here"
 
 
 def _short(value: Any) -> str:

@@ -250,7 +250,7 @@ def _run(job: Batch, engine: Engine) -> None:
         try:
             with job.started(engine) as run:
                 plan = run.plan
-                progress = Progress(plan)
+                progress = Progress(plan, job.recipe.camera)
                 with progress:
                     for outcome in run:
                         progress.count(outcome)

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from planewise.commands import terminal
+from planewise.commands.frame_sizes import FrameSizes
 from planewise.wording import counted
 
 if TYPE_CHECKING:
     from rich import progress as bars
 
     from planewise.batch import Batch, Outcome, Plan
+    from planewise.camera import Camera
 
 _SHOWN_FAILURES = 20
 _SECONDS_A_LINE = 30.0  # where there is no terminal to draw a bar on
@@ -30,20 +32,23 @@ class Progress:
     ----------
     plan : Plan
         What is to be done.
+    camera : Camera, optional
+        Of all frames.
 
     Attributes
     ----------
     done, failed, planes : int
         Frames of this run, and planes found in them.
-    out_of_range : int
-        Frames most of whose readings are outside the sensor's range.
+    empty, out_of_range : int
+        Frames without a reading, and those most of whose readings are outside the sensor's range.
     milliseconds : ndarray, shape (3,)
         To read, detect and encode, summed over frames that were done.
     """
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, camera: Camera | None) -> None:
         self.plan, self.total = plan, len(plan.to_do)
-        self.done = self.failed = self.planes = self.out_of_range = 0
+        self.done = self.failed = self.planes = self.empty = self.out_of_range = 0
+        self._sizes = FrameSizes(camera)
         self.milliseconds = np.zeros(3)
         self._start = self._last_line = time.monotonic()
         self._bar: bars.Progress | None = None
@@ -76,6 +81,8 @@ class Progress:
         else:
             self.done += 1
             self.planes += outcome.planes
+            self.empty += not outcome.present
+            self._sizes.see(f"frame {outcome.frame}", outcome.shape)
             self.out_of_range += outcome.out_of_range
             self.milliseconds += outcome.milliseconds
         self._show()
@@ -144,6 +151,8 @@ def show_result(progress: Progress, store: Path) -> None:
                 f"{encode:.1f} to encode"
             )
         terminal.say(f"{store} holds {plan.done + progress.done:,} of the {selected}")
+    if progress.empty:
+        terminal.warning(f"{counted(progress.empty, 'frame')} without a reading, and so no plane")
     if progress.out_of_range:
         terminal.warning(
             f"most readings of {counted(progress.out_of_range, 'frame')} lie outside the sensor's "

@@ -13,6 +13,7 @@ import typer
 from planewise.commands import terminal
 from planewise.commands.command_line import check_numbers, check_output, preset_of, reported
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.shared_options import (
     CameraName,
     DepthScale,
@@ -81,7 +82,7 @@ def calibrate(
         from planewise.calibration.calibrate import describe_calibration, pooled
         from planewise.sensors import save
 
-        job = _Reading(sensor=base, camera=known, depth_scale=depth_scale)
+        job = _Reading(base, known, depth_scale, FrameSizes(known))
         cells: list[NoiseCells] = []
         failed = 0
         for result in terminal.progress(job.run(paths), len(paths)):
@@ -110,13 +111,14 @@ def calibrate(
             raise typer.Exit(FAILED)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class _Reading:
     """What all frames have in common; what is ``None`` their files have to say."""
 
     sensor: Sensor
     camera: Camera | None
     depth_scale: float | None
+    sizes: FrameSizes
 
     def run(self, paths: list[Path]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
@@ -131,6 +133,7 @@ class _Reading:
         from planewise.calibration.estimate import cells_of_frame, too_few
 
         frame = read_depth(path)
+        self.sizes.see(path.name, frame.depth.shape)
         camera = self.camera or frame.camera
         if camera is None:
             raise no_camera("the file")

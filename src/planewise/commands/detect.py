@@ -16,6 +16,7 @@ from planewise.commands.command_line import (
     sensor_of,
 )
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.jobs import Failed, Job
 from planewise.commands.shared_options import (
     CameraName,
@@ -171,7 +172,7 @@ def detect(
 
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:
     paths = list_depth_files(folder)
-    failed = 0
+    failed, sizes = 0, FrameSizes(job.camera)
     with parent_folder(output):
         results = terminal.progress(job.run_folder(paths, output), len(paths))
         for path, result in zip(paths, results, strict=True):
@@ -179,6 +180,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
                 failed += 1
                 terminal.error(result.reason)
                 continue
+            sizes.see(path.name, result.model.labels.shape)
             planes = counted(len(result.model), "plane")
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):

@@ -98,11 +98,18 @@ def _damaged(dataset: Dataset | PointDataset) -> int:
     damaged = 0
     for each in terminal.progress(dataset.ids, len(dataset)):
         try:
-            dataset[each]
+            frame: DatasetFrame | PointFrame = dataset[each]
         except MissingExtraError:
             raise
         except PlanewiseError as error:
             damaged += 1
             terminal.error(str(error))
+            continue
+        if not hasattr(frame, "points"):
+            try:
+                frame.camera.check(frame.depth.shape)
+            except ValueError as error:
+                damaged += 1
+                terminal.error(f"{dataset.name}, frame {each}: {error}")
     terminal.say(f"{len(dataset) - damaged:,} of {counted(len(dataset), 'frame')} can be read")
     return damaged

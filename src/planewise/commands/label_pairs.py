@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,8 +88,9 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both folders: {predicted} has {counted(len(found), 'label image')}, "
-            f"{truth} has {len(true)}; their names (without ending) must agree"
+            f"no frame is in both folders: {predicted} has {counted(len(found), 'label image')}"
+            f"{_such_as(tuple(found))}, {truth} has {len(true)}{_such_as(tuple(true))}; their "
+            "names (without ending) must agree"
             f"{_of_one_image(predicted)}"
         )
     return pairs
@@ -105,6 +107,10 @@ def _of_one_image(folder: Path) -> str:
     return f", or {folder / RESULT} for one image" if (folder / RESULT).is_file() else ""
 
 
+def _such_as(names: Sequence[str]) -> str:
+    return f" such as {names[0]}" if names else ""
+
+
 def _stem(path: Path) -> str:
     return path.parent.name if path.name == RESULT and path.parent.name else path.stem
 
@@ -115,6 +121,9 @@ class StoredLabels:
 
     store: Store
     frame: str
+
+    def __str__(self) -> str:
+        return f"the frame {self.frame} of {self.store.path}"
 
     def read(self) -> LabelFile:
         """Read them."""
@@ -153,8 +162,8 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     )
     if not pairs.paired:
         raise PlanewiseError(
-            f"no frame is in both: the store {folder} has {counted(len(store), 'frame')}, "
-            f"{truth} has {counted(len(true), 'label image')}; ids and names (without "
-            "ending) must agree"
+            f"no frame is in both: the store {folder} has {counted(len(store), 'frame')}"
+            f"{_such_as(store.ids)}, {truth} has {counted(len(true), 'label image')}"
+            f"{_such_as(tuple(true))}; ids and names (without ending) must agree"
         )
     return pairs

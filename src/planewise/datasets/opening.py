@@ -101,12 +101,8 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     if path.is_dir() and not any(path.iterdir()):
         raise PlanewiseError(f"data: {path} is an empty folder")
     images = path / "depth" if (path / "depth").is_dir() else path
-    if images.is_dir() and any(is_depth_file(each) for each in images.iterdir()):
-        raise PlanewiseError(
-            f"data: {path} ({_contents(path)}) is no dataset of a known kind, for nothing states "
-            "its camera: put the images into a folder depth/ with camera.json beside it, or give "
-            f"{images} to 'planewise detect' or 'batch' with --camera"
-        )
+    if _holds_images(images):
+        raise _without_camera(path, images)
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
     raise PlanewiseError(
         f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"
@@ -116,6 +112,18 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
 def reader_of(path: Path) -> Reader | None:
     """Class that reads what is there; ``None`` where no format is recognised."""
     return next((reader for reader in READERS if reader.recognises(path)), None)
+
+
+def _holds_images(folder: Path) -> bool:
+    return folder.is_dir() and any(is_depth_file(each) for each in folder.iterdir())
+
+
+def _without_camera(path: Path, images: Path) -> PlanewiseError:
+    return PlanewiseError(
+        f"data: {path} ({_contents(path)}) is no dataset of a known kind, for nothing states its "
+        "camera: put the images into a folder depth/ with camera.json beside it, or give "
+        f"{images} to 'planewise detect' or 'batch' with --camera"
+    )
 
 
 def accepted(reader: Reader, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -167,6 +175,8 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
             reader = reader_of(inside(root, path.name))
             if reader is not None:
                 found[path.name] = _opened(reader, path, given)
+            elif _holds_images(path / "depth"):
+                raise _without_camera(path, path / "depth")
         except MissingExtraError:
             raise
         except (PlanewiseError, OSError) as error:

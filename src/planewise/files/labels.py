@@ -17,7 +17,7 @@ from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.files.depth import check_size, natural_order, read_array
 
 _KEYS = ("labels", "gt", "plane_instance")
-_KINDS = (".png", ".npy", ".npz")
+_KINDS = (".png", ".tif", ".tiff", ".npy", ".npz")
 RESULT = "labels.png"
 PARAMETERS = "planes.json"
 _MEND = "mend it, or remove it to do without the parameters of the planes"
@@ -60,10 +60,10 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
     Parameters
     ----------
     path : path or Labelled
-        A grey or indexed PNG of 8 or 16 bits, an array of integers (``.npy``), or an archive
-        (``.npz``) with the key ``labels``, ``gt`` or ``plane_instance`` (NYUv2-Plane). An archive
-        may also hold ``depth`` (0 or NaN where there is no reading) and ``planes``; beside a
-        ``labels.png`` that `planewise detect` wrote lies its ``planes.json``.
+        A grey or indexed PNG or TIFF of 8 or 16 bits, an array of integers (``.npy``), or an
+        archive (``.npz``) with the key ``labels``, ``gt`` or ``plane_instance`` (NYUv2-Plane). An
+        archive may also hold ``depth`` (0 or NaN where there is no reading) and ``planes``; beside
+        a ``labels.png`` that `planewise detect` wrote lies its ``planes.json``.
     name : str
         What messages call it.
 
@@ -133,7 +133,7 @@ def _read_picture(path: Path) -> NDArray[Any]:
         from PIL import Image
     except ImportError:
         raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
-    with Image.open(path, formats=("PNG",)) as image:
+    with Image.open(path, formats=("PNG", "TIFF")) as image:
         check_size(image.width * image.height)
         if len(image.getbands()) > 1:
             raise PlanewiseError("is a colour picture; labels are numbers in one channel")
