@@ -107,6 +107,18 @@ def test_coordinates_in_the_millions_lose_nothing():
         assert_allclose(b.centroid - shift, a.centroid, atol=1e-6)
 
 
+@pytest.mark.parametrize("noise", [SIGMA, "auto"])
+@pytest.mark.parametrize("share", [0.2, 1.0])
+def test_points_all_over_cost_no_plane(share, noise):
+    rng = np.random.default_rng(1)
+    strays = rng.uniform(-25, 25, (int(share * len(POINTS)), 3))
+    sensor = pw.Sensor(max_depth=100.0, noise=noise)
+    found = pw.detect_planes_in_points(np.vstack((POINTS, strays)), sensor)
+    assert len(found) == 6
+    assert matching(found.labels[: len(POINTS)], TRUTH) > 0.97
+    assert (found.labels[len(POINTS) :] > 0).mean() < 0.01
+
+
 def test_single_precision_is_searched_as_it_is():
     double = pw.detect_planes_in_points(POINTS.astype(np.float32).astype(np.float64), SENSOR)
     single = pw.detect_planes_in_points(POINTS.astype(np.float32), SENSOR)

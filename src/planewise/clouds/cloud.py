@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 POINTS = 7.0  # mean number in an occupied cube, where noise allows cubes that small
 THICK = 8.0  # standard deviations that the side of a cube has at least
+_LONELY = 1.1  # times as wide may cubes be as without lonely points; those of even density are 1.02
 SLICED = 16.0  # up to as many wide cubes cut many sheets into slices
 FINER = 2  # levels of the order below the cubes
 SHIFT = 3 * FINER  # bits of a key below its cube
@@ -311,29 +312,38 @@ def side_for(
 ) -> float:
     """Side of cubes that hold so many points on average, at least `least`.
 
+    Lonely points (`held_by`) would make cubes the larger the more of them there are: cubes are at
+    most `_LONELY` times as wide as those that hold so many without them.
+
     Between its doubles the logarithm of the number is interpolated. centre, reach: of the grid;
     memory: where the points lie.
     """
-    first, known = Grid.reaching(centre, reach, least).side, dict[int, float]()
+    first, known = Grid.reaching(centre, reach, least).side, dict[int, tuple[float, float]]()
     doublings = max(0, math.ceil(math.log2(2.0 * reach / first)))  # one cube is enough for all
 
-    def excess(power: int) -> float:  # grows with the side
+    def excess(which: int, power: int) -> float:  # grows with the side
         if power not in known:
             grid = Grid.reaching(centre, reach, first * 2.0**power)
-            known[power] = math.log(held_by(points, grid, workers, memory or Memory()) / held)
-        return known[power]
+            known[power] = held_by(points, grid, workers, memory or Memory())
+        return math.log(known[power][which] / held)
 
+    of_all, without_lonely = (_zero(partial(excess, which), doublings) for which in (0, 1))
+    return float(first * min(2.0**of_all, _LONELY * 2.0**without_lonely))
+
+
+def _zero(excess: Callable[[int], float], most: int) -> float:
+    """Where a function that grows is zero, between 0 and `most`."""
     low, high = -1, 0
-    while high < doublings and excess(high) < 0.0:
+    while high < most and excess(high) < 0.0:
         low, high = high, max(high + 1, 2 * high)  # as a rule few doublings do
-    high = min(high, doublings)
+    high = min(high, most)
     while high - low > 1:
         middle = (low + high) // 2
         low, high = (middle, high) if excess(middle) < 0.0 else (low, middle)
-    if high in (0, doublings):
-        return float(first * 2.0**high)
+    if high in (0, most):
+        return float(high)
     now, before = excess(high), excess(high - 1)
-    return float(first * 2.0**high * 2.0 ** (now / (before - now)))
+    return high + now / (before - now)
 
 
 def _is_constant(sensor: Sensor) -> bool:

@@ -20,6 +20,8 @@ Keys = NDArray[np.uint64]
 _LEAST_PART = 50_000  # points that are worth a thread
 _BLOCK = 1_000_000  # points that are looked at together
 _LEAST_BITS = 1 << 20  # that cubes are counted by
+_ALONE = 0.22  # cubes of one point beside others in clouds of even density
+_UNSURE = 8  # standard deviations of a count that say something
 _DIGIT = 11  # bits a pass of the sort, at most
 
 
@@ -120,11 +122,16 @@ def extent_in_blocks(
     return low, high, count
 
 
-def held_by(points: NDArray[np.floating], grid: Grid, workers: int, memory: Memory) -> float:
-    """Points in an occupied cube, on average.
+def held_by(
+    points: NDArray[np.floating], grid: Grid, workers: int, memory: Memory
+) -> tuple[float, float]:
+    """Points in an occupied cube, on average: of all, and without lonely points.
+
+    Those are alone in their cubes, as far as more cubes are so than in clouds of even density.
 
     Cubes are not sorted to be counted: of m bits, n cubes that take theirs at random leave
-    m exp(-n / m) unset (linear counting), which tells n to some 0.1 %.
+    m exp(-n / m) unset (linear counting), which tells n to some 0.1 %; those of one point set
+    theirs once, but for a share of exp(-n / m) that another cube sets as well.
 
     Parameters
     ----------
@@ -138,7 +145,7 @@ def held_by(points: NDArray[np.floating], grid: Grid, workers: int, memory: Memo
         Where the points lie.
     """
     size = max(_LEAST_BITS, 1 << (len(points) // 8).bit_length())
-    bits = np.zeros((workers, size // 64), np.uint64)
+    bits, again = np.zeros((2, workers, size // 64), np.uint64)
     there = np.zeros(workers, np.int64)
     for block in blocks_of(points, memory):
         bounds = _parts(len(block), workers)
@@ -147,13 +154,22 @@ def held_by(points: NDArray[np.floating], grid: Grid, workers: int, memory: Memo
             for part in range(first, last):
                 there[part] += kernels.mark_cubes(
                     block, grid.centre, grid.side, grid.levels, kernels.TURN,
-                    bounds[part], bounds[part + 1], bits[part],
+                    bounds[part], bounds[part + 1], bits[part], again[part],
                 )  # fmt: skip
 
         threads.over_chunks(mark, workers, workers)
-    unset = size - kernels.count_bits(np.bitwise_or.reduce(bits))
-    cubes = size * math.log(size / max(unset, 1))
-    return float(max(there.sum(), 1) / max(cubes, 1.0))
+    for part in range(1, workers):
+        again[0] |= again[part] | (bits[0] & bits[part])
+        bits[0] |= bits[part]
+    marked, twice = kernels.count_bits(bits[0]), kernels.count_bits(again[0])
+    unset, count = max(size - marked, 1), max(int(there.sum()), 1)
+    cubes = max(size * math.log(size / unset), 1.0)
+    alone = (marked - twice) * size / unset
+    unsure = _UNSURE * math.sqrt(size * max(size / unset - cubes / size - 1.0, 0.0))
+    if cubes - alone <= max(unsure, 0.5):
+        return count / cubes, count / cubes
+    lonely = max(alone - _ALONE * (cubes - alone), 0.0)
+    return count / cubes, (count - lonely) / (cubes - lonely)
 
 
 def order_of(points: NDArray[np.floating], grid: Grid, workers: int) -> Order:

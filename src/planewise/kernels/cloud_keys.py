@@ -75,10 +75,11 @@ def extent(points, first, last, part, low, high, count):  # type: ignore[no-unty
 
 
 @compiled
-def mark_cubes(points, centre, side, levels, turn, first, last, bits):  # type: ignore[no-untyped-def]
+def mark_cubes(points, centre, side, levels, turn, first, last, bits, again):  # type: ignore[no-untyped-def]
     """Set the bits of the cubes that points[first:last] are in; returns how many are in the grid.
 
-    bits (m,) uint64, m a power of two: which of them is a cube's is a hash of where it is.
+    bits, again (m,) uint64, m a power of two: which of them is a cube's is a hash of where it is;
+    it is set in `again` as well with the cube's second point.
     """
     found, scale, mask = 0, 1.0 / side, np.uint64(64 * bits.size - 1)
     middle, most = float(1 << (levels - 1)), float(1 << levels)
@@ -93,7 +94,9 @@ def mark_cubes(points, centre, side, levels, turn, first, last, bits):  # type: 
             bit += np.uint64(w) * np.uint64(0x165667B19E3779F9)
             bit = (bit ^ (bit >> np.uint64(32))) * np.uint64(0xD6E8FEB86659FD93)
             bit = (bit ^ (bit >> np.uint64(32))) & mask
-            bits[bit >> np.uint64(6)] |= np.uint64(1) << (bit & np.uint64(63))
+            word, one = bit >> np.uint64(6), np.uint64(1) << (bit & np.uint64(63))
+            again[word] |= bits[word] & one
+            bits[word] |= one
             found += 1
     return found
 
