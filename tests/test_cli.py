@@ -510,7 +510,8 @@ def process(*arguments, **options):
 
 
 @with_signals
-def test_interrupt_leaves_nothing(depth, out):
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_interrupt_leaves_nothing(depth, out, how):
     def interruptible():
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -525,7 +526,7 @@ def test_interrupt_leaves_nothing(depth, out):
     time.sleep(0.3)
     assert job.poll() is None, job.communicate()
     interrupted = time.monotonic()
-    job.send_signal(signal.SIGINT)
+    job.send_signal(how)
     text, errors = job.communicate(timeout=60)
     # Where it comes within exec() of a string, CPython ends by the signal: 130 to a shell, too.
     assert job.returncode in (130, -signal.SIGINT)

@@ -213,6 +213,16 @@ def test_text(tmp_path, points, name):
         assert_array_equal(cloud.colour[-1], [1, 2, 3])
 
 
+@pytest.mark.parametrize("code", ["", ",7"])
+def test_numbers_that_count_the_points_are_no_coordinates(tmp_path, points, code):
+    lines = (f"{k},{x!r},{y!r},{z!r}{code}\n" for k, (x, y, z) in enumerate(points.tolist(), 100))
+    path = tmp_path / "a.csv"
+    path.write_text("".join(lines))
+    cloud = in_blocks(path)
+    assert_array_equal(cloud.points, points)
+    assert (cloud.intensity is not None) == bool(code)
+
+
 def test_text_with_tabs_and_spaces(tmp_path, points):
     path = tmp_path / "mixed.xyz"
     path.write_text("".join(f"{x!r}\t{y!r}  {z!r}\n" for x, y, z in points.tolist()))

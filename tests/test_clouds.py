@@ -412,6 +412,14 @@ def test_bad_options_are_refused(options, message):
         pw.detect_planes_in_points(POINTS, SENSOR, **options)
 
 
+def test_clouds_and_arrays_are_told_apart():
+    cloud = pw.PointCloud(points=POINTS)
+    with pytest.raises(ValueError, match=r"of a cloud that is cloud\.points"):
+        pw.detect_planes_in_points(cloud, SENSOR)
+    with pytest.raises(ValueError, match=r"got ndarray; detect_planes_in_points takes arrays"):
+        pw.detect_planes_in_cloud(POINTS, SENSOR)
+
+
 def test_hyperplanes_have_no_spatial_objective():
     points = np.random.default_rng(0).normal(size=(100, 4))
     with pytest.raises(ValueError, match=r"shape \(k, 3\), got \(100, 4\)"):

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 import sys
 
 import jsonschema
@@ -216,6 +217,51 @@ def test_points_that_are_missing_make_no_cloud_of_the_earth(tmp_path, out, corne
     for one, other in zip(told["planes"], true["planes"], strict=True):
         assert_allclose(one["normal"], other["normal"], atol=1e-3)
         assert one["readings"] == pytest.approx(other["readings"], rel=0.01)
+
+
+def test_however_many_points_are_missing(tmp_path, out, corner):
+    points = np.vstack((corner[0] + UTM, np.zeros((2000, 3))))
+    np.save(tmp_path / "a.npy", points)
+    code, text, errors = run("points", tmp_path / "a.npy", "-o", out)
+    assert (code, "3 planes" in text) == (0, True)
+    assert "left out: 2,000 points, a hundred times as far off as most" in errors
+
+
+def test_what_distances_are_from_is_said(tmp_path, out, corner):
+    for name, points in (("near", corner[0]), ("far", corner[0] + UTM)):
+        np.save(tmp_path / f"{name}.npy", points)
+        _, text, errors = run("points", tmp_path / f"{name}.npy", "-o", out)
+        assert ("distances are from 536300 6581100 0, which is" in text) == (name == "far")
+        assert errors == ""
+
+
+def test_a_scanner_far_from_its_points_is_warned_of(tmp_path, out, corner):
+    np.save(tmp_path / "a.npy", corner[0] + UTM)
+    far, near = "1,1,1", ",".join(map(str, UTM + 1))
+    for place in (far, near):
+        _, _, errors = run("points", tmp_path / "a.npy", "--origin", place, "-o", out)
+        assert ("origin: that is 6,602," in errors) == (place == far)
+
+
+@pytest.mark.parametrize("said", ["key", "words", "metres", "nothing"])
+def test_feet_are_no_metres(tmp_path, out, corner, said):
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    header.scales = np.full(3, 0.001)
+    if said == "key":
+        keys = struct.pack("<8H", 1, 1, 0, 1, 3076, 0, 1, 9003)
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "", keys))
+    elif said != "nothing":
+        unit = 'UNIT["US survey foot",0.3048]' if said == "words" else 'UNIT["metre",1]'
+        words = f'PROJCS["a",GEOGCS["b",UNIT["degree",0.0174]],{unit}]'
+        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "", words.encode()))
+    data = laspy.LasData(header)
+    data.x, data.y, data.z = corner[0].T
+    data.write(tmp_path / "a.las")
+    code, _, errors = run("points", tmp_path / "a.las", "-o", out)
+    assert code == 0
+    assert ("coordinates of a.las are in US survey feet" in errors) == (said == "key")
+    assert ("coordinates of a.las are in US survey foot" in errors) == (said == "words")
+    assert bool(errors) == (said in ("key", "words"))
 
 
 def test_digits_that_a_file_has_lost_are_told(tmp_path, out):

@@ -97,6 +97,11 @@ def detect_planes_in_cloud(
         cloud = open_cloud(cloud)
     if folder is None and isinstance(cloud, CloudFile):
         folder = cloud.path.parent
+    if not isinstance(cloud, CloudFile | PointCloud):
+        raise ValueError(
+            f"cloud must be a path, CloudFile or PointCloud, got {type(cloud).__name__}; "
+            "detect_planes_in_points takes arrays"
+        )
     disk = Disk(None if folder is None else Path(folder))
     if isinstance(cloud, CloudFile):
         cloud = points_on_disk(cloud, disk)

@@ -7,6 +7,7 @@ exact.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -139,6 +140,8 @@ class CloudFile:
         Offset of all its blocks.
     origins : ndarray, shape (s, 3), optional
         Where the scanner stood, relative to `offset`.
+    unit : str
+        What its coordinates are in, where it says so and that is not metres; else empty.
     """
 
     path: Path
@@ -147,6 +150,7 @@ class CloudFile:
     blocks: Callable[[int], Iterator[PointCloud]] = field(repr=False)
     bounds: Array | None = None
     origins: Array | None = None
+    unit: str = ""
 
     def chunks(self, size: int = BLOCK) -> Iterator[PointCloud]:
         """Read the file in blocks; no more than one is held in memory.
@@ -236,6 +240,8 @@ def extent_of_most(points: NDArray[np.floating]) -> tuple[Array, int]:
     some = some[np.isfinite(some).all(axis=1)].astype(np.float64)
     if not len(some):
         return np.zeros((2, 3)), 0
+    # Missing points share one place, however many they are; places by a number of their own.
+    some = some[np.unique(some @ (1.0, math.e, math.pi), return_index=True)[1]]
     middle = np.median(some, axis=0)
     usual = float(np.quantile(np.abs(some - middle).max(axis=1), _MOST))
     return _extent(points, middle, _STRAY * usual or np.inf)

@@ -143,6 +143,11 @@ def checked_points(points: ArrayLike) -> NDArray[np.floating]:
     """
     if isinstance(points, np.ma.MaskedArray):
         points = np.ma.filled(points.astype(np.float64), np.nan)
+    if hasattr(points, "points"):
+        raise ValueError(
+            "points must be an array; of a cloud that is cloud.points, and detect_planes_in_cloud "
+            "takes clouds"
+        )
     array = np.asarray(points)
     if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
         raise ValueError(

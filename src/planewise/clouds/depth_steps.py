@@ -1,7 +1,8 @@
-"""Clouds that are a depth image in the frame of its camera, with the steps of its depth.
+"""Steps that coordinates were rounded to: those of a file, and those of the depth of a camera.
 
-A depth camera tells depth in steps, and points made of its image lie on slices, one a step, each as
-flat as if there were no noise. What is flat then says nothing of the noise across several steps.
+Points that were rounded lie on slices, one a step, each as flat as if there were no noise. What is
+flat then says nothing of the noise across several steps. Files round all three coordinates alike; a
+cloud may also be a depth image in the frame of its camera, which tells depth in steps.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from planewise.depth_image import reading_steps
 Array = NDArray[np.float64]
 Points = NDArray[np.floating]
 
+_FILE_STEPS = (1.0, 0.5, 0.25, 0.2, 0.1, 0.05, 0.025, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)
 _SAMPLE = 20_000  # points that say which coordinate takes few values
 _HELD = 20  # of them to a value of that coordinate, at least
 _FEWEST = 20  # values
@@ -34,7 +36,7 @@ class Rounding:
     Attributes
     ----------
     least : float
-        By the sensor's resolution, in square metres.
+        By the sensor's resolution and the steps of the file, in square metres.
     ranges, variances : ndarray, shape (k,) or empty
         Range of every point of a depth image, and its variance by the steps of depth; empty where
         the cloud is none, or has too many steps to tell.
@@ -51,7 +53,7 @@ class Rounding:
         They are a depth image if a single coordinate takes few values, farther from each other the
         larger they are, and all points lie before the origin along that axis.
         """
-        least, steps = resolution**2 / 12.0, None
+        least, steps = max(resolution, _step_of_file(points)) ** 2 / 12.0, None
         if len(points) and (origin is None or not origin.any()):
             steps = _steps(points)
         if steps is None:
@@ -68,6 +70,32 @@ class Rounding:
         """Median variance of the points whose range lies between two."""
         mine = self.variances[(self.ranges >= low) & (self.ranges < high)]
         return max(self.least, float(np.median(mine)) if mine.size else 0.0)
+
+
+def _step_of_file(points: Points) -> float:
+    """Metres that all differences of coordinates are multiples of, the same along every axis; or 0.
+
+    Examples
+    --------
+    >>> points = np.random.default_rng(0).normal(size=(20_000, 3))
+    >>> _step_of_file(points), _step_of_file(points.round(2) + 0.123)
+    (0.0, 0.01)
+    """
+    if not len(points):
+        return 0.0
+    found = np.inf
+    for column in points[:: 1 + len(points) // _SAMPLE].T:
+        rounding = 4.0 * float(np.spacing(np.abs(column).max()))
+        apart = column.astype(np.float64) - column[0]
+        if not apart.any():
+            return 0.0
+        for step in _FILE_STEPS:
+            if np.abs(apart - step * np.rint(apart / step)).max() <= 0.01 * step + rounding:
+                found = min(found, step)
+                break
+        else:
+            return 0.0
+    return found
 
 
 def _steps(points: Points) -> Array | None:

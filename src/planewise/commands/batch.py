@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -25,7 +22,7 @@ from planewise.commands.command_line import (
     sensor_of,
 )
 from planewise.commands.exit_codes import FAILED
-from planewise.commands.interrupts import interrupt, interrupted
+from planewise.commands.interrupts import interrupted
 from planewise.commands.shared_options import (
     CameraInstead,
     Confidence,
@@ -246,36 +243,23 @@ def _forecast(job: Batch, workers: int) -> None:
 
 
 def _run(job: Batch, engine: Engine) -> None:
-    with _ended_like_by_hand():
-        try:
-            with job.started(engine) as run:
-                plan = run.plan
-                progress = Progress(plan, job.recipe.camera)
-                with progress:
-                    for outcome in run:
-                        progress.count(outcome)
-        except KeyboardInterrupt:
-            terminal.error(
-                f"interrupted; what is done is in {job.store}, and the same command goes on"
-            )
-            raise typer.Exit(interrupted()) from None
-        except OSError as error:
-            if error.errno not in NO_ROOM:
-                raise
-            raise PlanewiseError(
-                f"store: there is no room left for {job.store} ({error.strerror}); what is in it "
-                "stays, and the same command goes on"
-            ) from None
+    try:
+        with job.started(engine) as run:
+            plan = run.plan
+            progress = Progress(plan, job.recipe.camera)
+            with progress:
+                for outcome in run:
+                    progress.count(outcome)
+    except KeyboardInterrupt:
+        terminal.error(f"interrupted; what is done is in {job.store}, and the same command goes on")
+        raise typer.Exit(interrupted()) from None
+    except OSError as error:
+        if error.errno not in NO_ROOM:
+            raise
+        raise PlanewiseError(
+            f"store: there is no room left for {job.store} ({error.strerror}); what is in it "
+            "stays, and the same command goes on"
+        ) from None
     show_result(progress, job.store)
     if progress.failed + plan.failed and not progress.done + plan.done:
         raise typer.Exit(FAILED)
-
-
-@contextmanager
-def _ended_like_by_hand() -> Iterator[None]:
-    """Let what ends processes politely, such as a cluster's scheduler, be as Ctrl-C."""
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

@@ -1,4 +1,4 @@
-"""Ctrl-C ends a command wherever it comes."""
+"""Ctrl-C, and what ends processes politely, end a command wherever they come."""
 
 from __future__ import annotations
 
@@ -22,13 +22,15 @@ _raised: list[float] = []  # times of interrupts, -inf of what Python dropped
 
 
 def heed_interrupts() -> None:
-    """Have Ctrl-C wait, or come again, where Python would drop it.
+    """Have Ctrl-C wait, or come again, where Python would drop it, and SIGTERM be as Ctrl-C.
 
-    That is in callbacks from C, after which Numba would miss what they were to do, and in what
-    deletes objects.
+    It is dropped in callbacks from C, after which Numba would miss what they were to do, and in
+    what deletes objects. Schedulers and containers send SIGTERM, which would leave files behind.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
+    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
+        signal.signal(signal.SIGTERM, interrupt)
     sys.unraisablehook = _repeat_interrupt
 
 

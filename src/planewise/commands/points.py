@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
@@ -31,6 +32,9 @@ from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
 from planewise.wording import counted
 
+Coordinates = NDArray[np.float64]
+
+_ABSURD = 100.0  # times the extent of a cloud that no scanner is away from it
 _FAR_OFF = 2.0  # times sigma: worth saying
 _LARGEST = 1e8  # metres that points may lie apart
 _FROM_FILE = "file"  # as of `detect_planes_in_cloud`
@@ -122,8 +126,17 @@ def points(
                     "bits, and planes may be of these steps: write it with 64 bits, or with "
                     "coordinates less an offset"
                 )
-            stood = None if origin is None else _origin(place, read, memory)
-            sensor = Sensor(max_depth=_range(read, resolution), resolution=resolution, noise=noise)
+            if file.unit:
+                terminal.warning(
+                    f"coordinates of {cloud.name} are in {file.unit}, and taken for metres: "
+                    "lengths here and in the files are in that unit"
+                )
+            box = _extent(read)
+            stood = None if origin is None else _origin(place, read, box, memory)
+            # R of the paper: the diagonal of the box, which no coordinate exceeds; points in one
+            # place have none, and are not refused for it.
+            extent = float(np.linalg.norm(np.ptp(box, axis=0))) or 10 * resolution
+            sensor = Sensor(max_depth=extent, resolution=resolution, noise=noise)
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
@@ -146,6 +159,9 @@ def points(
                 memory=memory,
             )
         terminal.show_planes(model)
+        if len(model) and read.offset.any():
+            place_of = " ".join(f"{each:.0f}" for each in read.offset)
+            terminal.say(f"distances are from {place_of}, which is subtracted from coordinates")
         if isinstance(told := model.settings.get("noise"), dict):
             terminal.say(f"sigma = {told['noise']}, {told['source']}")
         elif model.settings.get("sigma_factor", 1.0) > _FAR_OFF:  # type: ignore[operator]
@@ -190,7 +206,7 @@ def _tile_points(text: str, file: CloudFile) -> int:
     return number
 
 
-def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
+def _check_origin(text: str) -> Coordinates | None:
     """Place that is asked for; None for the one in the file."""
     if text == _FROM_FILE:
         return None
@@ -206,19 +222,24 @@ def _check_origin(text: str) -> np.ndarray[Any, np.dtype[np.float64]] | None:
 
 
 def _origin(
-    place: np.ndarray[Any, np.dtype[np.float64]] | None, cloud: PointCloud, memory: Memory
-) -> np.ndarray[Any, np.dtype[np.float64]]:
+    place: Coordinates | None, cloud: PointCloud, box: Coordinates, memory: Memory
+) -> Coordinates:
     """Where the scanner stood, relative to the cloud's offset: (3,), or (k, 3) for many scans."""
     from planewise.detect_in_cloud import origins_of
 
-    return origins_of(cloud, memory) if place is None else np.asarray(place - cloud.offset)
+    if place is None:
+        return origins_of(cloud, memory)
+    origin = np.asarray(place - cloud.offset)
+    away = float(np.linalg.norm(origin - np.clip(origin, *box)))
+    if away > _ABSURD * np.linalg.norm(np.ptp(box, axis=0)):
+        terminal.warning(
+            f"origin: that is {away:,.0f} m from the points; it has to be in the file's coordinates"
+        )
+    return origin
 
 
-def _range(cloud: PointCloud, resolution: float) -> float:
-    """R of the paper: the diagonal of the box around the points, which no coordinate exceeds.
-
-    Points in one place have none; they are not refused for it.
-    """
+def _extent(cloud: PointCloud) -> Coordinates:
+    """Least and largest coordinates of the points but for strays, shape (2, 3)."""
     box, strays = extent_of_most(cloud.points)
     if strays:
         terminal.warning(
@@ -232,13 +253,13 @@ def _range(cloud: PointCloud, resolution: float) -> float:
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "
             "expected metres"
         )
-    return float(np.linalg.norm(sides)) or 10 * resolution
+    return box
 
 
 def _find(
     cloud: PointCloud,
     sensor: Sensor,
-    origin: np.ndarray[Any, np.dtype[np.float64]] | None,
+    origin: Coordinates | None,
     options: dict[str, Any],
 ) -> tuple[PlaneModel, float]:
     from planewise.compilation import load_without_scipy

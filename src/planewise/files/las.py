@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -21,6 +22,8 @@ _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 _FARTHEST = 1e15  # metres: no coordinate is so large
+_LINEAR_UNIT = 3076  # key of GeoTIFF: unit of the projection
+_UNITS = {9002: "feet", 9003: "US survey feet"}
 
 
 @contextmanager
@@ -107,6 +110,7 @@ def open_las(path: Path) -> CloudFile:
             possible = (scales > 0) & (np.abs(own) + scales * _LARGEST < _FARTHEST)
         if not possible.all():
             raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
+        unit = _unit(header)
         first = reader.read_points(10_000) if count else None
         bounds = _bounds(header, scales, own)
     offset = np.zeros(3)
@@ -128,8 +132,27 @@ def open_las(path: Path) -> CloudFile:
             raise PlanewiseError(f"is cut short: {done:,} of {count:,} points are there")
 
     return CloudFile(
-        path=path, count=count, offset=offset, blocks=blocks, bounds=bounds if count else None
+        path=path,
+        count=count,
+        offset=offset,
+        blocks=blocks,
+        bounds=bounds if count else None,
+        unit=unit,
     )
+
+
+def _unit(header: Any) -> str:
+    """Unit of length of the projection, where the file says that it is not metres."""
+    for record in header.vlrs:
+        for key in getattr(record, "geo_keys", ()):
+            if key.id == _LINEAR_UNIT:
+                return _UNITS.get(key.value_offset, "")
+        # Of nested systems the horizontal one comes before the vertical one, angles in degrees.
+        named = re.findall(r'(?:LENGTH)?UNIT\["([^"]*)"', getattr(record, "string", ""))
+        lengths = [each for each in named if "degree" not in each.lower()]
+        if lengths and not lengths[0].lower().startswith(("met", "m")):
+            return str(lengths[0])
+    return ""
 
 
 def _bounds(header: Any, scales: Array, own: Array) -> Array | None:

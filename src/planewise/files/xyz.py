@@ -19,6 +19,7 @@ from planewise.wording import counted
 
 _XYZ = ["x", "y", "z"]
 _LOOK = 10_000  # lines that tell the columns and the offset
+_FEWEST_NUMBERED = 10  # points whose numbers are no coordinate by chance
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +36,8 @@ def open_xyz(path: Path) -> CloudFile:
     """Open a text file of points, one a line.
 
     A first line of names says what the columns are (``//`` or ``#`` may stand before them);
-    otherwise x, y, z come first, then an intensity, or whole numbers up to 255 as colours, or both.
+    otherwise x, y, z come first, then an intensity, or whole numbers up to 255 as colours, or both;
+    before them, of four columns or more, may stand numbers that count the points.
     A first line of one whole number, as in PTS, is the number of points.
     """
     layout = _layout(path)
@@ -101,7 +103,7 @@ def _layout(path: Path) -> _Layout:
         raise PlanewiseError("holds no line of numbers")
     if names is None:
         rows = list(islice(point_lines(StringIO("".join(head[before:]))), 1000))
-        names = _usual_names(rows, delimiter, len(words))
+        names = _usual_names([row.split(delimiter) for row in rows], len(words))
     elif len(names) != len(words):
         raise PlanewiseError(
             f"names {counted(len(names), 'column')} ({', '.join(names)}), but its points have "
@@ -124,21 +126,29 @@ def _delimiter(line: str) -> str | None:
     return next((each for each in (";", ",", "\t") if each in line), None)
 
 
-def _usual_names(lines: list[str], delimiter: str | None, columns: int) -> list[str]:
-    """Names for columns without: x y z [i] [r g b], what is beyond them unknown."""
+def _usual_names(rows: list[list[str]], columns: int) -> list[str]:
+    """Names for columns without: [number] x y z [i] [r g b], what is beyond them unknown."""
     if columns < 3:
         raise PlanewiseError(f"has {counted(columns, 'number')} a line; a point has at least three")
+    if columns > 3 and _are_numbered(rows):
+        return ["number", *_usual_names([row[1:] for row in rows], columns - 1)]
     rest = [f"column {k + 1}" for k in range(3, columns)]
     colours = {6: 3, 7: 4}.get(columns)  # where r, g, b would begin
-    if colours is not None and _are_colours(lines, delimiter, colours):
+    if colours is not None and _are_colours(rows, colours):
         rest[-3:] = ["r", "g", "b"]
     if columns in (4, 7):
         rest[0] = "intensity"
     return [*_XYZ, *rest]
 
 
-def _are_colours(lines: list[str], delimiter: str | None, first: int) -> bool:
-    words = [line.split(delimiter)[first : first + 3] for line in lines]
-    return all(
-        word.strip().isdecimal() and int(word) <= 255 for row in words for word in row if row
-    )
+def _are_numbered(rows: list[list[str]]) -> bool:
+    """Whether the first column counts the points, as surveyors write them."""
+    numbers = [row[0].strip() for row in rows]
+    if len(numbers) < _FEWEST_NUMBERED or not all(map(str.isdecimal, numbers)):
+        return False
+    return [int(each) - int(numbers[0]) for each in numbers] == list(range(len(numbers)))
+
+
+def _are_colours(rows: list[list[str]], first: int) -> bool:
+    words = [word.strip() for row in rows for word in row[first : first + 3]]
+    return all(word.isdecimal() and int(word) <= 255 for word in words)
