@@ -119,6 +119,18 @@ def test_points_all_over_cost_no_plane(share, noise):
     assert (found.labels[len(POINTS) :] > 0).mean() < 0.01
 
 
+@pytest.mark.parametrize("gap", [0.15, 0.2])
+@pytest.mark.parametrize("turn", range(4))
+def test_two_sides_of_a_wall_are_two_planes(turn, gap):
+    rng = np.random.default_rng(turn)
+    xy, side = rng.uniform(0, 3, (10_000, 2)), np.repeat((0.0, gap), 5_000)
+    points = np.column_stack((xy, side + rng.normal(0, SIGMA, 10_000)))
+    points = points @ Rotation.random(random_state=turn).as_matrix().T
+    found = pw.detect_planes_in_points(points, SENSOR)
+    assert len(found) == 2
+    assert matching(found.labels, 1 + (side > 0)) > 0.99
+
+
 def test_single_precision_is_searched_as_it_is():
     double = pw.detect_planes_in_points(POINTS.astype(np.float32).astype(np.float64), SENSOR)
     single = pw.detect_planes_in_points(POINTS.astype(np.float32), SENSOR)

@@ -28,6 +28,7 @@ from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
+_STEP = 200.0  # discord above which neighbours that are nearly parallel are no one plane
 
 
 @internal
@@ -41,11 +42,13 @@ def _border(discord, price):  # type: ignore[no-untyped-def]
 def border_prices(rows, ends, sides, drift, merge, plane, first, last, saved, price):  # type: ignore[no-untyped-def]
     """Nats of the borders of pairs[first:last] of rows, by their discord.
 
-    merge, plane: (low, high, knee) of what a merge saves (saved) and what a plane pays (price).
+    merge, plane: (low, high, knee) of what a merge saves (saved) and what a plane pays (price). A
+    merge across a step saves nothing: of sheets that lie over each other all cells are a border.
     """
     for e in range(first, last):
         discord, _ = compare(rows, ends[e, 0], ends[e, 1], drift, 0.0, 0.0)
-        saved[e] = sides[e] * _border(discord, merge)
+        step = _STEP < discord < APART
+        saved[e] = 0.0 if step else sides[e] * _border(discord, merge)
         price[e] = sides[e] * _border(discord, plane)
 
 
