@@ -227,6 +227,15 @@ def test_however_many_points_are_missing(tmp_path, out, corner):
     assert "left out: 2,000 points, a hundred times as far off as most" in errors
 
 
+def test_noise_that_points_do_not_tell_is_warned_of(tmp_path, out, corner):
+    volume = np.random.default_rng(0).uniform(0, 5, (300, 3))
+    for name, points in (("volume", volume), ("corner", corner[0])):
+        np.save(tmp_path / f"{name}.npy", points)
+        _, _, errors = run("points", tmp_path / f"{name}.npy", "-o", out)
+        warned = "warning: sigma: too few points lie on something flat; assumed 0.0086" in errors
+        assert warned == (name == "volume")
+
+
 def test_what_distances_are_from_is_said(tmp_path, out, corner):
     for name, points in (("near", corner[0]), ("far", corner[0] + UTM)):
         np.save(tmp_path / f"{name}.npy", points)
