@@ -349,6 +349,7 @@ def test_without_h5py_the_message_names_the_extra(mat, monkeypatch):
         (lambda path: datasets.NyuFolder(path), "has no folder depth/"),
         (lambda path: datasets.ArchiveFolder(path / "none"), "is not a folder"),
         (lambda path: datasets.ArchiveFolder(path), "holds no frames"),
+        (lambda path: datasets.NyuLabelled(path), "is a folder; give the file in it"),
         (lambda path: datasets.NyuFolder(empty(path)), "holds no frames"),
         (lambda path: datasets.NyuFolder(empty(path), truth=path / "none"), "truth: .* not a fol"),
         (lambda path: datasets.NyuFolder(empty(path), truth=path), "truth: .* holds no labels"),

@@ -231,11 +231,13 @@ def test_small_and_indexed_pictures_are_labels(tmp_path, truth):
     indexed.putdata(labels.ravel().tolist())
     indexed.save(tmp_path / "indexed.png")
     Image.fromarray(labels.astype(np.uint16)).save(tmp_path / "wide.tiff")
-    grey, by_index, wide = (
+    transparent = Image.fromarray(labels).convert("LA")
+    transparent.save(tmp_path / "transparent.png")
+    grey, by_index, wide, see_through = (
         run("eval", tmp_path / name, tmp_path / "truth.npy")
-        for name in ("grey.png", "indexed.png", "wide.tiff")
+        for name in ("grey.png", "indexed.png", "wide.tiff", "transparent.png")
     )
-    assert grey == by_index == wide
+    assert grey == by_index == wide == see_through
     assert grey[0] == 0
 
 

@@ -136,6 +136,8 @@ class NyuLabelled(Dataset):
         if depth not in ("depths", "rawDepths"):
             raise ValueError(f"depth must be 'depths' or 'rawDepths', got {depth!r}")
         self.path, self.depth, self.camera = Path(path), depth, camera
+        if self.path.is_dir():
+            raise PlanewiseError(f"data: {path} is a folder; give the file in it")
         self.truth = None if truth is None else NyuTruth(truth)
         with opened(self.path) as file:
             try:

@@ -135,9 +135,10 @@ def _read_picture(path: Path) -> NDArray[Any]:
         raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
     with Image.open(path, formats=("PNG", "TIFF")) as image:
         check_size(image.width * image.height)
-        if len(image.getbands()) > 1:
+        if len(image.getbands()) > 1 and image.mode != "LA":
             raise PlanewiseError("is a colour picture; labels are numbers in one channel")
-        labels = np.asarray(image)  # of an indexed picture the indices, not the colours
+        # Of an indexed picture the indices, not the colours; of a transparent one the grey.
+        labels = np.asarray(image.getchannel(0) if image.mode == "LA" else image)
     return labels.astype(labels.dtype.newbyteorder("="))
 
 
