@@ -213,6 +213,16 @@ def test_text(tmp_path, points, name):
         assert_array_equal(cloud.colour[-1], [1, 2, 3])
 
 
+def test_scans_one_after_the_other(tmp_path, points):
+    path = tmp_path / "scans.pts"
+    lines = [f"{x!r} {y!r} {z!r} 5 1 2 3" for x, y, z in points.tolist()]
+    path.write_text("\n".join(["200", *lines[:200], "0", "300", *lines[200:]]) + "\n")
+    assert_array_equal(in_blocks(path).points, points)
+    path.write_text("\n".join(["200", *lines[:200], "400", *lines[200:]]) + "\n")
+    with pytest.raises(PlanewiseError, match="is cut short: 300 of 400 points are there"):
+        in_blocks(path)
+
+
 @pytest.mark.parametrize("code", ["", ",7"])
 def test_numbers_that_count_the_points_are_no_coordinates(tmp_path, points, code):
     lines = (f"{k},{x!r},{y!r},{z!r}{code}\n" for k, (x, y, z) in enumerate(points.tolist(), 100))

@@ -38,7 +38,7 @@ def open_xyz(path: Path) -> CloudFile:
     A first line of names says what the columns are (``//`` or ``#`` may stand before them);
     otherwise x, y, z come first, then an intensity, or whole numbers up to 255 as colours, or both;
     before them, of four columns or more, may stand numbers that count the points.
-    A first line of one whole number, as in PTS, is the number of points.
+    A line of one whole number, as in PTS, is the number of points that follow.
     """
     layout = _layout(path)
     table = next(_tables(path, layout, _LOOK), np.empty((0, len(layout.names))))
@@ -48,7 +48,7 @@ def open_xyz(path: Path) -> CloudFile:
         for table in _tables(path, layout, size):
             yield cloud_of({name: table[:, k] for k, name in enumerate(layout.names)}, offset)
 
-    return CloudFile(path=path, count=layout.count, offset=offset, blocks=blocks)
+    return CloudFile(path=path, count=None, offset=offset, blocks=blocks)
 
 
 def _open(path: Path) -> IO[str]:
@@ -59,9 +59,15 @@ def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
     with _open(path) as stream:
         for _ in islice(stream, layout.skip):
             pass
-        yield from read_words(stream, len(layout.names), size, layout.delimiter, layout.count)
-        if layout.count is not None and next(point_lines(stream), None) is not None:
-            raise PlanewiseError(f"holds more than the {counted(layout.count, 'point')} it claims")
+        count, more = layout.count, True
+        while more:
+            yield from read_words(stream, len(layout.names), size, layout.delimiter, count)
+            more = False
+            if count is not None and (line := next(point_lines(stream), None)) is not None:
+                # Of several scans each has a line of its number of points before it.
+                if not line.isdecimal():
+                    raise PlanewiseError(f"holds more than the {counted(count, 'point')} it claims")
+                count, more = int(line), True
 
 
 def _layout(path: Path) -> _Layout:
