@@ -1,5 +1,7 @@
 """Free points in space under the spatial objective, from the call to the model."""
 
+import re
+
 import numpy as np
 import pytest
 from benchmarks.building import building
@@ -119,13 +121,24 @@ def test_points_all_over_cost_no_plane(share, noise):
     assert (found.labels[len(POINTS) :] > 0).mean() < 0.01
 
 
-@pytest.mark.parametrize("gap", [0.15, 0.2])
-@pytest.mark.parametrize("turn", range(4))
-def test_two_sides_of_a_wall_are_two_planes(turn, gap):
+def two_sides(gap, turn):
+    """Points on both sides of a wall, and on which they are."""
     rng = np.random.default_rng(turn)
     xy, side = rng.uniform(0, 3, (10_000, 2)), np.repeat((0.0, gap), 5_000)
     points = np.column_stack((xy, side + rng.normal(0, SIGMA, 10_000)))
-    points = points @ Rotation.random(random_state=turn).as_matrix().T
+    return points @ Rotation.random(random_state=turn).as_matrix().T, side
+
+
+def test_sheets_that_are_too_near_are_said_to_be():
+    found = pw.detect_planes_in_points(two_sides(0.12, 0)[0], SENSOR)
+    assert len(found) == 0
+    assert re.search(r"; sheets nearer to each other than 0\.\d+ m are not told apart$", found.note)
+
+
+@pytest.mark.parametrize("gap", [0.15, 0.2])
+@pytest.mark.parametrize("turn", range(4))
+def test_two_sides_of_a_wall_are_two_planes(turn, gap):
+    points, side = two_sides(gap, turn)
     found = pw.detect_planes_in_points(points, SENSOR)
     assert len(found) == 2
     assert matching(found.labels, 1 + (side > 0)) > 0.99

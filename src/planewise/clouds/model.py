@@ -293,6 +293,8 @@ def ranked_model(
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:
             reason = "all patches that are flat enough are pieces of curved surfaces"
+    elif not paying and not settings.get("significance"):
+        reason += f"; sheets nearer to each other than {2 * cloud.side:.2g} m are not told apart"
     if best < paying:
         reason = f"reached max_planes = {max_planes}"
     return PlaneModel(
