@@ -23,6 +23,7 @@ _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 _FARTHEST = 1e15  # metres: no coordinate is so large
 _LINEAR_UNIT = 3076  # key of GeoTIFF: unit of the projection
+_METRES = {"m", "metre", "metres", "meter", "meters"}
 _UNITS = {9002: "feet", 9003: "US survey feet"}
 
 
@@ -150,7 +151,7 @@ def _unit(header: Any) -> str:
         # Of nested systems the horizontal one comes before the vertical one, angles in degrees.
         named = re.findall(r'(?:LENGTH)?UNIT\["([^"]*)"', getattr(record, "string", ""))
         lengths = [each for each in named if "degree" not in each.lower()]
-        if lengths and not lengths[0].lower().startswith(("met", "m")):
+        if lengths and lengths[0].lower() not in _METRES:
             return str(lengths[0])
     return ""
 
