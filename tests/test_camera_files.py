@@ -111,7 +111,7 @@ def test_a_camera_of_kalibr(tmp_path):
     assert is_right(camera)
     assert (camera.width, camera.height, camera.distortion) == (640, 480, COEFFICIENTS)
     two = KALIBR + KALIBR.replace("cam0", "cam1")
-    with pytest.raises(PlanewiseError, match="states no intrinsics"):  # of which of them?
+    with pytest.raises(PlanewiseError, match=r"states 2 cameras \(cam0, cam1\); give a file"):
         read_camera(write(tmp_path, two, "camchain.yaml"))
 
 
@@ -145,6 +145,12 @@ def test_distortion_by_whatever_name(tmp_path, stated):
         ({"k1": 0.1, "k4": 0.2}, "8 distortion"),
         ({"radial_distortion": [0.1]}, "1 radial and 2 tangential"),
         ({"camera_model": "OPENCV_FISHEYE", "k1": 0.1}, "opencv_fisheye"),
+        ({"fisheye_model": 1, "distortion_coefficients": [0.1, 0, 0, 0]}, "model 'fisheye'"),
+        ({"is_fisheye": True}, "model 'fisheye'"),
+        ({"fisheye": "true"}, "model 'fisheye'"),
+        ({"xi": 0.9}, "model 'omnidirectional'"),
+        ({"distortion_type": "equidistant"}, "equidistant"),
+        ({"skew": 5.0}, r"skew \(5\.0\)"),
     ],
 )
 def test_a_distortion_that_is_not_understood_is_not_left_out(tmp_path, stated, match):
@@ -153,7 +159,14 @@ def test_a_distortion_that_is_not_understood_is_not_left_out(tmp_path, stated, m
 
 
 def test_what_says_nothing_of_a_distortion_is_read(tmp_path):
-    plain = {"is_distorted": True, "lens_distortion": [0, 0.0], "distortion_note": "none"}
+    plain = {
+        "fisheye_model": 0,
+        "is_fisheye": False,
+        "skew": 0.0,
+        "is_distorted": True,
+        "lens_distortion": [0, 0.0],
+        "distortion_note": "none",
+    }
     camera = read_camera(write(tmp_path, NUMBERS | plain))
     assert is_right(camera)
     assert not camera.distortion

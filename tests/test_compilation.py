@@ -224,6 +224,33 @@ def test_as_many_processes_help_as_there_are_idle_cores(idle, images, clouds):
     assert compilation._shares(idle, True) == [["planewise.clouds.warm_up"]] * clouds
 
 
+@pytest.mark.parametrize(
+    ("executable", "frozen", "helps"),
+    [("/usr/bin/python3.12", False, True), ("/opt/app", False, False), ("/x/python", True, False)],
+)
+def test_only_python_itself_is_started_for_help(monkeypatch, executable, frozen, helps):
+    monkeypatch.setattr(sys, "executable", executable)
+    monkeypatch.setattr(sys, "frozen", frozen, raising=False)
+    assert compilation._is_interpreter() == helps
+
+
+def test_who_helps_imports_nothing_from_the_current_folder(monkeypatch, tmp_path):
+    (tmp_path / "numba.py").write_text("raise SystemExit('not this one')")
+    started = []
+    monkeypatch.setattr(compilation, "is_cached", lambda _: False)
+    monkeypatch.setattr(compilation, "available", lambda: 2)
+    monkeypatch.setattr(compilation, "_shares", lambda *_: [["planewise.kernels.jit"]])
+    monkeypatch.setattr(compilation, "_wait_for", lambda _: None)
+    monkeypatch.setattr(compilation, "_helpers", started)
+    monkeypatch.setenv("PLANEWISE_COMPILES_FOR_ANOTHER", "")
+    monkeypatch.chdir(tmp_path)
+    compilation._said.clear()
+    compilation.announce.__wrapped__("spatial")
+    (helper,) = started
+    helper.returncode = None
+    assert helper.wait(60) == 0
+
+
 def test_a_worker_has_one_process_that_helps_and_none_if_it_does_without(monkeypatch, started):
     monkeypatch.setattr(compilation, "is_cached", lambda _: False)
     monkeypatch.setattr(compilation, "available", lambda: 8)

@@ -432,8 +432,13 @@ def test_bad_arguments_are_named():
         outline_points(model, np.zeros((9, 2)))
     with pytest.raises(ValueError, match="model"):
         outline_image(model, CAMERA)
+    image = model_of(np.ones(SHAPE), TILTED)
     with pytest.raises(ValueError, match="tolerance"):
-        outline_image(model_of(np.ones(SHAPE), TILTED), CAMERA, tolerance=-1)
+        outline_image(image, CAMERA, tolerance=-1)
+    with pytest.raises(ValueError, match="camera is for images of 640 x 480 pixels"):
+        outline_image(image, pw.cameras.KINECT_V1)
+    with pytest.raises(ValueError, match="camera must be a planewise"):
+        outline_image(image, "nyu")
 
 
 def test_without_shapely_the_extra_is_named(monkeypatch):

@@ -1,4 +1,5 @@
 import copy
+import os
 import pickle
 import threading
 
@@ -91,6 +92,33 @@ def test_a_detector_at_work_refuses_another_thread():
     go_on.set()
     thread.join()
     assert_array_equal(detector(frame.depth).labels, models[0].labels)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+@pytest.mark.filterwarnings("ignore:.*multi-threaded:DeprecationWarning")
+def test_a_forked_process_does_not_wait_for_a_thread_it_does_not_have():
+    workspace, inside, go_on = Workspace(), threading.Event(), threading.Event()
+
+    def work():
+        with workspace.frame():
+            inside.set()
+            go_on.wait(30)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert inside.wait(30)
+    child = os.fork()
+    if not child:
+        try:
+            with workspace.frame():
+                os._exit(0)
+        finally:
+            os._exit(1)
+    assert os.waitpid(child, 0)[1] == 0
+    with pytest.raises(RuntimeError, match="one thread at a time"), workspace.frame():
+        pass
+    go_on.set()
+    thread.join()
 
 
 def test_an_error_does_not_keep_a_detector_busy():

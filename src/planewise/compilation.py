@@ -76,23 +76,31 @@ def announce(loops: Loops) -> None:
         )
         return
     _LOG.warning("compiling for this machine, once (10 s to a minute) ...")
-    if loops not in ("paper", "points") and sys.executable and not os.environ.get(_HELPED):
+    if loops not in ("paper", "points") and _is_interpreter() and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
         most = 1 if parent_process() else len(_PARTS)  # it may be one of many that compile
+        # It imports from where this process does, and from the current folder only if this does.
+        paths = os.pathsep.join(each for each in sys.path if each)
         with contextlib.suppress(OSError):
             for share in _shares(min(available() - 1, most), cloud):
                 helper = subprocess.Popen(
-                    [sys.executable, "-m", *share],
+                    [sys.executable, "-P", "-m", *share],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
-                    env=os.environ | {_HELPED: "1"},
+                    env=os.environ | {_HELPED: "1", "PYTHONPATH": paths},
                 )
                 helper.returncode = 0  # Python should not complain of it at exit
                 _helpers.append(helper)
                 if os.name == "posix":  # else it would be a zombie once it is done
                     threading.Thread(target=_wait_for, args=[helper], daemon=True).start()
+
+
+def _is_interpreter() -> bool:
+    """Whether this is Python itself, rather than a program that has it inside."""
+    name = Path(sys.executable or "").name.lower()
+    return name.startswith(("python", "pypy")) and not getattr(sys, "frozen", False)
 
 
 def load_without_scipy() -> None:

@@ -47,9 +47,12 @@ class Plane:
         Mean of its readings in space, metres.
     covariance : ndarray, shape (n + 1, n + 1)
         Of (normal, distance): the inverse Fisher information under the error model. NaN where the
-        readings do not determine it. Of points in space it is up to twice as large where they err
-        apart, for cells are taken to share some of their error. It knows no bias: under the paper's
-        objective noise in proportion to depth brings planes nearer, by 2 (sigma / z)^2 of it.
+        readings do not determine it. Of points in space that err apart it is 1 + 0.09 times the
+        points of a cell as large, twice with some ten and many times in dense clouds, for those of
+        a cell are taken to share some of their error. It knows no bias: under the paper's objective
+        noise that goes with z^p brings planes nearer, by some 2 p (sigma / z)^2 of their distance.
+        Nor does it know that readings round alike where depth hardly changes along rows or
+        columns, which noise below a third of a step does not even out.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border (spatial objective; NaN under the paper's).
@@ -114,7 +117,8 @@ class Curve:
     ----------
     information : ndarray, shape (M + 1,)
         Phi in nats after 0, 1 ... M planes. M may exceed the chosen number, to show what one more
-        plane would have cost. Where planes merged after the search, those that were left.
+        plane would have cost. Where planes merged after the search, those that were left. What
+        `reassign` adds afterwards is among the moves alone.
     chosen : int
         Number of planes at the minimum.
     reason : str
@@ -160,7 +164,7 @@ class PlaneModel:
     curve : Curve
         Phi against the number of planes, and why the search stopped.
     readings : int
-        Valid readings, k.
+        Valid readings, k; copies of points are among them, but not in Phi.
     prefix : tuple of float
         Phi of the models of the best 0, 1 ... N planes.
     search, objective : str

@@ -92,7 +92,7 @@ class Options:
     def __post_init__(self) -> None:
         if self.partition is not None:
             object.__setattr__(self, "partition", as_partitioner(self.partition))
-        if self.search not in _MAX_PLANES:
+        if not isinstance(self.search, str) or self.search not in _MAX_PLANES:
             raise ValueError(f"search must be 'joint' or 'sequential', got {self.search!r}")
         if not (is_finite(self.significance) and self.significance >= 0):
             raise ValueError(

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+_RIG = 16  # cameras whose rays are kept
 _FULL_TURN = 1.5  # columns that may be missing from one
 _FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
 _RADIANS = 2.7  # what all elevations there can be span in radians
@@ -99,7 +100,7 @@ class SphericalCamera:
     @classmethod
     def spinning(
         cls,
-        elevation: Sequence[float],
+        elevation: Sequence[float] | NDArray[np.floating],
         columns: int,
         *,
         start: float = 180.0,
@@ -125,7 +126,7 @@ class SphericalCamera:
             )
         step = (-360.0 if clockwise else 360.0) / columns
         camera = cls(
-            elevation=elevation,
+            elevation=np.asarray(elevation).tolist(),
             azimuth=tuple((start + step * np.arange(columns)).tolist()),
             azimuth_offset=azimuth_offset,
         )
@@ -343,7 +344,7 @@ class SphericalCamera:
         )
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_RIG)
 def _ray_rows(camera: SphericalCamera) -> Array:
     azimuth, elevation = camera._angles()
     flat = np.cos(elevation)
@@ -353,7 +354,7 @@ def _ray_rows(camera: SphericalCamera) -> Array:
     return rows
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_RIG)
 def _pixel_area(camera: SphericalCamera) -> Array:
     around = np.abs(np.diff(angles.edges_of(np.radians(camera._continuous()))))
     up = np.abs(np.diff(np.sin(angles.edges_of(np.radians(camera.elevation)))))
@@ -362,7 +363,7 @@ def _pixel_area(camera: SphericalCamera) -> Array:
     return np.asarray(area)
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_RIG)
 def _sectors(camera: SphericalCamera) -> Sectors:
     from planewise.sectors import of_panorama  # loads Numba
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import threading
+import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -14,6 +16,7 @@ from numpy.typing import NDArray
 Type = type[np.generic] | np.dtype[Any]
 
 _ALIGNED = 64  # bytes: of a cache line
+_made: weakref.WeakSet[Workspace] = weakref.WeakSet()
 
 
 class Workspace:
@@ -28,6 +31,7 @@ class Workspace:
         self._memory: NDArray[np.uint8] = np.empty(0, np.uint8)
         self._held = self._kept = self._lent = self._most = 0
         self._in_use = threading.Lock()
+        _made.add(self)
 
     @contextmanager
     def frame(self) -> Iterator[None]:
@@ -104,3 +108,13 @@ def _size(shape: int | tuple[int, ...], dtype: Type) -> int:
     item = _BYTES.get(dtype) or _BYTES.setdefault(dtype, np.dtype(dtype).itemsize)
     size = item * (shape if isinstance(shape, int) else math.prod(shape))
     return -(-size // _ALIGNED) * _ALIGNED
+
+
+def _free_all() -> None:
+    """Let a forked process use what a thread of its parent was using, which it does not have."""
+    for each in _made:
+        each._in_use = threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_free_all)

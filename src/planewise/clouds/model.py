@@ -396,6 +396,11 @@ def nothing_in(
     """Model of too few points."""
     phi = outlier_information(3, sensor.range, sensor.resolution) * readings
     note = f"{counted(readings, 'finite point')}; 3 are needed for a plane"
+    if readings >= 3:
+        note = (
+            f"of {counted(readings, 'finite point')} fewer than 3 lie within the sensor's range of "
+            f"{sensor.range:g} m: are they in metres?"
+        )
     return PlaneModel(
         labels=np.zeros(size, np.uint16),
         planes=(),

@@ -264,8 +264,14 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
         raise PlanewiseError(
             "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
         )
-    alone = [value for name, value in content.items() if re.fullmatch(r"cam\d+", str(name))]
-    inner = content.get("camera", content.get("intrinsics", alone[0] if len(alone) == 1 else None))
+    parts = {name: value for name, value in content.items() if re.fullmatch(r"cam\d+", str(name))}
+    if len(parts) > 1:
+        raise PlanewiseError(
+            f"states {len(parts)} cameras ({', '.join(parts)}); give a file of the depth camera's"
+        )
+    alone = next(iter(parts.values()), None)
+    inner = first_of(content, "camera", "intrinsics", "intrinsic")
+    inner = alone if inner is None else inner
     return {**content, **inner} if isinstance(inner, dict) else content
 
 
@@ -319,6 +325,8 @@ def _read_out(camera: PinholeCamera, values: Mapping[str, Any]) -> PinholeCamera
 
 
 def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
+    if (skew := values.get("skew")) is not None and numbers_of(skew).any():
+        raise PlanewiseError(f"has a camera with skew ({skew}), which is not supported")
     matrix = first_of(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
     if matrix is None or (isinstance(matrix, dict) and "data" not in matrix):
         numbers = [first_of(values, *names) for names in (("fx",), ("fy",), *_CENTRES)]

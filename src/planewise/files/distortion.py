@@ -11,7 +11,17 @@ from numpy.typing import NDArray
 from planewise.errors import PlanewiseError
 from planewise.files.numbers import first_of, numbers_of
 
-_PLAIN_MODELS = {"", "none", "plumb_bob", "radtan", "brown_conrady", "pinhole", "opencv"}
+_PLAIN_MODELS = {
+    "",
+    "none",
+    "plumb_bob",
+    "radtan",
+    "brown_conrady",
+    "pinhole",
+    "opencv",
+    "perspective",
+}
+_MODELS = ("distortion_model", "distortion_type", "camera_model", "lens_model", "model")
 _ROWS = (  # names in lower case, without anything between their words
     "d",
     "distortion",
@@ -27,6 +37,7 @@ _ROWS = (  # names in lower case, without anything between their words
 _RADIAL, _TANGENTIAL = "radialdistortion", "tangentialdistortion"  # as MATLAB has them
 _NAMES = ("k1", "k2", "p1", "p2", "k3")
 _FURTHER = ("k4", "k5", "k6")
+_OTHER_MODELS = ("fisheye", "isfisheye", "fisheyemodel", "xi")  # said to be there, or a number
 
 
 def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
@@ -47,8 +58,12 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
     numbers = _numbers(values)
     if not np.any(numbers[5:]):
         numbers = numbers[:5]
-    model = str(first_of(values, "distortion_model", "camera_model", "model") or "").lower()
+    model = str(first_of(values, *_MODELS) or "").lower()
     model = model.removeprefix("distortion.").replace(" ", "_")
+    for name, value in values.items():
+        said = value is True or str(value).lower() == "true" or _is_stated(value)
+        if _bare(name) in _OTHER_MODELS and said:
+            model = "omnidirectional" if name == "xi" else "fisheye"
     plain = model in _PLAIN_MODELS
     # The rational model of eight numbers is the plain one where its last three are zero.
     plain |= model == "rational_polynomial" and numbers.size <= 5

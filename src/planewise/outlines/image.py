@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import Camera
+from planewise.camera import Camera, checked_camera
 from planewise.model import Plane, PlaneModel
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
@@ -54,7 +54,7 @@ def outline_image(
     Raises
     ------
     ValueError
-        If the model is of no image, or the tolerance is negative.
+        If the model is of no image, or the camera of another one, or the tolerance is negative.
     MissingExtraError
         Without shapely (extra 'cloud').
     """
@@ -63,6 +63,7 @@ def outline_image(
     if not 0 <= tolerance < math.inf:
         raise ValueError(f"tolerance must be a number of pixels, not negative, got {tolerance}")
     height, width = model.labels.shape
+    checked_camera(camera).check((height, width))
     rays = camera.ray_rows((height, width))
     theta = np.array([(0.0, 0.0, 0.0), *(_theta(plane) for plane in model.planes)])
     flat = model.labels.reshape(-1)

@@ -138,7 +138,7 @@ def as_partitioner(partition: Partition) -> Partitioner:
         made: Partitioner = partition
         return made
     if isinstance(partition, np.ndarray):
-        return GivenRegions(_given(partition))
+        return GivenRegions(_given(partition.copy()))  # which nobody changes
     if not isinstance(partition, Sequence) or not len(partition):
         raise ValueError(
             "partition must be a name, a label image (H, W), masks (N, H, W) or a function of a "
