@@ -69,7 +69,7 @@ class Method:
 
 def _planewise(**options: Any) -> Callable[[Frame, bool], Ready]:
     def prepare(frame: Frame, surfaces: bool) -> Ready:
-        more = {"instances": True} if surfaces and not options else {}
+        more: dict[str, Any] = {"instances": True} if surfaces and not options else {}
         detector = pw.Detector(
             frame.camera, frame.sensor, depth_scale=frame.depth_scale, threads=1, **options, **more
         )

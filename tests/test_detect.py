@@ -1,3 +1,4 @@
+import dataclasses
 import json
 from dataclasses import replace
 
@@ -363,6 +364,8 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
         ({"rng": True}, "rng must be a seed, not negative, .* got True"),
         ({"max_planes": True}, "max_planes must lie in 1 ... 65535, a whole number, got True"),
         ({"instances": "no"}, "instances must be True or False, got 'no'"),
+        ({"search": ["joint"]}, r"search must be 'joint' or 'sequential', got \['joint'\]"),
+        ({"partition_options": None}, "partition_options must be a planewise.partition.Partition"),
     ],
 )
 def test_bad_options_are_refused(roof, camera, options, message):
@@ -397,6 +400,13 @@ def test_what_is_no_camera_or_sensor_is_named(roof, camera, given):
     ):
         with pytest.raises(ValueError, match=r"sensor must be a planewise\.Sensor, .* got"):
             call()
+
+
+def test_all_options_are_known_to_those_who_check_types():
+    from planewise.options import GivenOptions
+
+    declared = {each.name for each in dataclasses.fields(pw.Options)}
+    assert GivenOptions.__annotations__.keys() == declared
 
 
 @pytest.mark.parametrize(

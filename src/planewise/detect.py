@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from copy import copy
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -14,7 +14,7 @@ from planewise.camera import Camera, checked_camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
-from planewise.options import Options, Search, Seed
+from planewise.options import GivenOptions, Options, Search, Seed
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
 from planewise.point_observation import checked_points, observe_points
@@ -226,11 +226,11 @@ class Detector:
         sensor: Sensor,
         *,
         depth_scale: float | None = None,
-        **options: object,
+        **options: Unpack[GivenOptions],
     ) -> None:
         self.camera, self.sensor = checked_camera(camera), checked_sensor(sensor)
         self.depth_scale = checked_scale(depth_scale)
-        self.options = Options(**options).resolved(spatial=True)  # type: ignore[arg-type]
+        self.options = Options(**options).resolved(spatial=True)
         self._workspace = Workspace()
 
     def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:

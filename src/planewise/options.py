@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
@@ -22,6 +22,24 @@ from planewise.partition import (
 
 Search = Literal["joint", "sequential"]
 Seed = int | np.random.Generator
+
+
+class GivenOptions(TypedDict, total=False):
+    """Some fields of `Options`, for those who check types."""
+
+    search: Search
+    objective: Objective | str | None
+    instances: bool
+    significance: float
+    confidence: float
+    inlier_ratio: float
+    max_planes: int | None
+    reassign: NormalReassignment | Literal["normals"] | None
+    partition: Partition | None
+    partition_options: PartitionOptions
+    rng: Seed
+    threads: int | None
+
 
 _MAX_PLANES = {"joint": 64, "sequential": 8}
 
@@ -97,6 +115,11 @@ class Options:
         if not (is_finite(self.significance) and self.significance >= 0):
             raise ValueError(
                 f"significance must be a number of nats, not negative, got {self.significance!r}"
+            )
+        if not isinstance(self.partition_options, PartitionOptions):
+            raise ValueError(
+                "partition_options must be a planewise.partition.PartitionOptions, got "
+                f"{self.partition_options!r}"
             )
         if not isinstance(self.instances, bool | np.bool_):
             raise ValueError(f"instances must be True or False, got {self.instances!r}")
