@@ -489,12 +489,12 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch, started):
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
-    assert started == [[sys.executable, "-m", "planewise.warm_up", "ledger", "labelling"]]
+    assert started == [[sys.executable, "-P", "-m", "planewise.warm_up", "ledger", "labelling"]]
     assert "compiling" in errors
     assert "ms, compiling included, files in" in text
     assert "compiling for this machine" not in text
     compilation.announce("cloud")
-    assert started[1:] == [[sys.executable, "-m", "planewise.clouds.warm_up"]]
+    assert started[1:] == [[sys.executable, "-P", "-m", "planewise.clouds.warm_up"]]
     monkeypatch.undo()
     compilation.announce.cache_clear()
     monkeypatch.setattr(compilation, "_said", set())  # whatever the tests before have compiled
