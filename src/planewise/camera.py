@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_RIG = 16  # cameras whose rays are kept, such as all of a robot
+RIG = 16
+"""Cameras whose rays are kept, such as all of a robot."""
+
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
 _UNDISTORT_STEPS = 50
 _SHARES = 100  # places on the way to the corner of an image
@@ -396,7 +398,7 @@ class PinholeCamera:
         )
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     u, v = camera.directions(shape)
     rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
@@ -404,7 +406,7 @@ def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     return rows
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _sectors(camera: PinholeCamera, shape: tuple[int, int]) -> Sectors:
     from planewise.sectors import one_sector  # loads Numba
 
@@ -413,7 +415,7 @@ def _sectors(camera: PinholeCamera, shape: tuple[int, int]) -> Sectors:
     return one_sector(u, v, (camera.fx, camera.fy), straight)
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _pixel_area(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     if any(camera.distortion):
         rays = camera.rays(shape)

@@ -20,13 +20,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import angles
 from planewise.arguments import is_whole
+from planewise.camera import RIG
 
 if TYPE_CHECKING:
     from planewise.sectors import Sectors
 
 Array = NDArray[np.float64]
 
-_RIG = 16  # cameras whose rays are kept
 _FULL_TURN = 1.5  # columns that may be missing from one
 _FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
 _RADIANS = 2.7  # what all elevations there can be span in radians
@@ -344,7 +344,7 @@ class SphericalCamera:
         )
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _ray_rows(camera: SphericalCamera) -> Array:
     azimuth, elevation = camera._angles()
     flat = np.cos(elevation)
@@ -354,7 +354,7 @@ def _ray_rows(camera: SphericalCamera) -> Array:
     return rows
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _pixel_area(camera: SphericalCamera) -> Array:
     around = np.abs(np.diff(angles.edges_of(np.radians(camera._continuous()))))
     up = np.abs(np.diff(np.sin(angles.edges_of(np.radians(camera.elevation)))))
@@ -363,7 +363,7 @@ def _pixel_area(camera: SphericalCamera) -> Array:
     return np.asarray(area)
 
 
-@lru_cache(maxsize=_RIG)
+@lru_cache(maxsize=RIG)
 def _sectors(camera: SphericalCamera) -> Sectors:
     from planewise.sectors import of_panorama  # loads Numba
 

@@ -65,7 +65,9 @@ class Recipe:
         if self.camera is not None:
             checked_camera(self.camera)
         object.__setattr__(self, "depth_scale", checked_scale(self.depth_scale))
-        if not hasattr(self.options, "resolved"):
+        from planewise.options import Options  # loads Numba
+
+        if not isinstance(self.options, Options):
             raise ValueError(f"options must be planewise.Options, got {self.options!r}")
         if not isinstance(self.options.rng, int):
             raise ValueError("rng must be an int: a generator does not give the same answer twice")

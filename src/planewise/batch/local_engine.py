@@ -216,8 +216,8 @@ def _started(context: Any, pipe: Connection) -> BaseProcess:
 
 def _cause(code: int | None) -> str:
     if code is not None and code < 0:
-        known = -code in set(signal.Signals)  # others are there for programs to use
-        return f"were killed by {signal.Signals(-code).name if known else f'signal {-code}'}"
+        names = {each.value: each.name for each in signal.Signals}  # of those that have one
+        return f"were killed by {names.get(-code, f'signal {-code}')}"
     return f"ended with code {code}"
 
 

@@ -26,6 +26,11 @@ def writer_name(shard: tuple[int, int]) -> str:
     return "all" if parts == 1 else f"{part}-of-{parts}"
 
 
+def beside(name: str, shard: tuple[int, int]) -> bool:
+    """Whether a writer's name, or one that ends in it, is of a shard of as many as this one."""
+    return name.endswith(f"-of-{shard[1]}")
+
+
 @contextmanager
 def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
     """Hold a store, or a shard of it.
@@ -49,7 +54,7 @@ def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
             held.enter_context(_lock(store / _WHOLE, store, shared=True))
             held.enter_context(_lock(store / _shard_file(shard), store))
             for other in _shard_files(store):
-                if not other.name.endswith(f"-of-{shard[1]}"):
+                if not beside(other.name, shard):
                     with _lock(other, store, shared=True):
                         pass
         yield

@@ -9,7 +9,7 @@ from planewise.batch.source import DepthFolder, Source
 from planewise.camera import PinholeCamera
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import PointDataset
-from planewise.datasets.opening import accepted, reader_of
+from planewise.datasets.opening import accepted, holds_depth_images, reader_of
 from planewise.errors import PlanewiseError
 from planewise.files.depth import is_depth_file
 from planewise.sensor import Sensor
@@ -46,14 +46,10 @@ def open_source(
     """
     path = Path(path)
     reader = reader_of(path) if kind is None and path.exists() else None
-    if kind is None and reader is None and _depth_files(path):
+    if kind is None and reader is None and holds_depth_images(path):
         return _storable(DepthFolder(path))
-    if reader is ArchiveFolder and (others := _depth_files(path, besides=".npz")):
-        raise PlanewiseError(
-            f"data: {path} holds archives (.npz) and {counted(len(others), 'other depth image')} "
-            f"such as {min(others)}; give each a folder of their own, or --kind archives to take "
-            "the archives alone"
-        )
+    if reader is ArchiveFolder:
+        _check_alone(path)
     given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
     if reader is not None:
         given = accepted(reader, given)
@@ -76,10 +72,16 @@ def _storable(source: Source) -> Source:
     return source
 
 
-def _depth_files(path: Path, *, besides: str = "") -> list[str]:
-    """Names of depth images in a folder, but for those of an ending."""
-    files = path.iterdir() if path.is_dir() else ()
-    return [each.name for each in files if is_depth_file(each) and each.suffix != besides]
+def _check_alone(archives: Path) -> None:
+    """Refuse a folder of archives among other depth images, which would be left out."""
+    others = [each.name for each in archives.iterdir() if is_depth_file(each)]
+    others = [name for name in others if not name.endswith(".npz")]
+    if others:
+        raise PlanewiseError(
+            f"data: {archives} holds archives (.npz) and "
+            f"{counted(len(others), 'other depth image')} such as {min(others)}; give each a "
+            "folder of their own, or --kind archives to take the archives alone"
+        )
 
 
 def sensor_of_source(source: Source) -> Sensor | None:

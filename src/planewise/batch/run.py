@@ -15,7 +15,7 @@ import numpy as np
 from planewise.batch.columns import DONE, FAILED
 from planewise.batch.engine import Engine
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
-from planewise.batch.lock import lock_files, locked, writer_name
+from planewise.batch.lock import beside, lock_files, locked, writer_name
 from planewise.batch.segments import FOLDERS, Segment, segments_of
 from planewise.batch.source import Selection, Source
 from planewise.batch.staging import Staging
@@ -195,16 +195,16 @@ class Batch:
         if not (folder / STORE_FILE).exists():
             text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
             staging.publish(text.encode() + b"\n", folder / STORE_FILE)
-        own, parts = writer_name(self.selection.shard), self.selection.shard[1]
-        alone, under_way = parts == 1, f"-of-{parts}"  # as other shards of as many may be
+        own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
         if alone:
             for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
                 shutil.rmtree(left)  # by a shard that was killed
         for segment in segments_of(folder):
-            writer = segment.name.rpartition("-")[0]
-            if self.retry_failed and (writer == own or not writer.endswith(under_way)):
+            # Of other shards only those of as many may be under way.
+            mine = segment.writer == own
+            if self.retry_failed and (mine or not beside(segment.writer, self.selection.shard)):
                 segment.forget_failed(staging)
-            if alone and writer != own:
+            if alone and not mine:
                 segment.seal(staging)
 
 

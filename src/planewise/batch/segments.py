@@ -34,6 +34,11 @@ class Segment:
     name: str
 
     @property
+    def writer(self) -> str:
+        """Name of who writes it."""
+        return self.name.rpartition("-")[0]
+
+    @property
     def journal(self) -> Path:
         """File of records."""
         return self.store / "journal" / (self.name + _JOURNAL)
@@ -105,5 +110,5 @@ def segments_of(store: Path) -> list[Segment]:
 def own_segments(store: Path, writer: str) -> Iterator[Segment]:
     """Those of one writer, in their order."""
     for segment in segments_of(store):
-        if segment.name.rpartition("-")[0] == writer:
+        if segment.writer == writer:
             yield segment

@@ -288,12 +288,13 @@ def ranked_model(
         planes = _described(found, groups, rows, book.saved, order)
     factor = found.cloud.louder * math.sqrt(found.error.white)
     settings = {**settings, "sigma_factor": round(factor, 3)}
-    reason = reason_of(best, settings.get("significance", 0.0))
-    if not len(rows) and not settings.get("significance"):
+    significance = settings.get("significance", 0.0)
+    reason = reason_of(best, significance)
+    if not len(rows) and not significance:
         reason = "no patch of points is flat, wide and dense enough to tell a plane"
         if found.curved:
             reason = "all patches that are flat enough are pieces of curved surfaces"
-    elif not paying and not settings.get("significance"):
+    elif not paying and not significance:
         reason += f"; sheets nearer to each other than {2 * cloud.side:.2g} m are not told apart"
     if best < paying:
         reason = f"reached max_planes = {max_planes}"

@@ -74,8 +74,10 @@ def evaluate(
             if output is not None:
                 write_table(output, frames)
         if len(results) > 1 or output is not None:
-            where = f", scores in {output}" if output is not None and frames else ""
-            if output is not None and not frames and output.exists():
+            where = ""
+            if output is not None and frames:
+                where = f", scores in {output}"
+            elif output is not None and output.exists():
                 where = f"; {output} still has what an earlier run wrote"
             terminal.say(f"{len(frames)} of {counted(len(results), 'frame')} scored{where}")
         if len(frames) < len(results):

@@ -99,17 +99,13 @@ def _damaged(dataset: Dataset | PointDataset) -> int:
     for each in terminal.progress(dataset.ids, len(dataset)):
         try:
             frame: DatasetFrame | PointFrame = dataset[each]
+            if not hasattr(frame, "points"):
+                frame.camera.check(frame.depth.shape)
         except MissingExtraError:
             raise
-        except PlanewiseError as error:
+        except ValueError as error:
             damaged += 1
-            terminal.error(str(error))
-            continue
-        if not hasattr(frame, "points"):
-            try:
-                frame.camera.check(frame.depth.shape)
-            except ValueError as error:
-                damaged += 1
-                terminal.error(f"{dataset.name}, frame {each}: {error}")
+            read = not isinstance(error, PlanewiseError)  # of the camera, who knows no frame
+            terminal.error(f"{dataset.name}, frame {each}: {error}" if read else str(error))
     terminal.say(f"{len(dataset) - damaged:,} of {counted(len(dataset), 'frame')} can be read")
     return damaged

@@ -101,7 +101,7 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     if path.is_dir() and not any(path.iterdir()):
         raise PlanewiseError(f"data: {path} is an empty folder")
     images = path / "depth" if (path / "depth").is_dir() else path
-    if _holds_images(images):
+    if holds_depth_images(images):
         raise _without_camera(path, images)
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
     raise PlanewiseError(
@@ -114,8 +114,9 @@ def reader_of(path: Path) -> Reader | None:
     return next((reader for reader in READERS if reader.recognises(path)), None)
 
 
-def _holds_images(folder: Path) -> bool:
-    return folder.is_dir() and any(is_depth_file(each) for each in folder.iterdir())
+def holds_depth_images(folder: Path) -> bool:
+    """Whether it is a folder of depth images, other files aside."""
+    return folder.is_dir() and any(map(is_depth_file, folder.iterdir()))
 
 
 def _without_camera(path: Path, images: Path) -> PlanewiseError:
@@ -175,7 +176,7 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
             reader = reader_of(inside(root, path.name))
             if reader is not None:
                 found[path.name] = _opened(reader, path, given)
-            elif _holds_images(path / "depth"):
+            elif holds_depth_images(path / "depth"):
                 raise _without_camera(path, path / "depth")
         except MissingExtraError:
             raise

@@ -134,9 +134,8 @@ def with_changes(
     changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
     if noise is not None:
         auto = noise.strip().lower() == AUTO
-        # Parts were those of another noise.
-        changes |= {"noise": AUTO if auto else read_noise(noise)}
-        sensor = replace(sensor, parts=None)
+        changes["noise"] = AUTO if auto else read_noise(noise)
+        sensor = replace(sensor, parts=None)  # they were those of another noise
     given = {key: value for key, value in changes.items() if value is not None}
     return replace(sensor, **given)
 
@@ -264,14 +263,12 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
         raise PlanewiseError(
             "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
         )
-    parts = {name: value for name, value in content.items() if re.fullmatch(r"cam\d+", str(name))}
+    parts = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
     if len(parts) > 1:
         raise PlanewiseError(
             f"states {len(parts)} cameras ({', '.join(parts)}); give a file of the depth camera's"
         )
-    alone = next(iter(parts.values()), None)
-    inner = first_of(content, "camera", "intrinsics", "intrinsic")
-    inner = alone if inner is None else inner
+    inner = first_of(content, "camera", "intrinsics", "intrinsic", *parts)
     return {**content, **inner} if isinstance(inner, dict) else content
 
 

@@ -37,7 +37,12 @@ _ROWS = (  # names in lower case, without anything between their words
 _RADIAL, _TANGENTIAL = "radialdistortion", "tangentialdistortion"  # as MATLAB has them
 _NAMES = ("k1", "k2", "p1", "p2", "k3")
 _FURTHER = ("k4", "k5", "k6")
-_OTHER_MODELS = ("fisheye", "isfisheye", "fisheyemodel", "xi")  # said to be there, or a number
+_OTHER_MODELS = {  # by what says that they are there
+    "fisheye": "fisheye",
+    "isfisheye": "fisheye",
+    "fisheyemodel": "fisheye",
+    "xi": "omnidirectional",
+}
 
 
 def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
@@ -61,9 +66,9 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
     model = str(first_of(values, *_MODELS) or "").lower()
     model = model.removeprefix("distortion.").replace(" ", "_")
     for name, value in values.items():
-        said = value is True or str(value).lower() == "true" or _is_stated(value)
-        if _bare(name) in _OTHER_MODELS and said:
-            model = "omnidirectional" if name == "xi" else "fisheye"
+        other = _OTHER_MODELS.get(_bare(name))
+        if other and (str(value).lower() == "true" or _is_stated(value)):
+            model = other
     plain = model in _PLAIN_MODELS
     # The rational model of eight numbers is the plain one where its last three are zero.
     plain |= model == "rational_polynomial" and numbers.size <= 5
