@@ -35,6 +35,21 @@ class MissingExtraError(PlanewiseError):
         return type(self), self._given
 
 
+@contextmanager
+def needs(package: str, purpose: str, extra: str = "cli") -> Iterator[None]:
+    """Around the import of a package that the core does not depend on.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not there.
+    """
+    try:
+        yield
+    except ImportError:
+        raise MissingExtraError(package, purpose, extra) from None
+
+
 def in_one_line(error: BaseException) -> str:
     """First line of what an error says, or else its kind."""
     lines = str(error).strip().splitlines()

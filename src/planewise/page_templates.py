@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -25,10 +25,8 @@ def templates_of(package: str, *, purpose: str, extra: str) -> Environment:
     MissingExtraError
         If Jinja is not installed.
     """
-    try:
+    with needs("jinja2", purpose, extra=extra):
         import jinja2
-    except ImportError:
-        raise MissingExtraError("jinja2", purpose, extra=extra) from None
     return jinja2.Environment(
         loader=jinja2.PackageLoader(package, "."),
         autoescape=True,

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from planewise.batch.frame_work import FrameWork, Outcome, failure
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 
 Frame = tuple[int, str]
 
@@ -73,10 +73,8 @@ class RayEngine:
 
     def run(self, work: FrameWork, frames: Iterable[Frame]) -> Iterator[Outcome]:
         """See `planewise.batch.engine.Engine`."""
-        try:
+        with needs("ray", "--engine ray", "ray"):
             import ray
-        except ImportError:
-            raise MissingExtraError("ray", "--engine ray", "ray") from None
         connected = ray.is_initialized()
         if not connected:
             self._connect(ray)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from planewise.batch.columns import FRAMES, PLANES, SCHEMA_VERSION
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import PlanewiseError, in_one_line, needs
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -24,11 +24,9 @@ def arrow() -> Any:
     MissingExtraError
         If it is not installed.
     """
-    try:
+    with needs("pyarrow", "a store of many frames", "batch"):
         import pyarrow.compute  # not loaded with pyarrow, nor always with Parquet
         import pyarrow.parquet
-    except ImportError:
-        raise MissingExtraError("pyarrow", "a store of many frames", "batch") from None
     import pyarrow
 
     return pyarrow

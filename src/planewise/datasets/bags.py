@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.datasets.paths import LARGEST_TEXT, inside
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import PlanewiseError, in_one_line, needs
 
 LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""
@@ -66,11 +66,9 @@ class Bag:
     """
 
     def __init__(self, path: Path) -> None:
-        try:
+        with needs("rosbags", f"reading {path.name}", "ros"):
             from rosbags.highlevel import AnyReader
             from rosbags.typesys import Stores, get_typestore
-        except ImportError:
-            raise MissingExtraError("rosbags", f"reading {path.name}", "ros") from None
         self.path = path
         _bound_decoders()
         _check_files(path)

@@ -9,7 +9,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 from planewise.files.depth import check_size
 
 _FORMATS = {
@@ -36,10 +36,8 @@ def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
     PlanewiseError
         If it is missing, damaged or too large.
     """
-    try:
+    with needs("pillow", "reading pictures"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "reading pictures") from None
     name = f" {source.name}" if isinstance(source, Path) else ""
     if isinstance(source, Path) and not source.is_file():
         raise PlanewiseError(f"the picture{name} is missing")

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import PlanewiseError, in_one_line, needs
 from planewise.files.depth import check_size
 
 _DEFLATE, _SHUFFLE, _CHECKSUM = 1, 2, 3  # registered numbers of filters
@@ -45,10 +45,8 @@ def opened(path: Path) -> Iterator[Any]:
     MissingExtraError
         If h5py is not installed.
     """
-    try:
+    with needs("h5py", f"reading {path.name}", "datasets"):
         import h5py  # type: ignore[import-untyped, import-not-found, unused-ignore]
-    except ImportError:
-        raise MissingExtraError("h5py", f"reading {path.name}", "datasets") from None
     if not path.is_file():
         raise PlanewiseError(f"data: there is no file {path}")
     try:

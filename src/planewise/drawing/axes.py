@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 
 WIDTH, HEIGHT = 800, 500
 LEFT, RIGHT, TOP, BOTTOM = 96, 24, 40, 64
@@ -59,10 +59,8 @@ class Axes:
     """
 
     def __init__(self, what: str) -> None:
-        try:
+        with needs("pillow", what):
             from PIL import Image, ImageDraw, ImageFont
-        except ImportError:
-            raise MissingExtraError("pillow", what) from None
         self._canvas = Image.new("RGB", (WIDTH * FINE, HEIGHT * FINE), "white")
         self.pen = ImageDraw.Draw(self._canvas)
         self.font = ImageFont.load_default(17 * FINE)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
 from planewise.drawing.palette import distinct_colours
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 from planewise.model import PlaneModel
 from planewise.spherical import SphericalCamera
 from planewise.wording import counted
@@ -122,10 +122,8 @@ def draw_small(
         up = max(1, round(height / shape[0]))
         picture, labels = picture.repeat(up, axis=0), labels.repeat(up, axis=0)
     _outline(picture, labels)
-    try:
+    with needs("pillow", "drawing"):
         from PIL import Image, ImageDraw
-    except ImportError:
-        raise MissingExtraError("pillow", "drawing") from None
     canvas = Image.fromarray(picture)
     _write_ranks(ImageDraw.Draw(canvas), labels, max(13, canvas.width // 40))
     return np.asarray(canvas)
@@ -139,10 +137,8 @@ def read_picture(path: Path) -> Picture:
     PlanewiseError
         If the file is missing or damaged.
     """
-    try:
+    with needs("pillow", "reading pictures"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "reading pictures") from None
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", Image.DecompressionBombWarning)
@@ -338,10 +334,8 @@ def annotate(
     note : str
         Line for the lower left corner.
     """
-    try:
+    with needs("pillow", "drawing"):
         from PIL import Image, ImageDraw, ImageFont
-    except ImportError:
-        raise MissingExtraError("pillow", "drawing") from None
     height, width = labels.shape
     size = max(13, height // 34)
     font, bold = ImageFont.load_default(size), ImageFont.load_default(size + 2)

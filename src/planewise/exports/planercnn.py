@@ -32,7 +32,7 @@ from planewise.batch.source import SourceFrame
 from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_source import metres
 from planewise.datasets.collection import BETWEEN
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 from planewise.exports.form import Form
 from planewise.results.image import write_image
 
@@ -212,9 +212,7 @@ def _colours(labels: NDArray[np.uint16], before: int) -> NDArray[np.uint8]:
 
 
 def _write_jpeg(path: Path, rgb: NDArray[np.uint8] | None) -> None:
-    try:
+    with needs("pillow", "writing pictures"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "writing pictures") from None
     assert rgb is not None
     Image.fromarray(rgb).save(path, quality=_JPEG_QUALITY, subsampling=0)

@@ -13,7 +13,7 @@ import numpy as np
 
 from planewise import cameras, noise, sensors
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line, needs
 from planewise.files.distortion import distortion_of
 from planewise.files.lidar import is_spherical, spherical_camera
 from planewise.files.numbers import first_of, numbers_of
@@ -273,10 +273,8 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
 
 
 def _parse_yaml(text: str) -> Any:
-    try:
+    with needs("pyyaml", "reading YAML files"):
         import yaml
-    except ImportError:
-        raise MissingExtraError("pyyaml", "reading YAML files") from None
     # OpenCV writes its own YAML: a "%YAML:1.0" line and tagged matrices.
     text = re.sub(r"\A%YAML:1\.0\s*", "", text).replace("!!opencv-matrix", "")
     try:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError, naming
+from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
 
@@ -159,10 +159,8 @@ def _read_picture(path: Path) -> DepthFile:
 
 def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
     """Read a depth image of one channel from a PNG or TIFF; raises what its decoder does."""
-    try:
+    with needs("pillow", "reading PNG and TIFF files"):
         from PIL import Image, UnidentifiedImageError
-    except ImportError:
-        raise MissingExtraError("pillow", "reading PNG and TIFF files") from None
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
         try:
@@ -271,10 +269,8 @@ def read_array(stream: IO[bytes]) -> NDArray[Any]:
 
 
 def _read_exr(path: Path) -> DepthFile:
-    try:
+    with needs("openexr", "reading .exr files"):
         import OpenEXR  # type: ignore[import-not-found, unused-ignore]
-    except ImportError:
-        raise MissingExtraError("openexr", "reading .exr files") from None
     if _beginning(path) != _EXR:
         raise PlanewiseError("is not an OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -22,10 +22,8 @@ _PAGES = b"ASTM-E57"
 
 @contextmanager
 def _reader(path: Path) -> Iterator[Any]:
-    try:
+    with needs("pye57", f"reading {path.suffix} files", "cloud"):
         import pye57  # type: ignore[import-untyped, import-not-found, unused-ignore]
-    except ImportError:
-        raise MissingExtraError("pye57", f"reading {path.suffix} files", "cloud") from None
     with path.open("rb") as stream:
         if stream.read(len(_PAGES)) != _PAGES:
             raise PlanewiseError("is no E57 file: it does not begin with ASTM-E57")

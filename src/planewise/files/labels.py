@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
-from planewise.errors import MissingExtraError, PlanewiseError, naming
+from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.depth import check_size, natural_order, read_array
 
 _KEYS = ("labels", "gt", "plane_instance")
@@ -129,10 +129,8 @@ def _read(path: Path) -> LabelFile:
 
 
 def _read_picture(path: Path) -> NDArray[Any]:
-    try:
+    with needs("pillow", f"reading {path.suffix} files"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", f"reading {path.suffix} files") from None
     with Image.open(path, formats=("PNG", "TIFF")) as image:
         check_size(image.width * image.height)
         if len(image.getbands()) > 1 and image.mode != "LA":

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, needs
 from planewise.files.cloud_columns import cloud_of
 from planewise.files.cloud_records import check_length
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
@@ -78,20 +78,16 @@ def _check_chunks(path: Path, start: int) -> None:
 
 def load_laspy(purpose: str) -> Any:
     """Import laspy, or say which extra has it."""
-    try:
+    with needs("laspy", purpose, "cloud"):
         import laspy  # type: ignore[import-untyped, import-not-found, unused-ignore]
-    except ImportError:
-        raise MissingExtraError("laspy", purpose, "cloud") from None
     # What it logs it raises, too; without a handler Python would print it.
     logging.getLogger("laspy").addHandler(logging.NullHandler())
     return laspy
 
 
 def _need_lazrs(purpose: str) -> None:
-    try:
+    with needs("lazrs", purpose, "cloud"):
         import lazrs  # type: ignore[import-untyped, import-not-found, unused-ignore]  # noqa: F401
-    except ImportError:
-        raise MissingExtraError("lazrs", purpose, "cloud") from None
 
 
 def open_las(path: Path) -> CloudFile:

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.model import Plane
 
 Array = NDArray[np.float64]
@@ -147,10 +147,8 @@ class Surface:
 
 def load_shapely() -> Any:
     """Import shapely, or say which extra has it."""
-    try:
+    with needs("shapely", "outlines of planes", "cloud"):
         import shapely  # type: ignore[import-untyped, import-not-found, unused-ignore]
-    except ImportError:
-        raise MissingExtraError("shapely", "outlines of planes", "cloud") from None
     return shapely
 
 

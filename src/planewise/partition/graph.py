@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite, is_whole
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.partition.regions import Regions
 
 if TYPE_CHECKING:
@@ -65,10 +65,8 @@ class Graph:
 
     def __call__(self, view: View) -> Regions:
         """Region of every pixel, from 1."""
-        try:
+        with needs("scikit-image", "the partition 'graph'", "partition"):
             from skimage.segmentation import felzenszwalb
-        except ImportError:
-            raise MissingExtraError("scikit-image", "the partition 'graph'", "partition") from None
         with warnings.catch_warnings():
             # It expects colours; more channels are what is meant here.
             warnings.filterwarnings("ignore", "Got image with third dimension", RuntimeWarning)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.reproduce.methods import OPEN3D, OURS, PAPER
 
 INK = "#1c1e22"
@@ -110,13 +110,11 @@ def _panel(
 
 
 def _matplotlib() -> tuple[Any, Any]:
-    try:
+    with needs("matplotlib", "the report", extra="reproduce"):
         import matplotlib
 
         matplotlib.use("Agg")
         from matplotlib import pyplot
-    except ImportError:
-        raise MissingExtraError("matplotlib", "the report", extra="reproduce") from None
     return matplotlib, pyplot
 
 

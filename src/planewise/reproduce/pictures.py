@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.drawing.palette import distinct_colours
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.reproduce.scores import like_the_truth
 from planewise.reproduce.section import Picture
 from planewise.scenes.scene import Scene
@@ -53,10 +53,8 @@ def _labels(labels: NDArray[np.int64]) -> bytes:
 
 
 def _encoded(grey: NDArray[np.uint8], palette: list[int] | None = None) -> bytes:
-    try:
+    with needs("pillow", "the report", extra="reproduce"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "the report", extra="reproduce") from None
     image = Image.fromarray(grey)
     if palette is not None:
         image.putpalette(palette)

@@ -10,7 +10,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.machine import describe_machine
 from planewise.reproduce.experiment import Experiment, Measured, Row, Settings
 from planewise.reproduce.methods import CONFIDENCE, OPEN3D
@@ -35,10 +35,8 @@ def check_extra() -> None:
         Which names the extra.
     """
     for package, module in (("matplotlib", "matplotlib"), ("jinja2", "jinja2"), ("pillow", "PIL")):
-        try:
+        with needs(package, "the report", extra="reproduce"):
             import_module(module)
-        except ImportError:
-            raise MissingExtraError(package, "the report", extra="reproduce") from None
 
 
 def run(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.camera import Camera
-from planewise.errors import MissingExtraError
+from planewise.errors import needs
 from planewise.model import PlaneModel
 from planewise.results.planes_json import describe_model
 from planewise.sensor import Sensor
@@ -68,10 +68,8 @@ def write_results(
 
 def write_image(path: Path, image: NDArray[Any]) -> None:
     """Write a PNG: uint16 as 16-bit grey, uint8 with a last axis of 3 as colour."""
-    try:
+    with needs("pillow", "writing pictures"):
         from PIL import Image
-    except ImportError:
-        raise MissingExtraError("pillow", "writing pictures") from None
     Image.fromarray(image).save(path, compress_level=3)
 
 
