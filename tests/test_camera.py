@@ -83,6 +83,26 @@ def test_a_factor_that_is_none_is_refused(factor):
         pw.cameras.NYU.scaled(factor)
 
 
+@pytest.mark.parametrize("size", [(0, 1), (1, -2), (1.5, 1), (True, 1)])
+def test_bins_are_whole_pixels(size):
+    with pytest.raises(ValueError, match="whole numbers of pixels, at least 1, got"):
+        pw.cameras.NYU.binned(*size)
+
+
+@pytest.mark.parametrize(
+    "crop", [(-1, 0, (9, 9)), (0, 0, (0, 9)), (0, 600, (9, 99)), (475, 0, (9, 9)), (0.5, 0, (9, 9))]
+)
+def test_crops_lie_inside_the_image(crop):
+    with pytest.raises(ValueError, match="no part of the camera's image of 640 x 480 pixels"):
+        pw.cameras.NYU.cropped(*crop)
+
+
+def test_places_and_points_may_be_lists():
+    camera = pw.PinholeCamera(fx=60, fy=60, cx=31, cy=23)
+    assert camera.project([[0, 0, 2], [1, 0, 2]]).tolist() == [[31, 23], [61, 23]]
+    assert camera.unproject([61, 23]).tolist() == [0.5, 0, 1]
+
+
 PINHOLES = {
     name: camera
     for name, camera in pw.cameras.PRESETS.items()

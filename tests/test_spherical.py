@@ -142,6 +142,10 @@ def test_bad_images_and_points_are_refused():
         CAMERA.rays((6, 40))
     with pytest.raises(ValueError, match="2-D image of ranges"):
         CAMERA.points(np.ones(6))
+    with pytest.raises(ValueError, match=r"integer depth, which needs it.*got uint16"):
+        CAMERA.points(np.ones(CAMERA.shape, np.uint16))
+    with pytest.raises(ValueError, match="integer depth"):
+        CAMERA.points(np.ones(CAMERA.shape), depth_scale=0.001)
     with pytest.raises(ValueError, match=r"shape \(k, 3\), got shape \(3,\)"):
         CAMERA.from_points([1, 2, 3])
     with pytest.raises(ValueError, match="columns must be at least 2"):

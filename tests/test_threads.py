@@ -221,9 +221,13 @@ def test_an_interrupt_waits_for_the_helper_and_leaves_none():
 
     names(2)
     before = threading.active_count()
-    for _ in range(3):
-        with threads.allowed(2), pytest.raises(KeyboardInterrupt), threads.beside(work):
-            pass
+    asked = signal.signal(signal.SIGINT, signal.default_int_handler)  # jobs of a shell ignore it
+    try:
+        for _ in range(3):
+            with threads.allowed(2), pytest.raises(KeyboardInterrupt), threads.beside(work):
+                pass
+    finally:
+        signal.signal(signal.SIGINT, asked)
     assert len(done) == 3
     assert threading.active_count() == before
 

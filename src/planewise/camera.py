@@ -13,7 +13,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import is_finite, is_whole, make_plain
 from planewise.wording import counted
@@ -75,7 +75,7 @@ class Camera(Protocol):
         """Whether straight lines of space are bent in the image."""
         ...
 
-    def unproject(self, pixels: Array) -> Array:
+    def unproject(self, pixels: ArrayLike) -> Array:
         """Rays (..., 3) of places (x, y) in the image, (..., 2); centres of pixels are integers."""
         ...
 
@@ -270,27 +270,29 @@ class PinholeCamera:
         """Pixel coordinates: inverse depth of a plane is affine in them all over the image."""
         return _sectors(self, shape)
 
-    def project(self, points: Array) -> Array:
+    def project(self, points: ArrayLike) -> Array:
         """Pixel coordinates (x, y) of points in front of the camera.
 
         Parameters
         ----------
-        points : ndarray, shape (..., 3)
+        points : array_like, shape (..., 3)
             In the camera frame, metres.
         """
+        points = np.asarray(points, np.float64)
         u, v = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
         if any(self.distortion):
             u, v = self._distort(u, v)
         return np.stack((self.fx * u + self.cx, self.fy * v + self.cy), axis=-1)
 
-    def unproject(self, pixels: Array) -> Array:
+    def unproject(self, pixels: ArrayLike) -> Array:
         """Rays (u, v, 1) through any pixel coordinates: the inverse of `project`.
 
         Parameters
         ----------
-        pixels : ndarray, shape (..., 2)
+        pixels : array_like, shape (..., 2)
             x and y; pixel centres are at integers.
         """
+        pixels = np.asarray(pixels, np.float64)
         u = (pixels[..., 0] - self.cx) / self.fx
         v = (pixels[..., 1] - self.cy) / self.fy
         if any(self.distortion) and u.size:
@@ -307,6 +309,11 @@ class PinholeCamera:
 
     def binned(self, across: int, down: int) -> PinholeCamera:
         """Return the camera of the image whose pixels are `across` x `down` of these each."""
+        if not all(is_whole(n) and n > 0 for n in (across, down)):
+            raise ValueError(
+                f"across and down must be whole numbers of pixels, at least 1, got {across!r} "
+                f"and {down!r}"
+            )
         width = None if self.width is None else self.width // across
         height = None if self.height is None else self.height // down
         return self._resized(1 / across, 1 / down, width, height)
@@ -325,8 +332,24 @@ class PinholeCamera:
         )
 
     def cropped(self, top: int, left: int, shape: tuple[int, int]) -> PinholeCamera:
-        """Return the camera of the crop whose first pixel is (`top`, `left`)."""
+        """Return the camera of the crop whose first pixel is (`top`, `left`).
+
+        Raises
+        ------
+        ValueError
+            If that is no rectangle of whole pixels inside the image.
+        """
         height, width = shape
+        inside = all(map(is_whole, (top, left, height, width))) and min(height, width) > 0
+        inside = inside and min(top, left) >= 0
+        if inside and self.width is not None and self.height is not None:
+            inside = top + height <= self.height and left + width <= self.width
+        if not inside:
+            of = "" if self.width is None else f" of {self.width} x {self.height} pixels"
+            raise ValueError(
+                f"a crop of {width} x {height} pixels from row {top}, column {left} is no part of "
+                f"the camera's image{of}"
+            )
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
     def describe(self) -> dict[str, float | list[float]]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import angles
-from planewise.arguments import is_whole
+from planewise.arguments import checked_scale, is_whole, unmasked
 from planewise.camera import RIG
 
 if TYPE_CHECKING:
@@ -204,12 +204,12 @@ class SphericalCamera:
         """Whether straight lines of space are bent in the image: they are."""
         return True
 
-    def unproject(self, pixels: Array) -> Array:
+    def unproject(self, pixels: ArrayLike) -> Array:
         """Unit directions of places in the image, up to half a pixel beyond the outermost.
 
         Parameters
         ----------
-        pixels : ndarray, shape (..., 2)
+        pixels : array_like, shape (..., 2)
             Column and row; centres of pixels are integers.
 
         Returns
@@ -226,22 +226,31 @@ class SphericalCamera:
             (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)), axis=-1
         )
 
-    def points(self, depth: ArrayLike) -> Array:
+    def points(self, depth: ArrayLike, *, depth_scale: float | None = None) -> Array:
         """Points of a range image.
 
         Parameters
         ----------
         depth : array_like, shape (H, W)
-            Ranges in metres; 0, NaN and infinity are no reading.
+            Ranges: floating point in metres, integer in units of `depth_scale`. 0, NaN and
+            infinity are no reading.
+        depth_scale : float, optional
+            Metres per unit of integer ranges.
 
         Returns
         -------
         ndarray, shape (H, W, 3)
             Metres; NaN where there is no reading.
         """
-        ranges = np.asarray(depth, dtype=np.float64)
+        ranges, scale = unmasked(depth), checked_scale(depth_scale)
         if ranges.ndim != 2:
             raise ValueError(f"depth must be a 2-D image of ranges, got shape {ranges.shape}")
+        if (ranges.dtype.kind in "iu") != (scale is not None):
+            raise ValueError(
+                "depth_scale is for integer depth, which needs it; floating-point depth is in "
+                f"metres: got {ranges.dtype} and depth_scale = {depth_scale!r}"
+            )
+        ranges = ranges.astype(np.float64) * (scale or 1.0)
         self.check((ranges.shape[0], ranges.shape[1]))
         with np.errstate(invalid="ignore"):
             there = (ranges > 0) & np.isfinite(ranges)
