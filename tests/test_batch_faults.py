@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
 
 import pytest
 from benchmarks.faults import Tally, batch_of, compare, fill, kill_again_and_again, write_frames
 
-from planewise.batch import Batch, LocalEngine, Store, local_engine
+from planewise.batch import Batch, LocalEngine, Store, local_engine, workers
 from planewise.errors import PlanewiseError
 from tests.batch_sources import Deadly
 
@@ -86,24 +88,52 @@ def test_what_ended_a_worker_is_named():
 
 
 @pytest.mark.parametrize("times", [1, 2])
-def test_a_process_is_started_once_more(times):
+def test_a_process_is_started_once_more(times, monkeypatch):
     """What it is forked from may have been killed."""
+    tries = []
 
-    class Context:
-        tries = 0
-
-        def Process(self, **_):  # noqa: N802
-            return self
+    class Process:
+        def __init__(self, **_):
+            tries.append(self)
 
         def start(self):
-            self.tries += 1
-            if self.tries <= times:
+            if len(tries) <= times:
                 raise EOFError
 
-    context = Context()
+    monkeypatch.setattr(workers, "Process", Process)
     if times == 1:
-        assert local_engine._started(context, None) is context
+        assert workers.started(print, None) is tries[1]
     else:
         with pytest.raises(PlanewiseError, match=r"none can be started \(EOFError\)"):
-            local_engine._started(context, None)
-    assert context.tries == 2
+            workers.started(print, None)
+    assert len(tries) == 2
+
+
+BESIDE = """
+import multiprocessing, os, signal, sys
+
+def look(pipe):
+    deaf = signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    pipe.send((deaf, os.environ.get("OMP_NUM_THREADS"), "planewise" in sys.modules))
+
+if __name__ == "__main__":
+    from planewise.batch import workers
+    ours, theirs = multiprocessing.Pipe()
+    workers.started(look, theirs).join()
+    print(ours.recv())
+    child = multiprocessing.get_context("forkserver").Process(target=look, args=(theirs,))
+    child.start()
+    child.join()
+    print(ours.recv())
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere processes are not forked")
+def test_workers_leave_processes_of_the_program_alone(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(BESIDE)
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    result = subprocess.run(
+        [sys.executable, str(script)], capture_output=True, text=True, check=True, env=environment
+    )
+    assert result.stdout.splitlines() == ["(True, '1', True)", "(False, None, False)"]

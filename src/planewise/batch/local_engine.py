@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import multiprocessing
-import os
 import signal
-import sys
 from collections import deque
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import resource_tracker
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
-from typing import Any
 
+from planewise.batch import workers
 from planewise.batch.frame_work import FrameWork, Outcome, failure
 from planewise.batch.source import check_count
 from planewise.errors import PlanewiseError
@@ -25,7 +21,6 @@ Frame = tuple[int, str]
 _AHEAD = 2  # frames a worker has been given: the one that it does, and the next one
 _TRIES = 2  # of a frame with which a worker dies
 _DEAD_STARTS = 3  # workers in a row that die before they begin
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _PATIENCE = 5.0  # seconds for a worker to end by itself
 _READY = "ready"
 
@@ -103,11 +98,8 @@ class _Pool:
 
     def start(self) -> None:
         """Start a worker."""
-        context = _context()
-        resource_tracker.ensure_running()  # which ends by letting Ctrl-C through
-        ours, theirs = context.Pipe()
-        with _one_thread(), _no_interrupts():
-            process = _started(context, theirs)
+        ours, theirs = Pipe()
+        process = workers.started(_serve, theirs)
         theirs.close()
         worker = _Worker(process, ours)
         self.workers.append(worker)
@@ -190,57 +182,8 @@ class _Pool:
         self.start()
 
 
-def _context() -> Any:
-    """How processes are made: forked from one that has loaded all they need, if that is safe."""
-    if sys.platform != "linux":
-        return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["planewise.batch.preload"])
-    return context
-
-
-def _started(context: Any, pipe: Connection) -> BaseProcess:
-    """Start a process that serves; once more where the one that it is forked from was killed."""
-    for last in (False, True):
-        process: BaseProcess = context.Process(target=_serve, args=(pipe,), daemon=True)
-        try:
-            process.start()
-            break
-        except (EOFError, OSError) as error:
-            if last:
-                raise PlanewiseError(
-                    f"workers: none can be started ({type(error).__name__})"
-                ) from None
-    return process
-
-
 def _cause(code: int | None) -> str:
     if code is not None and code < 0:
         names = {each.value: each.name for each in signal.Signals}  # of those that have one
         return f"were killed by {names.get(-code, f'signal {-code}')}"
     return f"ended with code {code}"
-
-
-@contextmanager
-def _one_thread() -> Iterator[None]:
-    """Keep libraries of the worker from starting threads of their own."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-@contextmanager
-def _no_interrupts() -> Iterator[None]:
-    """Let a process start deaf to Ctrl-C, which its imports could not answer well."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
