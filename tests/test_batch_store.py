@@ -34,6 +34,7 @@ from planewise.batch.lock import locked
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.source import FileFrame, parse_shard
 from planewise.batch.staging import Staging
+from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import parquet_of, read_table
 from planewise.commands.label_pairs import pair_store
 from planewise.commands.scoring import Scoring
@@ -235,6 +236,28 @@ def test_a_store_that_another_shard_uses_is_not_removed(frames, tmp_path):
             list(run)
         done = len(list(others[0]))
     assert len(Store(tmp_path / "store")) == done > 0
+
+
+@pytest.mark.parametrize(("code", "left"), [(errno.ENOLCK, True), (errno.EOPNOTSUPP, False)])
+def test_where_a_lock_fails_that_of_another_run_stays(tmp_path, monkeypatch, code, left):
+    def fail(*_):
+        raise OSError(code, os.strerror(code))
+
+    monkeypatch.setattr("fcntl.flock", fail)
+    with pytest.raises(PlanewiseError, match="cannot be locked"), locked(tmp_path):
+        pass
+    assert (tmp_path / ".lock").exists() == left
+
+
+def test_the_first_error_is_the_one_that_is_raised(tmp_path, monkeypatch):
+    monkeypatch.setattr(StoreWriter, "flush", lambda _: 1 / 0)
+    closed, close = [], Journal.close
+    monkeypatch.setattr(Journal, "close", lambda journal: closed.append(close(journal)))
+    (tmp_path / "journal").mkdir()
+    staging = Staging(tmp_path / "staging")
+    with pytest.raises(KeyboardInterrupt), opened(tmp_path, "all", staging):
+        raise KeyboardInterrupt
+    assert len(closed) == 1
 
 
 def test_a_lock_that_was_removed_holds_nothing(tmp_path, monkeypatch):

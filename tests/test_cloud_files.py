@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import struct
 import sys
+import warnings
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import laspy
 import numpy as np
@@ -12,12 +14,14 @@ import pytest
 from laspy import VLR
 from laspy.vlrs.vlrlist import VLRList
 from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
 from pypcd4 import Encoding
 from pypcd4 import PointCloud as OtherCloud
 
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.cloud import KINDS, open_cloud, read_cloud
 from planewise.files.cloud_records import read_words
+from planewise.files.depth import read_depth
 from planewise.files.las import copy_with_planes, write_las
 from planewise.files.ply import write_ply
 from planewise.kernels.lzf import unpack
@@ -221,6 +225,40 @@ def test_scans_one_after_the_other(tmp_path, points):
     path.write_text("\n".join(["200", *lines[:200], "400", *lines[200:]]) + "\n")
     with pytest.raises(PlanewiseError, match="is cut short: 300 of 400 points are there"):
         in_blocks(path)
+
+
+@pytest.mark.parametrize("full", [1.0, 255, 65535])
+@pytest.mark.parametrize("suffix", [".csv", ".npz"])
+def test_dark_points_have_the_colours_of_their_file(tmp_path, full, suffix):
+    """Whatever block they are read in: what colours are counted in is a matter of the file."""
+    colour = np.array([[200, 10, 10], [1, 1, 1], [0, 0, 0], [1, 0, 1]])
+    path, told = tmp_path / f"a{suffix}", colour * full / 255
+    if suffix == ".npz":
+        kind = np.float64 if full == 1 else np.uint16
+        np.savez(path, points=np.eye(4, 3), colors=told.astype(kind))
+    else:
+        rows = np.hstack((np.eye(4, 3), told))
+        np.savetxt(path, rows, delimiter=",", header="x,y,z,red,green,blue", comments="")
+    for size in (1, 2, 100):
+        blocks = [block.colour for block in open_cloud(path).chunks(size)]
+        assert_array_equal(np.concatenate(blocks), colour)
+
+
+def test_threads_that_read_leave_filters_of_warnings_alone(tmp_path):
+    """These belong to the whole process."""
+    lines = "".join(f"{k},0,0\n" for k in range(300))
+    (tmp_path / "a.csv").write_text("x,y,z\n" + lines)
+    Image.fromarray(np.full((40, 50), 700, np.uint16)).save(tmp_path / "a.png")
+
+    def read(_):
+        list(open_cloud(tmp_path / "a.csv").chunks(3))
+        for _ in range(20):
+            read_depth(tmp_path / "a.png")
+
+    before = list(warnings.filters)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(read, range(12)))
+    assert warnings.filters == before
 
 
 @pytest.mark.parametrize("code", ["", ",7"])

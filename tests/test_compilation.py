@@ -116,6 +116,14 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
     assert [compilation.is_cached(loops) for loops in ("spatial", "cloud")] == [False, False]
 
 
+def test_programs_that_are_frozen_have_no_sources_to_compare(monkeypatch, tmp_path):
+    (tmp_path / "segments.merge-1.nbi").touch()
+    monkeypatch.setattr(compilation, "cache_directory", lambda: tmp_path)
+    monkeypatch.setattr(compilation, "_SOURCES", tmp_path / "none")
+    assert compilation.is_cached("spatial")
+    assert not compilation.is_cached("cloud")
+
+
 def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
     package = Path(compilation.__file__).parent
     modules = {

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import errno
+import itertools
 import os
 import struct
 import zipfile
@@ -12,7 +13,7 @@ import pytest
 from PIL import Image
 
 from planewise.errors import PlanewiseError
-from planewise.files.depth import MAX_PIXELS, list_depth_files, read_depth
+from planewise.files.depth import MAX_PIXELS, list_depth_files, natural_order, read_depth
 
 DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
 METRES = (DEPTH / 1000).astype(np.float32)
@@ -216,6 +217,12 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path):
     refused(tmp_path / "bomb.png", "at most")
     (tmp_path / "bomb.pgm").write_bytes(b"P5 %d %d 65535\n" % (side, side))
     refused(tmp_path / "bomb.pgm", "at most")
+
+
+def test_names_that_differ_little_are_in_one_order_everywhere():
+    names = ["01.png", "1.png", "A.png", "a.png"]
+    for order in itertools.permutations(map(Path, names)):
+        assert [path.name for path in sorted(order, key=natural_order)] == names
 
 
 def test_folder_is_listed_in_natural_order(tmp_path):

@@ -14,10 +14,10 @@ from planewise.drawing.overlay import (
     draw_labels,
     draw_overlay,
     match_picture,
-    read_picture,
 )
 from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 from planewise.results.image import depth_in_metres
 
 
@@ -85,11 +85,11 @@ def test_unfit_pictures_are_refused(shape):
 
 def test_pictures_are_read(tmp_path):
     Image.fromarray(np.full((4, 5), 7, np.uint8)).save(tmp_path / "grey.png")
-    assert np.array_equal(read_picture(tmp_path / "grey.png"), np.full((4, 5, 3), 7))
+    assert np.array_equal(read_colour(tmp_path / "grey.png"), np.full((4, 5, 3), 7))
     (tmp_path / "junk.png").write_bytes(b"junk")
     for name in ("junk.png", "none.png"):
-        with pytest.raises(PlanewiseError, match="rgb"):
-            read_picture(tmp_path / name)
+        with pytest.raises(PlanewiseError, match=f"the picture {name}"):
+            read_colour(tmp_path / name)
 
 
 @pytest.mark.parametrize(

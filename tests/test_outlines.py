@@ -15,6 +15,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from shapely import Polygon as Shape
 
 import planewise as pw
+from planewise import scenes
 from planewise.errors import MissingExtraError
 from planewise.model import Curve, Plane, PlaneModel
 from planewise.outlines.cloud import outline_points
@@ -28,6 +29,7 @@ from planewise.results.outlines import (
     describe_outlines,
     write_outlines,
 )
+from tests.command import run
 
 CAMERA = pw.PinholeCamera(fx=300, fy=310, cx=160, cy=118)
 SHAPE = (240, 320)
@@ -445,3 +447,16 @@ def test_without_shapely_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "shapely", None)
     with pytest.raises(MissingExtraError, match=r"shapely.*planewise\[cloud\]"):
         outline_points(model_of(np.ones(9), TILTED), np.zeros((9, 3)))
+
+
+def test_outlines_of_a_lidar_are_in_its_frame(tmp_path):
+    street = scenes.street(0)
+    np.save(tmp_path / "a.npy", street.depth * 0.001)
+    code, _, errors = run(
+        "detect", tmp_path / "a.npy", "--camera", "ouster-os1-64", "--noise", 0.02, "--outlines",
+        "-o", tmp_path / "out",
+    )  # fmt: skip
+    assert code == 0, errors
+    for name in ("planes", "outlines"):
+        told = json.loads((tmp_path / f"out/{name}.json").read_text())
+        assert told["frame"].startswith("x forward, y left, z up")

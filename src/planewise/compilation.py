@@ -50,12 +50,18 @@ def is_cached(loops: Loops) -> bool:
     """Whether these loops of this version have been compiled on this machine before."""
     cloud = loops == "cloud"
     written = _times(cache_directory().glob(f"{_TELLING[loops]}*.nbi"), cloud)
-    return bool(written) and max(written) >= max(_times(_SOURCES.glob("*.py"), cloud))
+    sources = _times(_SOURCES.glob("*.py"), cloud)  # none in a program that was frozen
+    return bool(written) and max(written) >= max(sources, default=0.0)
 
 
 def _times(files: Iterable[Path], cloud: bool) -> list[float]:
     """When files that belong to modules of clouds, or to the others, were changed."""
-    return [each.stat().st_mtime for each in files if each.name.startswith(_CLOUD) == cloud]
+    times = []
+    for each in files:
+        with contextlib.suppress(FileNotFoundError):  # another process may replace it just now
+            if each.name.startswith(_CLOUD) == cloud:
+                times.append(each.stat().st_mtime)
+    return times
 
 
 @lru_cache(maxsize=len(_TELLING))

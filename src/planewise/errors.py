@@ -67,12 +67,12 @@ def naming(what: str, damaged: str = "it is damaged or not what its name says") 
     """
     try:
         yield
-    except MissingExtraError:
+    except (MissingExtraError, MemoryError):
         raise
     except PlanewiseError as error:
         raise PlanewiseError(f"{what} {error}") from None
-    except (PermissionError, FileNotFoundError) as error:
-        raise PlanewiseError(f"{what} cannot be read ({error.strerror})") from error
     except Exception as error:
+        if isinstance(error, OSError) and error.errno:  # the system's, not a decoder's
+            raise PlanewiseError(f"{what} cannot be read ({error.strerror})") from error
         detail = in_one_line(error)
         raise PlanewiseError(f"{what} cannot be read; {damaged} ({detail})") from error

@@ -124,7 +124,7 @@ class PointCloud:
         return largest
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class CloudFile:
     """A file of points that is read block by block.
 

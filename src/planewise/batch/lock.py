@@ -8,6 +8,7 @@ the other shards of the same n.
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import platform
 import time
@@ -18,6 +19,7 @@ from pathlib import Path
 from planewise.errors import PlanewiseError
 
 _WHOLE = ".lock"
+_NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 
 
 def writer_name(shard: tuple[int, int]) -> str:
@@ -89,9 +91,10 @@ def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
         except BlockingIOError:
             raise PlanewiseError(f"store: {store} is in use by {_holder(path)}") from None
         except OSError as error:
-            path.unlink(missing_ok=True)
+            if error.errno in _NO_LOCKS:  # then nobody else can hold it
+                path.unlink(missing_ok=True)
             raise PlanewiseError(
-                f"store: {store} lies on a file system without locks ({error.strerror})"
+                f"store: {store} cannot be locked by its file system ({error.strerror})"
             ) from None
         if not os.fstat(handle).st_nlink:
             raise PlanewiseError(f"store: {store} was removed by another run; start this one again")

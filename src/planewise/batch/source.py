@@ -66,7 +66,7 @@ class Source(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FileFrame:
     """Frame of a depth file."""
 

@@ -141,8 +141,9 @@ def opened(store: Path, writer: str, staging: Staging) -> Iterator[StoreWriter]:
     try:
         yield writer_
     except BaseException:
-        with suppress(OSError):  # the first error says more; what is lost is done again
+        with suppress(Exception):  # the first error says more; what is lost is done again
             writer_.flush()
-        writer_.close(seal=False)
+        with suppress(Exception):
+            writer_.close(seal=False)
         raise
     writer_.close(seal=True)

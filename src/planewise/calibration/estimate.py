@@ -36,7 +36,7 @@ _CONFIDENCE = (2.5, 97.5)  # percent
 _ASSUMED = proportional(0.01)  # where a frame cannot tell and the sensor says nothing
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class NoiseBins:
     """What cells of similar depth say; arrays of shape (B,), by depth.
 

@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from planewise import threads
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept
-from planewise.errors import PlanewiseError
+from planewise.errors import PlanewiseError, naming
 from planewise.files.camera import no_camera
+from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
 from planewise.results.image import FILES, OUTLINE_FILES, write_results
 from planewise.sensor import Sensor
@@ -25,8 +26,6 @@ from planewise.whole_files import output_folder
 if TYPE_CHECKING:
     from planewise.model import PlaneModel
     from planewise.options import Options
-
-_PICTURES = (".png", ".jpg", ".jpeg", ".ppm", ".bmp", ".tif", ".tiff")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,7 +138,7 @@ class Job:
         surfaces = outline_image(
             model, camera, instances=self.options.instances, max_depth=self.sensor.max_depth
         )
-        write_outlines(folder, surfaces, frame="x right, y down, z forward, from the camera")
+        write_outlines(folder, surfaces, frame=f"{camera.frame}, from the camera")
 
     def run_folder(self, paths: list[Path], target: Path) -> Iterator[Done | Failed]:
         """Do every file of a list, each into its own folder below `target`.
@@ -178,16 +177,18 @@ class Job:
     def _picture(self, path: Path, frame: DepthFile) -> NDArray[np.uint8] | None:
         if self.rgb is None:
             return frame.rgb
-        from planewise.drawing.overlay import match_picture, read_picture
+        from planewise.drawing.overlay import match_picture
 
         source = self.rgb
         if source.is_dir():
-            found = [source / (path.stem + suffix) for suffix in _PICTURES]
+            found = [source / (path.stem + suffix) for suffix in FORMATS]
             source = next((each for each in found if each.is_file()), source / path.stem)
             if not source.is_file():
                 raise PlanewiseError(f"rgb: {self.rgb} holds no picture named {path.stem}")
         shape = (frame.depth.shape[0], frame.depth.shape[1])
-        return match_picture(read_picture(source), shape)
+        with naming("rgb:"):
+            picture = read_colour(source)
+        return match_picture(picture, shape)
 
 
 def find_planes(

@@ -10,6 +10,7 @@ import os
 import re
 import sys
 import threading
+import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from itertools import chain
@@ -135,6 +136,19 @@ class Bag:
         return None if found is None else self.parsed(topic, found[1])
 
 
+_topics: weakref.WeakSet[Topic] = weakref.WeakSet()
+
+
+def _open_anew() -> None:
+    """In a forked process: it shares the places in open files, and has none who let go of locks."""
+    for topic in _topics:
+        topic._forget()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_open_anew)
+
+
 class Topic:
     """Messages of one topic by number; may be copied to other processes, where it opens anew.
 
@@ -148,7 +162,6 @@ class Topic:
         As `Bag.index` gives it.
     """
 
-    _process = -1
     _bag: Bag | None = None
     _stream: Iterator[tuple[int, bytes]] | None = None
     _next: int = 0
@@ -157,17 +170,14 @@ class Topic:
     def __init__(self, path: Path, name: str, index: NDArray[np.int64]) -> None:
         self.path, self.name, self.index = path, name, index
         self._forget()
+        _topics.add(self)
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "name": self.name, "index": self.index}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state)
-        self._forget()
+    def __reduce__(self) -> tuple[type[Topic], tuple[Path, str, NDArray[np.int64]]]:
+        """As it was made, for other processes."""
+        return type(self), (self.path, self.name, self.index)
 
     def __del__(self) -> None:
-        if self._process == os.getpid():
-            self._close()
+        self._close()
 
     def __len__(self) -> int:
         return len(self.index)
@@ -175,8 +185,6 @@ class Topic:
     def message(self, number: int) -> Any:
         """Read a message; may raise anything if it is damaged."""
         with self._lock:
-            if self._process != os.getpid():  # forks share the place in an open file
-                self._forget()
             try:
                 data = self._forward(number)
             except Exception:  # what lies between may be damaged: go there directly
@@ -221,7 +229,7 @@ class Topic:
         return number
 
     def _forget(self) -> None:
-        self._lock, self._process = threading.Lock(), os.getpid()
+        self._lock = threading.Lock()
         self._bag = self._stream = None
 
     def _close(self) -> None:

@@ -99,7 +99,7 @@ class DatasetFrame:
         return np.asarray(np.isfinite(self.depth) & (self.depth > 0))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PointFrame:
     """One sweep or cloud of a dataset.
 

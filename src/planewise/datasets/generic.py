@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from planewise import sensors
 from planewise.arguments import checked_scale
 from planewise.camera import PinholeCamera
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
 from planewise.errors import MissingExtraError, PlanewiseError
-from planewise.files.camera import read_camera, read_mapping, read_sensor
+from planewise.files.camera import read_camera, read_mapping
 from planewise.sensor import Sensor
 
 CAMERA = "camera.json"
@@ -83,6 +84,8 @@ def _stated(path: Path) -> Mapping[str, Any]:
 def _sensor_of(name: Any) -> Sensor | None:
     if name is None:
         return None
-    if not isinstance(name, str):
-        raise PlanewiseError(f"sensor: {CAMERA} must name a preset, got {name!r}")
-    return read_sensor(name)
+    if name not in sensors.PRESETS:  # no path: what a dataset says leads to no file outside it
+        raise PlanewiseError(
+            f"sensor: {CAMERA} must name one of {', '.join(sensors.PRESETS)}, got {name!r}"
+        )
+    return sensors.PRESETS[name]

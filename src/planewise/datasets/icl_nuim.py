@@ -16,11 +16,11 @@ import numpy as np
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.association import timed_list
-from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 
 CAMERA = PinholeCamera(fx=481.2, fy=480.0, cx=319.5, cy=239.5, width=640, height=480)
 """The renderer's camera, y down."""

@@ -23,11 +23,11 @@ from planewise import sensors
 from planewise.camera import PinholeCamera
 from planewise.cameras import NYU
 from planewise.datasets.archives import ArchiveFolder
-from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.hdf5 import array_of, is_hdf5, opened, row_of
 from planewise.datasets.paths import inside, listed
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 from planewise.files.depth import is_depth_file, read_depth
 from planewise.files.labels import read_labels
 

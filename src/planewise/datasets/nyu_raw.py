@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from planewise import sensors
 from planewise.camera import PinholeCamera
 from planewise.datasets.association import nearest
-from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 from planewise.files.depth import read_depth
 
 DEPTH_CAMERA = PinholeCamera(

@@ -175,7 +175,7 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
         try:
             reader = reader_of(inside(root, path.name))
             if reader is not None:
-                found[path.name] = _opened(reader, path, given)
+                found[path.name] = _opened(reader, path, accepted(reader, given))
             elif holds_depth_images(path / "depth"):
                 raise _without_camera(path, path / "depth")
         except MissingExtraError:

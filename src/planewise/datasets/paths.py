@@ -47,8 +47,7 @@ def listed(folder: Path, wanted: Callable[[Path], bool]) -> list[Path]:
     if not folder.is_dir():
         raise PlanewiseError(f"{folder} is not a folder")
     paths = (path for path in folder.iterdir() if not path.name.startswith("."))
-    # Names such as 1.png and 01.png are in one order on every machine, too.
-    return sorted(filter(wanted, paths), key=lambda path: (natural_order(path), path.name))
+    return sorted(filter(wanted, paths), key=natural_order)
 
 
 def text_of(root: Path, name: str) -> str:

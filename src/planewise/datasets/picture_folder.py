@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
-from planewise.datasets.colour import is_picture, read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed, matrix_of
+from planewise.files.colour import is_picture, read_colour
 from planewise.files.depth import is_depth_file, read_depth
 
 

@@ -21,12 +21,12 @@ from numpy.typing import NDArray
 
 from planewise import sensors
 from planewise.camera import PinholeCamera
-from planewise.datasets.colour import read_colour
 from planewise.datasets.frames import Dataset, DatasetFrame, numbered
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import known_pose
 from planewise.datasets.scannet import camera_of
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 from planewise.files.depth import check_size
 from planewise.wording import counted
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -127,26 +125,6 @@ def draw_small(
     canvas = Image.fromarray(picture)
     _write_ranks(ImageDraw.Draw(canvas), labels, max(13, canvas.width // 40))
     return np.asarray(canvas)
-
-
-def read_picture(path: Path) -> Picture:
-    """Read a colour picture of any usual format.
-
-    Raises
-    ------
-    PlanewiseError
-        If the file is missing or damaged.
-    """
-    with needs("pillow", "reading pictures"):
-        from PIL import Image
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", Image.DecompressionBombWarning)
-            with Image.open(path) as image:
-                return np.asarray(image.convert("RGB"))
-    except Exception as error:
-        detail = getattr(error, "strerror", None) or str(error) or type(error).__name__
-        raise PlanewiseError(f"rgb: {path} cannot be read ({detail})") from error
 
 
 def match_picture(rgb: Picture, shape: tuple[int, int]) -> Picture:

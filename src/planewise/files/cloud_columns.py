@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.point_cloud import Array, PointCloud, less
+from planewise.point_cloud import Array, CloudFile, PointCloud, less, offset_of
 
 Column = NDArray[Any]
+
+LOOK = 10_000
+"""Points that tell the offset, and how colours are counted."""
 
 _POSITION = ("x", "y", "z")
 _COLOURS = (
@@ -40,32 +44,70 @@ def positions(names: Sequence[str]) -> list[int]:
     return [lower.index(name) for name in _POSITION]
 
 
+def cloud_file(
+    path: Path,
+    count: int | None,
+    tables: Callable[[int], Iterator[Mapping[str, Column]]],
+    origin: Array | None = None,
+) -> CloudFile:
+    """Make a cloud file of named columns; its first points tell its offset and range of colours.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    count : int, optional
+        Number of its points, where that is known.
+    tables : callable
+        Reads the file from its beginning in blocks of so many points.
+    origin : ndarray, shape (3,), optional
+        Where the scanner stood.
+    """
+    offset, full = np.zeros(3), None
+    head = None if count == 0 else next(tables(LOOK), None)
+    if head is not None:
+        known = _lower(head)
+        offset = offset_of(np.stack([known[name] for name in _POSITION], axis=1))
+        full = full_colour(*_colours(known))
+    origins = None if origin is None else (origin - offset)[None]
+
+    def blocks(size: int) -> Iterator[PointCloud]:
+        for columns in tables(size):
+            yield cloud_of(columns, offset, origins, full)
+
+    return CloudFile(path=path, count=count, offset=offset, origins=origins, blocks=blocks)
+
+
 def cloud_of(
-    columns: Mapping[str, Column], offset: Array, origins: Array | None = None
+    columns: Mapping[str, Column],
+    offset: Array,
+    origins: Array | None = None,
+    full: float | None = None,
 ) -> PointCloud:
     """Make a cloud of named columns; those of unknown meaning are left out.
 
     Parameters
     ----------
     columns : mapping of str to ndarray, shape (k,)
-        Numbers; capitals in names do not matter. Colours of 16 bits and of 0 ... 1 are brought to
-        0 ... 255.
+        Numbers; capitals in names do not matter. Colours are brought to 0 ... 255.
     offset : ndarray, shape (3,)
         What to subtract from the coordinates.
     origins : ndarray, shape (s, 3), optional
         Where the scanner stood, relative to `offset`.
+    full : float, optional
+        Largest number that a colour may have (`full_colour`).
     """
-    known = {name.lower(): column for name, column in columns.items()}
+    known = _lower(columns)
 
     def first(names: Sequence[str]) -> Column | None:
         return next((known[name] for name in names if name in known), None)
 
-    colour = next((names for names in _COLOURS if all(name in known for name in names)), None)
+    colours = _colours(known)
     intensity, labels, scan = first(_INTENSITY), first(_LABELS), first(_SCAN)
     return PointCloud(
         points=less(np.stack([known[name] for name in _POSITION], axis=1), offset),
         offset=offset,
-        colour=None if colour is None else eight_bits(*(known[name] for name in colour)),
+        colour=eight_bits(np.stack(colours, axis=1), full) if colours else None,
         intensity=None if intensity is None else intensity.astype(np.float32),
         labels=None if labels is None else _whole(labels),
         scan=None if scan is None else _whole(scan),
@@ -73,17 +115,36 @@ def cloud_of(
     )
 
 
-def eight_bits(red: Column, green: Column, blue: Column) -> NDArray[np.uint8]:
-    """Colours of any type as 8 bits, shape (k, 3)."""
-    colour = np.stack((red, green, blue), axis=1)
+def full_colour(*colours: Column) -> float | None:
+    """Largest number that colours such as these may have: 1, 255 or 65,535.
+
+    ``None`` where it cannot be told: of black ones, or of none.
+    """
+    largest = max((float(np.nanmax(each)) for each in colours if each.size), default=0.0)
+    if not largest > 0:
+        return None
+    if largest <= 1 and all(each.dtype.kind == "f" for each in colours):
+        return 1.0
+    return 255.0 if largest <= 255 else 65535.0
+
+
+def eight_bits(colour: Column, full: float | None = None) -> NDArray[np.uint8]:
+    """Colours of any type, shape (k, 3), as 8 bits; `full` as `full_colour` says, of themselves."""
     if colour.dtype == np.uint8:
         return colour
-    largest = 0 if not colour.size else np.nanmax(colour)
-    if colour.dtype.kind == "f" and largest <= 1:
-        colour = colour * 255
-    elif largest > 255:  # 16 bits
-        colour = colour / 257
-    return np.nan_to_num(colour.astype(np.float64)).clip(0, 255).round().astype(np.uint8)
+    full = full or full_colour(colour) or 255.0
+    scaled = np.nan_to_num(colour.astype(np.float64)) * (255.0 / full)
+    return np.asarray(scaled.clip(0, 255).round().astype(np.uint8))
+
+
+def _lower(columns: Mapping[str, Column]) -> dict[str, Column]:
+    return {name.lower(): column for name, column in columns.items()}
+
+
+def _colours(known: Mapping[str, Column]) -> list[Column]:
+    """Red, green and blue, where all three are there."""
+    names = next((names for names in _COLOURS if all(name in known for name in names)), ())
+    return [known[name] for name in names]
 
 
 def _whole(column: Column) -> NDArray[np.int32]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import IO, Any
@@ -116,12 +116,10 @@ def point_lines(stream: IO[str]) -> Iterator[str]:
 def _numbers(
     lines: list[str], columns: int, delimiter: str | None, done: int
 ) -> NDArray[np.float64]:
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
+    rows = np.empty((0, 0))
+    if any(map(str.strip, lines)):  # else there is a warning
+        with suppress(ValueError):
             rows = np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
-    except ValueError:
-        rows = np.empty((0, 0))
     if rows.shape == (len(lines), columns):
         return rows
     for number, line in enumerate(lines, start=done + 1):  # which one is it?

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 import zipfile
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -24,6 +23,7 @@ from planewise.camera import PinholeCamera
 from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
+from planewise.foreign_warnings import without_warnings
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -42,7 +42,7 @@ _COLOUR = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class DepthFile:
     """What a file says about one frame.
 
@@ -121,10 +121,11 @@ def list_depth_files(folder: str | Path) -> list[Path]:
     return sorted(files, key=natural_order)
 
 
-def natural_order(path: Path) -> list[tuple[int, str]]:
-    """Sort key by which frame 2 comes before frame 10."""
+def natural_order(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """Sort key by which frame 2 comes before frame 10; 1 and 01 are in one order everywhere."""
     parts = re.split(r"(\d+)", path.name)
-    return [(int(part), "") if part.isdecimal() else (-1, part.lower()) for part in parts]
+    rough = [(int(part), "") if part.isdecimal() else (-1, part.lower()) for part in parts]
+    return rough, path.name
 
 
 def _check_array(depth: NDArray[Any]) -> NDArray[Any]:
@@ -161,8 +162,7 @@ def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
     """Read a depth image of one channel from a PNG or TIFF; raises what its decoder does."""
     with needs("pillow", "reading PNG and TIFF files"):
         from PIL import Image, UnidentifiedImageError
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
+    with without_warnings(Image.DecompressionBombWarning):  # checked just below
         try:
             opened = Image.open(source, formats=("PNG", "TIFF"))
         except UnidentifiedImageError:

@@ -26,7 +26,7 @@ STORE_FILE = "store.json"
 """What a store is known by."""
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class LabelFile:
     """What a file says about the planes of one frame.
 

@@ -7,6 +7,7 @@ import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -178,14 +179,7 @@ def _cloud(
         value = np.asarray(rows["plane"])
         if value.ndim == 1:  # else it is something of that name
             columns["plane"] = value
-    block = cloud_of(columns, np.zeros(3))
-    return PointCloud(
-        points=block.points,
-        offset=offset,
-        colour=block.colour,
-        intensity=block.intensity,
-        labels=block.labels,
-    )
+    return replace(cloud_of(columns, np.zeros(3)), offset=offset)
 
 
 def copy_with_planes(

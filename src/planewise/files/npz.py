@@ -6,6 +6,7 @@ import math
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, Any
 
@@ -13,14 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import cloud_of, eight_bits
+from planewise.files.cloud_columns import LOOK, cloud_of, eight_bits, full_colour
 from planewise.files.npy import array_header
 from planewise.point_cloud import Array, CloudFile, PointCloud, less, offset_of
 
 _POINTS = ("points", "xyz", "arr_0")
 _COLOUR = ("colour", "color", "colours", "colors", "rgb")
 _COLUMNS = ("intensity", "gt", "labels", "label", "plane", "scan")
-_LOOK = 10_000  # points that tell the offset
 _MOST_COLUMNS = 32  # of a cloud; more are an image
 
 
@@ -135,7 +135,9 @@ def _opened(
             shape = _Rows(*members[name], stack).shape
             if shape != ((count, 3) if name == colour else (count,)):
                 raise PlanewiseError(f"has {name} of shape {shape} beside {count:,} points")
-        own = offset_of(points.read(min(count, _LOOK))[:, :3])
+        own, full = offset_of(points.read(min(count, LOOK))[:, :3]), None
+        if colour is not None:
+            full = full_colour(_Rows(*members[colour], stack).read(min(count, LOOK)))
     offset = stated + own
 
     def blocks(size: int) -> Iterator[PointCloud]:
@@ -147,18 +149,8 @@ def _opened(
                 xyz = less(rows[key].read(here)[:, :3], own)
                 columns: dict[str, NDArray[Any]] = {name: xyz[:, k] for k, name in enumerate("xyz")}
                 columns |= {name: rows[name].read(here) for name in beside}
-                if colours is not None:
-                    rgb = eight_bits(*colours.read(here).T)
-                    columns |= {name: rgb[:, k] for k, name in enumerate(("r", "g", "b"))}
                 block = cloud_of(columns, np.zeros(3), origins)
-                yield PointCloud(
-                    points=block.points,
-                    offset=offset,
-                    colour=block.colour,
-                    intensity=block.intensity,
-                    scan=block.scan,
-                    labels=block.labels,
-                    origins=origins,
-                )
+                rgb = None if colours is None else eight_bits(colours.read(here), full)
+                yield replace(block, offset=offset, colour=rgb)
 
     return CloudFile(path=path, count=count, offset=offset, origins=origins, blocks=blocks)

@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import cloud_of, positions
+from planewise.files.cloud_columns import cloud_file, positions
 from planewise.files.cloud_records import LONGEST_HEADER, check_length, read_rows, read_words
-from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+from planewise.point_cloud import Array, CloudFile
 
 _KINDS = {("F", 4), ("F", 8)} | {(kind, size) for kind in "IU" for size in (1, 2, 4, 8)}
 _LARGEST_RATIO = 132  # LZF writes at most 264 bytes for two
-_LOOK = 10_000  # points that tell the offset
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,27 +50,18 @@ def open_pcd(path: Path) -> CloudFile:
     header = _read_header(path)
     positions([name for name in header.fields if name != "_"])
 
-    def tables(size: int, count: int) -> Iterator[Mapping[str, NDArray[Any]]]:
+    def tables(size: int) -> Iterator[Mapping[str, NDArray[Any]]]:
         if header.encoding == "ascii":
-            return _ascii(path, header, size, count)
+            return _ascii(path, header, size)
         if header.encoding == "binary":
-            rows = read_rows(path, header.start, count, header.row, size)
+            rows = read_rows(path, header.start, header.points, header.row, size)
             return (_columns(header, block) for block in rows)
-        return _unpacked(path, header, size, count)
+        return _unpacked(path, header, size)
 
     width = 2 * sum(header.counts) if header.encoding == "ascii" else header.row.itemsize
     if header.encoding != "binary_compressed":
         check_length(path, header.start, header.points, width)
-    offset = np.zeros(3)
-    for columns in tables(_LOOK, min(header.points, _LOOK)):
-        offset = offset_of(np.stack([columns[name] for name in "xyz"], axis=1))
-    origins = None if header.origin is None else (header.origin - offset)[None]
-
-    def blocks(size: int) -> Iterator[PointCloud]:
-        for columns in tables(size, header.points):
-            yield cloud_of(columns, offset, origins)
-
-    return CloudFile(path=path, count=header.points, offset=offset, origins=origins, blocks=blocks)
+    return cloud_file(path, header.points, tables, header.origin)
 
 
 def _columns(header: _Header, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -89,14 +79,12 @@ def _columns(header: _Header, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
     return out
 
 
-def _ascii(
-    path: Path, header: _Header, size: int, count: int
-) -> Iterator[Mapping[str, NDArray[Any]]]:
+def _ascii(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDArray[Any]]]:
     first = np.cumsum([0, *header.counts])
     with path.open("rb") as stream:
         stream.seek(header.start)
         with io.TextIOWrapper(stream, encoding="ascii", errors="replace") as text:
-            for table in read_words(text, int(first[-1]), size, count=count):
+            for table in read_words(text, int(first[-1]), size, count=header.points):
                 rows = np.empty(len(table), header.row)
                 out = {}
                 for k, name in enumerate(header.fields):
@@ -113,9 +101,7 @@ def _ascii(
                 }
 
 
-def _unpacked(
-    path: Path, header: _Header, size: int, count: int
-) -> Iterator[Mapping[str, NDArray[Any]]]:
+def _unpacked(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDArray[Any]]]:
     """One field after the other in one packed piece, which has to be unpacked as a whole."""
     row = header.row
     with path.open("rb") as stream:
@@ -145,8 +131,8 @@ def _unpacked(
             header.points, *kind.shape
         )  # fmt: skip
         at += header.points * kind.itemsize
-    for first in range(0, count, size):
-        block = slice(first, min(first + size, count))
+    for first in range(0, header.points, size):
+        block = slice(first, min(first + size, header.points))
         rows = np.empty(block.stop - first, row)
         for name, column in columns.items():
             rows[name] = column[block]

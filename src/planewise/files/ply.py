@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import cloud_of, positions
+from planewise.files.cloud_columns import cloud_file, positions
 from planewise.files.cloud_records import (
     LONGEST_HEADER,
     check_length,
@@ -22,7 +22,7 @@ from planewise.files.cloud_records import (
     read_rows,
     read_words,
 )
-from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+from planewise.point_cloud import Array, CloudFile
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -78,52 +78,38 @@ def open_ply(path: Path) -> CloudFile:
     row = vertex.row(header.order)
     start = header.start + sum(each.count * each.row(header.order).itemsize for each in before)
     check_length(path, start, vertex.count, row.itemsize)
-    offset = np.zeros(3)
-    for rows in read_rows(path, start, min(vertex.count, 10_000), row, 10_000):
-        offset = offset_of(_coordinates(rows))
-    origins = _camera(path, header, start + vertex.count * row.itemsize, offset)
 
-    def blocks(size: int) -> Iterator[PointCloud]:
+    def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
         for rows in read_rows(path, start, vertex.count, row, size):
-            yield cloud_of({name: rows[name] for name in names}, offset, origins)
+            yield {name: rows[name] for name in names}
 
-    return CloudFile(path=path, count=vertex.count, offset=offset, origins=origins, blocks=blocks)
-
-
-def _coordinates(rows: NDArray[Any]) -> Array:
-    names = rows.dtype.names
-    assert names is not None
-    return np.stack([rows[names[at]] for at in positions(names)], axis=1).astype(np.float64)
+    origin = _camera(path, header, start + vertex.count * row.itemsize)
+    return cloud_file(path, vertex.count, tables, origin)
 
 
 def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudFile:
     names = [name for name, _ in vertex.fields]
     at = positions(names)
 
-    def tables(size: int, count: int) -> Iterator[NDArray[np.float64]]:
+    def words(size: int) -> Iterator[NDArray[np.float64]]:
         with path.open("rb") as stream:
             stream.seek(header.start)
             with _as_text(stream) as text:
                 lines = point_lines(text)
                 for _ in range(before):
                     next(lines, None)
-                yield from read_words(text, len(names), size, count=count)
+                yield from read_words(text, len(names), size, count=vertex.count)
 
-    offset = np.zeros(3)
-    for table in tables(10_000, min(vertex.count, 10_000)):
-        offset = offset_of(table[:, at])
-
-    def blocks(size: int) -> Iterator[PointCloud]:
-        for table in tables(size, vertex.count):
+    def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
+        for table in words(size):
             columns = {
                 name: table[:, k].astype(kind) if np.isfinite(table[:, k]).all() else table[:, k]
                 for k, (name, kind) in enumerate(vertex.fields)
             }
             # The file has decimals, which float64 keeps better whatever the header says.
-            columns |= {name: table[:, k] for k, name in enumerate(names) if k in at}
-            yield cloud_of(columns, offset)
+            yield columns | {name: table[:, k] for k, name in enumerate(names) if k in at}
 
-    return CloudFile(path=path, count=vertex.count, offset=offset, blocks=blocks)
+    return cloud_file(path, vertex.count, tables)
 
 
 def _as_text(stream: IO[bytes]) -> Any:
@@ -132,7 +118,7 @@ def _as_text(stream: IO[bytes]) -> Any:
     return io.TextIOWrapper(stream, encoding="ascii", errors="replace")
 
 
-def _camera(path: Path, header: _Header, end: int, offset: Array) -> Array | None:
+def _camera(path: Path, header: _Header, end: int) -> Array | None:
     """Place of the scanner, where the element `camera` follows the points."""
     after = header.elements[[each.name for each in header.elements].index("vertex") + 1 :]
     for element in after:
@@ -143,7 +129,7 @@ def _camera(path: Path, header: _Header, end: int, offset: Array) -> Array | Non
                 return None
             place = next(read_rows(path, end, 1, row, 1))[0]
             origin = np.array([float(place[name]) for name in names])
-            return (origin - offset)[None] if np.isfinite(origin).all() else None
+            return origin if np.isfinite(origin).all() else None
         if element.lists:
             return None
         end += element.count * row.itemsize

@@ -9,16 +9,13 @@ from itertools import islice
 from pathlib import Path
 from typing import IO
 
-import numpy as np
-
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import cloud_of, positions
+from planewise.files.cloud_columns import LOOK, cloud_file, positions
 from planewise.files.cloud_records import is_number, point_lines, read_words
-from planewise.point_cloud import Array, CloudFile, PointCloud, offset_of
+from planewise.point_cloud import Array, CloudFile
 from planewise.wording import counted
 
 _XYZ = ["x", "y", "z"]
-_LOOK = 10_000  # lines that tell the columns and the offset
 _FEWEST_NUMBERED = 10  # points whose numbers are no coordinate by chance
 
 
@@ -41,14 +38,13 @@ def open_xyz(path: Path) -> CloudFile:
     A line of one whole number, as in PTS, is the number of points that follow.
     """
     layout = _layout(path)
-    table = next(_tables(path, layout, _LOOK), np.empty((0, len(layout.names))))
-    offset = offset_of(table[:, positions(layout.names)])
+    positions(layout.names)
 
-    def blocks(size: int) -> Iterator[PointCloud]:
+    def tables(size: int) -> Iterator[dict[str, Array]]:
         for table in _tables(path, layout, size):
-            yield cloud_of({name: table[:, k] for k, name in enumerate(layout.names)}, offset)
+            yield {name: table[:, k] for k, name in enumerate(layout.names)}
 
-    return CloudFile(path=path, count=None, offset=offset, blocks=blocks)
+    return cloud_file(path, None, tables)
 
 
 def _open(path: Path) -> IO[str]:
@@ -72,7 +68,7 @@ def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
 
 def _layout(path: Path) -> _Layout:
     with _open(path) as stream:
-        head = list(islice(iter(lambda: stream.readline(1 << 16), ""), _LOOK))
+        head = list(islice(iter(lambda: stream.readline(1 << 16), ""), LOOK))
     if not any(line.strip() for line in head):
         raise PlanewiseError("is empty")
     if any("\0" in line for line in head):

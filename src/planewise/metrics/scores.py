@@ -77,7 +77,7 @@ class Detection:
     f1: float
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneErrors:
     """Errors of the planes that were found.
 

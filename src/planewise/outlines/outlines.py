@@ -26,7 +26,7 @@ from planewise.model import Plane
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneFrame:
     """Coordinates on a plane.
 
@@ -63,7 +63,7 @@ class PlaneFrame:
         return np.asarray(self.origin + coordinates @ np.stack((self.u, self.v)))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Polygon:
     """A shell and its holes in plane coordinates; rings are not closed by a repeated point.
 
@@ -79,7 +79,7 @@ class Polygon:
     holes: tuple[Array, ...] = ()
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Extent:
     """Smallest rectangle, however turned, around a surface.
 

@@ -7,7 +7,6 @@ there is any.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 
 from planewise.arguments import is_finite, is_whole
 from planewise.errors import needs
+from planewise.foreign_warnings import without_warnings
 from planewise.partition.regions import Regions
 
 if TYPE_CHECKING:
@@ -67,9 +67,8 @@ class Graph:
         """Region of every pixel, from 1."""
         with needs("scikit-image", "the partition 'graph'", "partition"):
             from skimage.segmentation import felzenszwalb
-        with warnings.catch_warnings():
-            # It expects colours; more channels are what is meant here.
-            warnings.filterwarnings("ignore", "Got image with third dimension", RuntimeWarning)
+        # It expects colours; more channels are what is meant here.
+        with without_warnings(RuntimeWarning, "Got image with third dimension"):
             regions = felzenszwalb(
                 self.channels(view),
                 scale=self.scale,

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _FLAT = 1e-12  # area, against the largest, below which three corners are in a line
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
     """Triangles of one surface.
 

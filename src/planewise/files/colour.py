@@ -1,8 +1,7 @@
-"""Colour pictures of datasets, from files or from the bytes that a recording holds."""
+"""Colour pictures, from files or from the bytes that a recording holds."""
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import IO
 
@@ -11,8 +10,9 @@ from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError, needs
 from planewise.files.depth import check_size
+from planewise.foreign_warnings import without_warnings
 
-_FORMATS = {
+FORMATS = {
     ".png": "PNG",
     ".jpg": "JPEG",
     ".jpeg": "JPEG",
@@ -25,7 +25,7 @@ _FORMATS = {
 
 def is_picture(path: Path) -> bool:
     """Whether the name is that of a colour picture."""
-    return path.suffix.lower() in _FORMATS
+    return path.suffix.lower() in FORMATS
 
 
 def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
@@ -42,9 +42,8 @@ def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
     if isinstance(source, Path) and not source.is_file():
         raise PlanewiseError(f"the picture{name} is missing")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # checked just below
-            opened = Image.open(source, formats=tuple(set(_FORMATS.values())))
+        with without_warnings(Image.DecompressionBombWarning):  # checked just below
+            opened = Image.open(source, formats=tuple(set(FORMATS.values())))
         with opened as image:
             check_size(image.width * image.height)
             return np.array(image.convert("RGB"))
