@@ -56,21 +56,37 @@ def test_affine_planes():
     assert_allclose(out, exact, rtol=1e-6)
 
 
-def test_planes_in_space():
+def of_walk(t, information, drift, per_metre):
+    """Covariance of a plane's t from an error that wanders, D |r| the variance of a difference."""
+    mean = information[0] / information[0, 0]
+    spread = (information / information[0, 0] - np.outer(mean, mean))[1:, 1:]
+    side = max(np.sqrt(12 * np.sqrt(max(np.linalg.det(spread), 0))), 0.03)
+    if mean @ t <= 0:
+        return np.zeros((3, 3))
+    d = np.interp(per_metre / (mean @ t), np.arange(drift.size - 1), drift[:-1])
+    about_middle = np.diag([0.113 * d * side, 0.6 * d / side, 0.6 * d / side])
+    to_corner = np.array([[1, -mean[1], -mean[2]], [0, 1, 0], [0, 0, 1]])
+    return to_corner @ about_middle @ to_corner.T
+
+
+@pytest.mark.parametrize("walk", [0.0, 2.0])
+def test_planes_in_space(walk):
     rng = np.random.default_rng(2)
     t, turn = rng.normal(0, 1, (20, 3)), rng.normal(0, 2, (3, 3))
     root = rng.normal(0, 1, (20, 3, 3)) * [[[1e4], [1e2], [3e2]]]
     information = root @ root.transpose(0, 2, 1)
     rows, covariances = np.empty((20, 4)), np.empty((20, 4, 4))
-    planes.in_space(t, information, turn, rows, covariances)
+    drift = rng.uniform(1e-6, 1e-5, 60)
+    planes.in_space(t, information, drift, 20.0, walk, turn, rows, covariances)
     for k in range(20):
-        theta = turn @ t[k]
+        theta, random = turn @ t[k], np.linalg.inv(information[k])
+        random += walk * of_walk(t[k], information[k], drift, 20.0)
         size = np.linalg.norm(theta)
         assert_allclose(rows[k], [*(-theta / size), 1 / size], rtol=1e-12)
-        of_theta = turn @ np.linalg.inv(information[k]) @ turn.T
+        of_theta = turn @ random @ turn.T
         exact = covariance_of_plane(theta, of_theta)
         assert_allclose(covariances[k], exact, rtol=0, atol=1e-9 * abs(exact).max())
-    planes.in_space(t, np.ones((20, 3, 3)), turn, rows, covariances)
+    planes.in_space(t, np.ones((20, 3, 3)), drift, 20.0, walk, turn, rows, covariances)
     assert not np.isfinite(covariances[:, 0, 0]).any()
 
 

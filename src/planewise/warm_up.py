@@ -103,7 +103,11 @@ def ledger() -> None:
     frame, cells, labels = valley.frame, valley.cells, valley.labels
     area, place = _CAMERA.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
     rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
-    in_space(_PLANES, np.tile(np.eye(3), (2, 1, 1)), np.eye(3), rows, covariances)
+    table = frame.table
+    in_space(
+        _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.per_metre, 1.0, np.eye(3), rows,
+        covariances,
+    )  # fmt: skip
     describe_image(frame, area, _PLANES, rows, covariances, labels, place)
 
     groups = groups_of(frame, cells, labels, 2, *_LIMITS, (0.002, 0.002))

@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from planewise.kernels.cells import PLANE_RESIDUAL, PLANE_SLOPE, SIDE, UNIT
 from planewise.kernels.jit import compiled, in_order
+from planewise.kernels.tables import between
 
 
 @in_order
@@ -32,17 +34,32 @@ def affine_planes(rows, planes):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def in_space(affine, information, turn, rows, covariances):  # type: ignore[no-untyped-def]
+def in_space(  # type: ignore[no-untyped-def]
+    affine, information, drift, per_metre, factor, turn, rows, covariances
+):
     """Normal and distance of planes w = t0 + t1 x + t2 y, and their covariance.
 
     affine (n, 3), information (n, 3, 3): t, and P on it; turn (3, 3): (normal, distance) =
     (-theta, 1) / |theta|, theta = turn t. With J its derivatives by t and P = S^-1 L L' S^-1, S
-    diagonal, the covariance is V' V with L V = S J'. Writes rows (n, 4) and covariances (n, 4, 4),
-    which are not finite where P is singular.
+    diagonal, the covariance of random errors is V' V with L V = S J'. drift (L,): D of the error's
+    walk by depth, per_metre rows a metre, times factor; it moves and tilts a plane as a whole
+    (`PLANE_RESIDUAL`, `PLANE_SLOPE`). Writes rows (n, 4) and covariances (n, 4, 4), which are not
+    finite where P is singular.
     """
-    half = np.empty((3, 4))
+    half, last = np.empty((6, 4)), drift.size - 2
     for k in range(affine.shape[0]):
         t, p = affine[k], information[k]
+        middle_x, middle_y = p[0, 1] / p[0, 0], p[0, 2] / p[0, 0]
+        xx, yy = p[1, 1] / p[0, 0] - middle_x**2, p[2, 2] / p[0, 0] - middle_y**2
+        xy = p[1, 2] / p[0, 0] - middle_x * middle_y
+        # Side of a square whose readings spread as much.
+        side = max(math.sqrt(12.0 * math.sqrt(max(xx * yy - xy * xy, 0.0))), SIDE / UNIT)
+        w = t[0] + t[1] * middle_x + t[2] * middle_y
+        walk = factor * between(drift, per_metre / w, last) if w > 0.0 else 0.0
+        offset, slope = (
+            math.sqrt(PLANE_RESIDUAL * walk * side),
+            math.sqrt(PLANE_SLOPE * walk / side),
+        )
         x, y, z = 0.0, 0.0, 0.0
         for j in range(3):
             x, y, z = x + turn[0, j] * t[j], y + turn[1, j] * t[j], z + turn[2, j] * t[j]
@@ -52,11 +69,16 @@ def in_space(affine, information, turn, rows, covariances):  # type: ignore[no-u
         s = 1.0 / math.sqrt(p[0, 0]), 1.0 / math.sqrt(p[1, 1]), 1.0 / math.sqrt(p[2, 2])
         for j in range(3):
             along = x * turn[0, j] + y * turn[1, j] + z * turn[2, j]
-            larger = -distance * s[j]
-            half[j, 0] = larger * (turn[0, j] - along * x)
-            half[j, 1] = larger * (turn[1, j] - along * y)
-            half[j, 2] = larger * (turn[2, j] - along * z)
-            half[j, 3] = larger * distance * along
+            half[j, 0] = -distance * (turn[0, j] - along * x)
+            half[j, 1] = -distance * (turn[1, j] - along * y)
+            half[j, 2] = -distance * (turn[2, j] - along * z)
+            half[j, 3] = -distance * distance * along
+        for m in range(4):
+            half[3, m] = offset * half[0, m]
+            half[4, m] = slope * (half[1, m] - middle_x * half[0, m])
+            half[5, m] = slope * (half[2, m] - middle_y * half[0, m])
+            for j in range(3):
+                half[j, m] *= s[j]
         a, b, c = p[0, 1] * s[0] * s[1], p[0, 2] * s[0] * s[2], p[1, 2] * s[1] * s[2]
         second = math.sqrt(1.0 - a * a)
         e = (c - a * b) / second
@@ -66,9 +88,10 @@ def in_space(affine, information, turn, rows, covariances):  # type: ignore[no-u
             half[2, m] = (half[2, m] - b * half[0, m] - e * half[1, m]) / third
         for m in range(4):
             for n in range(4):
-                covariances[k, m, n] = (
-                    half[0, m] * half[0, n] + half[1, m] * half[1, n] + half[2, m] * half[2, n]
-                )
+                total = 0.0
+                for j in range(6):
+                    total += half[j, m] * half[j, n]
+                covariances[k, m, n] = total
 
 
 @compiled

@@ -17,6 +17,7 @@ from planewise.kernels.cells import COUNT, SIDE
 from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
+    SATURATION,
     FrameError,
     drift_and_distortion,
     drift_factor,
@@ -31,7 +32,6 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
@@ -291,7 +291,7 @@ def _without_shared_error(
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, _SATURATION, out=told)
+        np.multiply(drift, SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
@@ -299,16 +299,16 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= _SATURATION
+    drift *= SATURATION
     w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
-    between = quiet * _SATURATION * factor
+    between = quiet * SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
     error = FrameError(
         white=white,
         seen=seen,
         lateral=lateral,
         drift=between,
-        local=quiet * _SATURATION * max(local, factor),
+        local=quiet * SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
         drifting=drifting,

@@ -15,6 +15,7 @@ from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image
 from planewise.spatial.frame import Frame, tame_frame
+from planewise.spatial.frame_error import FrameError
 from planewise.spatial.solution import SpatialSolution, solve
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -110,7 +111,8 @@ def spatial_model(
     phi = solution.curve[: best + 1]
     curve = phi if best < solution.best else solution.curve
     with stage("describe"):
-        planes, labels = _described(observation, frame, solution, best)
+        error = FrameError() if cells is None else cells.error
+        planes, labels = _described(observation, frame, solution, error, best)
     reason = reason_of(best, significance)
     if cells is None and observation.count >= _MANY:
         reason = (
@@ -134,7 +136,11 @@ def spatial_model(
 
 
 def _described(
-    observation: RayObservation, frame: Frame, solution: SpatialSolution, best: int
+    observation: RayObservation,
+    frame: Frame,
+    solution: SpatialSolution,
+    error: FrameError,
+    best: int,
 ) -> tuple[Sequence[Plane], NDArray[np.uint16]]:
     """Give the best planes by rank, and the label image, shape (H, W)."""
     found, book = solution.found, solution.book
@@ -142,7 +148,10 @@ def _described(
     place = frame.sectors.places(order, len(book.order))
     rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
     affine = solution.affine[:: frame.sectors.count][order]
-    plane_loops.in_space(affine, found.information[order], frame.sectors.turn[0], rows, covariances)
+    plane_loops.in_space(
+        affine, found.information[order], frame.table.drift, frame.table.per_metre, error.walk,
+        frame.sectors.turn[0], rows, covariances,
+    )  # fmt: skip
     told = {
         "information": book.saved[:best].tolist(),
         "significance": found.significance[order].tolist(),
