@@ -252,6 +252,20 @@ def test_a_scanner_far_from_its_points_is_warned_of(tmp_path, out, corner):
         assert ("origin: that is 6,602," in errors) == (place == far)
 
 
+@pytest.mark.parametrize("tiles", [(), ("--tiles", 1000)])
+def test_the_origin_that_was_given_is_written(tmp_path, out, corner, tiles):
+    place = UTM + 1
+    np.savez(tmp_path / "a.npz", points=corner[0], origins=np.ones((1, 3)), offset=UTM)
+    coordinates = ",".join(map(str, place))
+    for given, written in (("", None), ("file", "file"), (coordinates, place.tolist())):
+        origin = ("--origin", given) if given else ()
+        code, _, errors = run("points", tmp_path / "a.npz", *origin, *tiles, "-o", out)
+        assert (code, errors) == (0, "")
+        record = check(out)
+        assert record["options"].get("origin") == written
+        assert record["input"]["origins"] == [[1, 1, 1]]
+
+
 @pytest.mark.parametrize("said", ["key", "words", "metres", "nothing"])
 def test_feet_are_no_metres(tmp_path, out, corner, said):
     header = laspy.LasHeader(point_format=3, version="1.2")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -141,6 +142,9 @@ def points(
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
             model, seconds = _find(read, sensor, stood, options)
+            if origin is not None:
+                told_origin = _FROM_FILE if place is None else place.tolist()
+                model = replace(model, settings={**model.settings, "origin": told_origin})
             surfaces: tuple[Surface, ...] = ()
             if outlines:
                 from planewise.outlines.cloud import outline_points
