@@ -58,7 +58,8 @@ def detect_planes(
     sensor : Sensor
         Range, resolution and noise; `planewise.sensors` has presets.
     depth_scale : float, optional
-        Metres per unit of integer depth; ``None`` means the sensor's resolution.
+        Metres per unit of integer depth; ``None`` means the sensor's resolution. Presets of
+        LiDARs have steps of their own, such as 12 mm: 0.001 says that ranges are in millimetres.
     search, objective, instances, significance, confidence, inlier_ratio, max_planes
         See `Options`.
     reassign, rng, threads

@@ -47,12 +47,12 @@ class Plane:
         Mean of its readings in space, metres.
     covariance : ndarray, shape (n + 1, n + 1)
         Of (normal, distance): the inverse Fisher information under the error model. NaN where the
-        readings do not determine it. Of points in space that err apart it is 1 + 0.09 times the
-        points of a cell as large, twice with some ten and many times in dense clouds, for those of
-        a cell are taken to share some of their error. It knows no bias: under the paper's objective
-        noise that goes with z^p brings planes nearer, by some 2 p (sigma / z)^2 of their distance.
-        Nor does it know that readings round alike where depth hardly changes along rows or
-        columns, which noise below a third of a step does not even out.
+        readings do not determine it. For points in space with independent errors it is too large
+        by a factor of 1 + 0.09 n for n points a cell (about two at n = 10, far more in dense
+        clouds), because points of one cell are taken to share part of their error. It knows no
+        bias: under the paper's objective noise that goes with z^p brings planes nearer, by some
+        2 p (sigma / z)^2 of their distance. Nor does it know that readings round alike where depth
+        hardly changes along rows or columns, which noise below a third of a step does not even out.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border (spatial objective; NaN under the paper's).

@@ -296,7 +296,8 @@ def observe(
         Its range, resolution and noise. The noise of integer depth is evaluated once per value;
         noise "auto" is estimated from the image (`planewise.estimate_noise`).
     depth_scale : float, optional
-        Metres per unit of integer depth; ``None`` means the sensor's resolution.
+        Metres per unit of integer depth; ``None`` means the sensor's resolution. Presets of
+        LiDARs have steps of their own, such as 12 mm: 0.001 says that ranges are in millimetres.
     workspace : Workspace, optional
         Memory to work in; the observation lasts until it is used again, and as long as the image
         stays as it is. Without one it has a copy of the image.

@@ -61,8 +61,8 @@ class Options:
         its own, with the parameters that they share.
     significance : float
         Nats that a plane has to save beyond its parameters and its border (spatial objective), and
-        each of its pieces, where it is seen in several: the larger, the fewer planes. What is then
-        no plane is on none, or goes to its neighbours.
+        each of its pieces, where it is seen in several: the larger, the fewer planes. Readings of a
+        plane that fails this are labelled 0, or go to a neighbouring plane.
     confidence : float
         c of the paper: probability that a plane's sample is drawn from it alone (sequential).
     inlier_ratio : float

@@ -210,7 +210,8 @@ class SphericalCamera:
         Parameters
         ----------
         pixels : array_like, shape (..., 2)
-            Column and row; centres of pixels are integers.
+            Column and row, which is the other order than that of `pixels`; centres of pixels are
+            integers.
 
         Returns
         -------
@@ -267,8 +268,9 @@ class SphericalCamera:
         Returns
         -------
         ndarray of int, shape (k, 2)
-            Row and column; -1 for points at the origin, not finite, or outside the image: farther
-            from its outermost rows or columns than half-way to where the next one would be.
+            Row and column, to index an image with, which is the other order than `unproject` takes;
+            -1 for points at the origin, not finite, or outside the image: farther from its
+            outermost rows or columns than half-way to where the next one would be.
         """
         array = np.asarray(points)
         if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":

@@ -59,7 +59,8 @@ Resolution = Annotated[float | None, optional("Step between two readings in metr
 DepthScale = Annotated[
     float | None,
     optional(
-        "Metres per unit of an integer image. Default: what an .npz states, else the resolution."
+        "Metres per unit of an integer image. Default: what an .npz states, else the sensor's "
+        "resolution, which is a millimetre but for LiDARs: 0.001 for their images in millimetres."
     ),
 ]
 Kind = Annotated[

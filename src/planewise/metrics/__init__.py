@@ -1,4 +1,4 @@
-"""Scores of planes against labels: VOI, RI, SC, precision and recall."""
+"""Scores of predicted label images against true ones: VOI, RI, SC, precision and recall."""
 
 from planewise.metrics.contingency import ContingencyTable, clustering, contingency_table
 from planewise.metrics.hoover import hoover_counts
