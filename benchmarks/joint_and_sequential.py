@@ -20,7 +20,7 @@ _ROUNDING = 1e-9  # of Phi: where both end at the same planes, the last digits m
 
 def table(frames: Iterable[Frame], seeds: int) -> None:
     """Print one row a frame and a summary."""
-    print("| frame | Phi joint | planes | Phi sequential (best seed) | planes | joint lower by |")
+    print("| frame | Phi joint | planes | Phi sequential | planes | joint lower by |")
     print("|---|---|---|---|---|---|")
     count = worse = 0
     for frame in frames:

@@ -72,7 +72,8 @@ def _section(settings: Settings, measured: Sequence[Measured]) -> Section:
         text=(
             "Four upright bands of equal size stand at 2.5, 2.7, 2.9 and 3.1 m. From left to right "
             f"a sine of {length(TRUE_SIGMA)} runs along the height of the image with "
-            f"f = {_RIGHT} periods: the first band is flat, the others ever less so. The assumed "
+            f"f = {_RIGHT} periods, as in the code of the paper's authors (its text says along "
+            "the width): the first band is flat, the others ever less so. The assumed "
             "σ is the amplitude. The planes should come out as four, ranked in the order of f.",
             "The scene has no noise, so only the samples of the paper's search and of Open3D "
             "differ from run to run. Open3D does not rank; its order is that in which planes were "

@@ -92,7 +92,8 @@ def _section(name: str, settings: Settings, measured: Sequence[Measured]) -> Sec
         title=title,
         text=(
             f"{about} White noise of {length(TRUE_SIGMA)} is added along the rays and depth is "
-            "rounded down to whole millimetres, as in the paper. All methods are told that the "
+            "rounded down to whole millimetres, as in the code of the paper's authors: ε is 1 mm, "
+            "though the caption of the paper's figure says 0.01. All methods are told that the "
             f"noise is {', '.join(length(each) for each in SIGMAS[:-1])} or "
             f"{length(SIGMAS[-1])}; the paper's search and Open3D look for up to {MOST} planes "
             f"with c = 0.99 and r = {INLIER_RATIO}.",
