@@ -47,7 +47,7 @@ def told(frame: Frame) -> list[float] | None:
     found = cells.cells_of(image, seen.pixel_size)
     if found is None:
         return None
-    described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / frame_error.SATURATION
+    described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / cells._SATURATION
     by_lag = []
     for lag in LAGS:
         nearest = partial(frame_error.drift_factor, lag=lag)

@@ -64,7 +64,7 @@ def of_walk(t, information, drift, per_metre):
     if mean @ t <= 0:
         return np.zeros((3, 3))
     d = np.interp(per_metre / (mean @ t), np.arange(drift.size - 1), drift[:-1])
-    about_middle = np.diag([0.113 * d * side, 0.6 * d / side, 0.6 * d / side])
+    about_middle = np.diag([0.113 * d * side, 0.89 * d / side, 0.89 * d / side])
     to_corner = np.array([[1, -mean[1], -mean[2]], [0, 1, 0], [0, 0, 1]])
     return to_corner @ about_middle @ to_corner.T
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.covariance import scatter
 from benchmarks.simulated import random_walk
 from numpy.testing import assert_allclose
 
@@ -17,6 +18,7 @@ from planewise.kernels.cells import (
     PLANE_BEND,
     PLANE_OFFSET,
     PLANE_RESIDUAL,
+    PLANE_SLOPE,
     SEGMENT,
     SIDE,
     UNIT,
@@ -68,6 +70,20 @@ def test_readings_of_a_random_walk_about_their_own_plane():
     residuals = np.eye(len(points)) - design @ np.linalg.pinv(design)
     mean = np.trace(walk_covariance(points, residuals)) / len(points)
     assert_allclose(mean, PLANE_RESIDUAL, rtol=0.05)
+
+
+def test_slopes_of_a_plane_on_a_random_walk():
+    points = square(1.0, 0.0)
+    slopes = np.linalg.pinv(np.column_stack((np.ones(len(points)), points)))[1:]
+    assert_allclose(np.diag(walk_covariance(points, slopes)), PLANE_SLOPE, rtol=0.05)
+
+
+@pytest.mark.parametrize(("drift", "least", "most"), [(0.0, 0.9, 1.3), (0.0035, 0.7, 1.3)])
+def test_planes_scatter_as_much_as_their_covariance_says(drift, least, most):
+    """Where the error drifts, too: a plane is off as a whole, however many readings it has."""
+    walls = np.array([(0.6, 0.1, -1, 2.4), (-0.7, -0.2, -1, 2.4)])
+    for found, told in scatter(walls, drift, draws=40):
+        assert least < told / found < most
 
 
 @pytest.mark.parametrize("lag", [1, 2, 4])

@@ -46,16 +46,20 @@ class Plane:
     centroid : ndarray, shape (n,)
         Mean of its readings in space, metres.
     covariance : ndarray, shape (n + 1, n + 1)
-        Of (normal, distance): the inverse Fisher information under the error model. NaN where the
-        readings do not determine it. For points in space with independent errors it is too large
-        by a factor of 1 + 0.09 n for n points a cell (about two at n = 10, far more in dense
-        clouds), because points of one cell are taken to share part of their error. It knows no
-        bias: under the paper's objective noise that goes with z^p brings planes nearer, by some
-        2 p (sigma / z)^2 of their distance. Nor does it know that readings round alike where depth
-        hardly changes along rows or columns, which noise below a third of a step does not even out.
+        Of (normal, distance): the inverse Fisher information under the error model, and how far an
+        error that drifts moves and tilts a plane of a depth image as a whole (spatial objective).
+        NaN where the readings do not determine it. For points in space with independent errors it
+        is too large by a factor of 1 + 0.09 n for n points a cell (about two at n = 10, far more in
+        dense clouds), because points of one cell are taken to share part of their error. It knows
+        no bias: under the paper's objective noise that goes with z^p brings planes nearer, by some
+        2 p (sigma / z)^2 of their distance, and tilts planes that meet, by up to several standard
+        deviations, for readings near the crease choose the nearer one. Nor does it know that
+        readings round alike where depth hardly changes along rows or columns, which noise below a
+        third of a step does not even out.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
-        border (spatial objective; NaN under the paper's).
+        border, by the prices of the search: a score to cut by, not what Phi would be without it
+        (spatial objective; NaN under the paper's).
     residual_correlation : float
         Correlation of the residuals of neighbouring cells: 0 where they are white, towards 1 where
         the surface bends or the error drifts (spatial objective; NaN with too few cells).

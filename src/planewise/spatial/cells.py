@@ -17,7 +17,6 @@ from planewise.kernels.cells import COUNT, SIDE
 from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
-    SATURATION,
     FrameError,
     drift_and_distortion,
     drift_factor,
@@ -32,6 +31,8 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
+_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
+_BY_CHANCE = 0.05, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
@@ -280,7 +281,8 @@ def _without_shared_error(
         calm = np.where(rough.take(squares), np.int32(-1), squares)
         focal = frame.sectors.mean_focal
         factor = drift_factor(calm, planes, inflation, described, focal, workspace)
-        factor, own = factor if factor is not None and np.isfinite(factor) else 1.0, 0.0
+        measured = factor if factor is not None and np.isfinite(factor) else None
+        factor, own = 1.0 if measured is None else measured, 0.0
         if frame.known:
             factor = min(factor, 1.0)
         local = factor
@@ -291,7 +293,7 @@ def _without_shared_error(
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(units)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, SATURATION, out=told)
+        np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
         near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
@@ -299,21 +301,27 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= SATURATION
+    drift *= _SATURATION
     w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
-    between = quiet * SATURATION * factor
+    between = quiet * _SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
+    chance = max(_BY_CHANCE[0], _BY_CHANCE[1] / max(int(whole.sum()), 1))
+    if frame.known:  # then it is there, unless the frame says otherwise
+        chance = min(chance, 0.5)
+    elif measured is None:
+        chance = 1.0
     error = FrameError(
         white=white,
         seen=seen,
         lateral=lateral,
         drift=between,
-        local=quiet * SATURATION * max(local, factor),
+        local=quiet * _SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
         drifting=drifting,
         distorted=distorted,
         turning=turning,
+        walk=quiet * factor if drifting > chance else 0.0,
     )
     return drift, told, squares, error
 

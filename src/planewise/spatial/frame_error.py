@@ -26,10 +26,6 @@ Image = NDArray[np.float32]
 
 _MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
-SATURATION = 0.33
-"""Of the drift of near cells: its share between segments, for it levels off."""
-
-_BY_CHANCE = 0.05  # `FrameError.drifting` that frames of white noise may show
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
@@ -81,6 +77,8 @@ class FrameError:
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
     turning : float
         Discord against white error of cells side by side on a smooth surface that turns by `_TURN`.
+    walk : float
+        Of the drift of near cells, which moves planes as a whole; 0 where chance may explain it.
     """
 
     white: float = 1.0
@@ -93,11 +91,7 @@ class FrameError:
     drifting: float = 1.0
     distorted: float = math.inf
     turning: float = 0.0
-
-    @property
-    def walk(self) -> float:
-        """Drift of near cells, which moves planes as a whole; 0 where chance may explain it."""
-        return self.drift / SATURATION if self.drifting > _BY_CHANCE else 0.0
+    walk: float = 0.0
 
 
 def drift_and_distortion(
