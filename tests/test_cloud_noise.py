@@ -268,12 +268,14 @@ def test_points_without_noise_have_that_of_their_rounding():
 
 
 def test_wrong_arguments():
-    with pytest.raises(ValueError, match=r"shape \(k, 3\), got \(5, 4\)"):
+    with pytest.raises(ValueError, match=r"shape \(k, 3\), .* got shape \(5, 4\)"):
         told(np.zeros((5, 4)))
     with pytest.raises(ValueError, match=r"points of shape \(k, 3\), got \(50, 4\)"):
         pw.detect_planes_in_points(np.zeros((50, 4)), AUTO)
     with pytest.raises(ValueError, match="origin must be one place"):
         told(np.zeros((5, 3)), origin=(0, 0))
+    with pytest.raises(ValueError, match=r"sensor must be a planewise\.Sensor"):
+        pw.estimate_cloud_noise(np.zeros((5, 3)), None)
 
 
 def test_flat_cubes_are_those_of_plain_numpy():

@@ -225,7 +225,10 @@ def test_equal_points_stay_in_one_tile():
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"tile_points": 0}, "tile_points must be at least 1"),
+        *(
+            ({"tile_points": bad}, "tile_points must be a whole number of at least 1, got")
+            for bad in (0, 1.5, float("nan"), "a", True)
+        ),
         ({"origin": (0, 0)}, "origin must be one place or one a point"),
         ({"origin": (0, 0, np.nan)}, "origin must be finite"),
         ({"origin": "here"}, "origin must be coordinates or 'file', got 'here'"),

@@ -428,6 +428,9 @@ def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
         ({"origin": np.full(3, np.nan)}, "origin must be finite"),
         ({"origin": "file"}, "origin must be numbers .*, got 'file'"),
         ({"sigma": ["a"]}, "sigma must be numbers"),
+        ({"sigma": np.full(len(POINTS), 1e200)}, "sigma must be positive and finite"),
+        ({"sigma": np.ma.masked_less(np.ones(len(POINTS)), 2)}, "sigma must not be masked"),
+        ({"origin": np.ma.masked_less(np.zeros(3), 1)}, "origin must not be masked"),
         ({"origin": np.zeros(3), "objective": "paper"}, "origin needs objective='spatial'"),
         ({"instances": True, "objective": "paper"}, "instances needs objective='spatial'"),
     ],
@@ -551,3 +554,25 @@ def test_points_that_lie_farther_from_planes_than_told_are_said_to():
     assert model.settings["sigma_factor"] == pytest.approx(0.05 / 0.004, rel=0.25)
     right = pw.detect_planes_in_points(wall, pw.Sensor(max_depth=30, resolution=0.001, noise=0.05))
     assert right.settings["sigma_factor"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_arrays_of_a_cloud_may_be_lists():
+    cloud = pw.PointCloud(points=[[0, 0, 1], [1, 0, 1]], offset=[5, 0, 0], origins=[[0, 0, 0]])
+    assert_array_equal(cloud.coordinates, [[5, 0, 1], [6, 0, 1]])
+    assert cloud.origins.shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"points": [[0, 0], [1]]}, "points cannot be made an array"),
+        ({"points": [["a", "b", "c"]]}, r"points must be real numbers of shape \(k, 3\)"),
+        ({"offset": None}, "offset must be three finite numbers, got None"),
+        ({"offset": "abc"}, "offset must be numbers"),
+        ({"origins": [0, 0]}, r"origins must have shape \(s, 3\)"),
+        ({"intensity": [1, 2]}, r"intensity must have shape \(1,\)"),
+    ],
+)
+def test_what_is_no_cloud_is_refused(wrong, message):
+    with pytest.raises(ValueError, match=message):
+        pw.PointCloud(**{"points": [[0.0, 0.0, 1.0]], **wrong})

@@ -107,7 +107,9 @@ def test_information_refuses_what_does_not_fit(roof, camera):
         pw.information(observation, planes[:1], labels)
     with pytest.raises(ValueError, match="must be integers"):
         pw.information(observation, planes, labels.astype(float))
-    with pytest.raises(ValueError, match=r"planes: expected shape \(N, 4\)"):
+    with pytest.raises(ValueError, match="planes cannot be made an array"):
+        pw.information(observation, [planes[0], planes[0][:2]], labels)
+    with pytest.raises(ValueError, match=r"planes: expected numbers of shape \(N, 4\)"):
         pw.information(observation, planes[:, :3], labels)
 
 
@@ -184,3 +186,11 @@ def test_too_few_readings_for_a_plane_are_outliers_for_judge_and_search(readings
     assert phi == model.information == readings * math.log(seen.range / seen.resolution)
     more = pw.information(seen, [[0, 0, -1.0, 2.0]], model.labels, objective="spatial")
     assert more - phi == pytest.approx(3 * np.log(seen.range / seen.resolution))
+
+
+def test_masked_labels_are_of_no_plane(roof, camera):
+    depth, planes, labels = roof
+    observation = pw.observe(depth, camera, pw.Sensor(noise=0.01))
+    masked = np.ma.masked_equal(labels, 1)
+    expected = pw.information(observation, planes, np.where(labels == 1, 0, labels))
+    assert pw.information(observation, planes, masked) == expected

@@ -3,6 +3,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -179,6 +180,16 @@ def test_normal_and_distance_errors():
     assert (errors.truth_labels.tolist(), errors.predicted_labels.tolist()) == ([1], [5])
     assert errors.normals == pytest.approx([3])
     assert errors.mean_distance == pytest.approx(0.1)
+
+
+def test_planes_of_a_model_will_do():
+    labels = np.repeat([[1, 2]], 40, axis=0).repeat(40, axis=1)
+    rows = [[0, 0, 1, -2], [1, 0, 0, -1]]
+    planes = [SimpleNamespace(coefficients=np.array(row)) for row in rows]
+    found = evaluate(labels, labels, predicted_planes=planes, truth_planes=rows)
+    assert found.errors.mean_normal == found.errors.mean_distance == 0
+    none = evaluate(0 * labels, 0 * labels, predicted_planes=(), truth_planes=())
+    assert math.isnan(none.errors.mean_normal)
 
 
 def test_no_match_has_no_error():

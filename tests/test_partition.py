@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from numpy.testing import assert_array_equal
 
 import planewise as pw
 from planewise import scenes
@@ -92,6 +93,46 @@ def test_what_is_no_partition_is_refused(partition, message, camera):
         pw.detect_planes(np.full(SHAPE, 2.0), camera, pw.Sensor(), partition=partition)
 
 
+class Lent:
+    """What lends its array, as tensors do."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+@pytest.mark.parametrize(
+    "given", [Lent, memoryview, np.asarray, lambda a: np.asarray(a).tolist(), lambda a: [a == 1]]
+)
+def test_partitions_are_arrays_of_any_kind_and_copied(view, given):
+    labels = np.zeros(SHAPE, np.uint8)
+    labels[:20] = 1
+    expected = labels.copy()
+    partition = given(labels)
+    made = as_partitioner(partition)
+    if isinstance(partition, list) and isinstance(partition[0], np.ndarray):
+        partition[0][:] = False
+    labels[:] = 7
+    assert_array_equal(regions_of(made, view), expected)
+    assert_array_equal(regions_of(lambda view: Lent(expected), view), expected)
+
+
+def test_what_is_masked_is_in_no_region(view):
+    labels = np.ma.array(np.ones(SHAPE, int), mask=np.indices(SHAPE)[1] < 9)
+    for partition in (labels, [labels], lambda view: labels, labels[None]):
+        regions = regions_of(as_partitioner(partition), view)
+        assert_array_equal(regions, np.where(labels.mask, 0, 1))
+
+
+@pytest.mark.parametrize("name", ["points", "batch"])
+@pytest.mark.parametrize("wrong", [0, 2.5, True, "a"])
+def test_points_of_segment_anything_are_whole(name, wrong):
+    with pytest.raises(ValueError, match=f"{name} must be a whole number of at least 1, got"):
+        SegmentAnything(**{name: wrong})
+
+
 def test_a_picture_of_another_shape_is_refused(camera):
     rgb = np.zeros((48, 63, 3), np.uint8)
     with pytest.raises(ValueError, match=r"rgb must be uint8 of shape \(48, 64, 3\), got uint8"):
@@ -141,7 +182,7 @@ def test_blocks(view):
     regions = regions_of(Blocks(rows=32, columns=40), view)
     assert regions[0, 0] == regions[31, 39] == 1
     assert (regions[0, 40], regions[32, 0], regions[47, 63]) == (2, 3, 4)
-    with pytest.raises(ValueError, match="rows must be a number of pixels of at least 2, got 1"):
+    with pytest.raises(ValueError, match="rows must be a whole number of at least 2, got 1"):
         Blocks(rows=1)
     assert Blocks(rows=np.int64(20)) == Blocks(rows=20)
 

@@ -112,6 +112,10 @@ BAD = {
     "overhead": ({"elevation": [90, 0], "azimuth": [0, 1]}, "within 75 degrees"),
     "columns out of order": ({"elevation": [1, 0], "azimuth": [0, 2, 1]}, "azimuth must rise"),
     "a gap": ({"elevation": [1, 0], "azimuth": [0, 1, 2, 50]}, "by about the same angle"),
+    "the first column again": (
+        {"elevation": [1, 0], "azimuth": np.linspace(180, -180, 361)},
+        r"the last column is the first again; leave it out \(endpoint=False\)",
+    ),
     "more than a turn": ({"elevation": [1, 0], "azimuth": np.arange(0, 400, 5)}, "once at most"),
     "offsets of other beams": (
         {"elevation": [1, 0], "azimuth": [0, 1], "azimuth_offset": [1]},
@@ -146,9 +150,9 @@ def test_bad_images_and_points_are_refused():
         CAMERA.points(np.ones(CAMERA.shape, np.uint16))
     with pytest.raises(ValueError, match="integer depth"):
         CAMERA.points(np.ones(CAMERA.shape), depth_scale=0.001)
-    with pytest.raises(ValueError, match=r"shape \(k, 3\), got shape \(3,\)"):
+    with pytest.raises(ValueError, match=r"shape \(k, 3\), .* got shape \(3,\)"):
         CAMERA.from_points([1, 2, 3])
-    with pytest.raises(ValueError, match="columns must be at least 2"):
+    with pytest.raises(ValueError, match="columns must be a whole number of at least 2"):
         pw.SphericalCamera.spinning([1, 0], 1)
     with pytest.raises(ValueError, match=r"0.524 degrees over 16 rows.* angles in degrees\?"):
         pw.SphericalCamera.spinning(np.radians(np.linspace(15, -15, 16)), 1800)
@@ -224,3 +228,26 @@ def test_bad_files_are_refused(tmp_path, case):
     path.write_text(json.dumps(content))
     with pytest.raises(PlanewiseError, match=message):
         read_camera(str(path))
+
+
+@pytest.mark.parametrize("columns", [3, 4, 5, 1024])
+def test_columns_of_a_turn_may_be_uneven(columns):
+    """The last may be nearer to the first than to the one before it."""
+    azimuth = np.linspace(180, -180, columns, endpoint=False)
+    jitter = np.random.default_rng(0).uniform(-0.2, 0.2, columns) * 360 / columns
+    camera = pw.SphericalCamera(elevation=[1, 0], azimuth=azimuth + jitter)
+    assert camera.wraps
+
+
+@pytest.mark.parametrize("dtype", [np.int8, np.int16])
+def test_points_may_be_the_least_integers(dtype):
+    least = np.iinfo(dtype).min
+    pixels = CAMERA.pixels(np.array([[least, 0, 0], [least, 0, 1]], dtype))
+    assert_array_equal(pixels, CAMERA.pixels(np.array([[least, 0, 0], [least, 0, 1]], float)))
+
+
+def test_masked_points_are_in_no_pixel():
+    points = np.array([[2.0, 0, 0], [3.0, 0.2, 0]])
+    masked = np.ma.array(points, mask=[[False] * 3, [True, False, False]])
+    assert_array_equal(CAMERA.pixels(masked)[1], [-1, -1])
+    assert_array_equal(CAMERA.from_points(masked), CAMERA.from_points(points[:1]))

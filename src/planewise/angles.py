@@ -62,9 +62,13 @@ def check_azimuth(azimuth: Array) -> None:
             "camera: azimuth must rise or fall from column to column by about the same angle, "
             f"got steps from {step.min():g} to {step.max():g} degrees"
         )
-    if np.abs(step).sum() > 360.0:
+    turn = np.abs(step).sum()
+    if turn > 360.0 + 0.5 * np.median(np.abs(step)):
+        raise ValueError(f"camera: azimuth must go round once at most, got {turn:g} degrees")
+    if turn > 360.0 - 0.5 * np.median(np.abs(step)):
         raise ValueError(
-            f"camera: azimuth must go round once at most, got {np.abs(step).sum():g} degrees"
+            f"camera: azimuth goes round by {turn:g} degrees: the last column is the first again; "
+            "leave it out (endpoint=False)"
         )
 
 

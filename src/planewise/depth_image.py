@@ -245,9 +245,9 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:
-    image = unmasked(depth)
+    image = unmasked("depth", depth)
     if image.ndim != 2 or min(image.shape) < 2:
-        found = f"shape {image.shape}" if image.ndim else type(depth).__name__
+        found = f"shape {image.shape}" if image.ndim else type(image.item()).__name__
         raise ValueError(
             f"depth must be a 2-D image with at least 2 rows and 2 columns, got {found}"
         )

@@ -9,7 +9,7 @@ from typing import Any, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
-from planewise.arguments import checked_scale
+from planewise.arguments import checked_points, checked_scale
 from planewise.camera import Camera, checked_camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
@@ -17,7 +17,7 @@ from planewise.observation import RayObservation, observe
 from planewise.options import GivenOptions, Options, Search, Seed
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
-from planewise.point_observation import checked_points, observe_points
+from planewise.point_observation import observe_points
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
+from planewise.arguments import checked_count
 from planewise.clouds.memory import Disk, Memory
 from planewise.detect import detect_planes_in_points
 from planewise.errors import PlanewiseError
@@ -17,7 +18,7 @@ from planewise.model import PlaneModel
 from planewise.noise import AUTO
 from planewise.options import Options, Seed
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
-from planewise.point_observation import checked_origin, checked_points, checked_sigma
+from planewise.point_observation import checked_origin, checked_sigma
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 
@@ -91,8 +92,7 @@ def detect_planes_in_cloud(
         threads=threads,
     ).resolved(spatial=True)
     checked_sensor(sensor)
-    if tile_points < 1:
-        raise ValueError(f"tile_points must be at least 1, got {tile_points}")
+    tile_points = checked_count("tile_points", tile_points)
     if isinstance(cloud, str | Path):
         cloud = open_cloud(cloud)
     if folder is None and isinstance(cloud, CloudFile):
@@ -146,7 +146,6 @@ def _find_in_tiles(
     from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
 
-    points = checked_points(points)
     workers, settings = threads.chosen(options.threads), options.describe()
     most = options.most_planes
     if sensor.noise == AUTO and sigma is None:

@@ -7,11 +7,12 @@ Symbols: k readings, N planes, R range, eps resolution, n dimension of space, f 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import plane_rows, unmasked
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation, checked_observation
 
@@ -131,7 +132,8 @@ def information(
     planes : array_like, shape (N, n + 1), or sequence of Plane
         Unit normal and distance of each.
     labels : array_like of int
-        Of the shape of the input, or one per reading: 0 for none, j for the j-th plane.
+        Of the shape of the input, or one per reading: 0 for none, as what is masked, j for the
+        j-th plane.
     objective : {"paper", "spatial"}
         The paper's (eq. 6, and eq. 10 for readings on rays), or that of the default search, for
         depth images (`planewise.spatial.information`), whichever one the planes were found with.
@@ -164,20 +166,15 @@ def information(
     if objective not in ("paper", "spatial"):
         raise ValueError(f"objective must be 'paper' or 'spatial', got {objective!r}")
     checked_observation(observation)
-    if not isinstance(planes, Iterable):
-        raise ValueError(f"planes must be a list, such as model.planes, got {planes!r}")
-    rows = np.array([getattr(plane, "coefficients", plane) for plane in planes], np.float64)
     n = observation.dimension
-    rows = rows.reshape(-1, n + 1) if rows.size == 0 else rows
-    if rows.ndim != 2 or rows.shape[1] != n + 1:
-        raise ValueError(f"planes: expected shape (N, {n + 1}), got {rows.shape}")
+    rows = plane_rows("planes", planes, n + 1)
     lengths = np.linalg.norm(rows[:, :-1], axis=1)
     wrong = ~(np.isfinite(rows).all(axis=1) & (np.abs(lengths - 1) < _UNIT))
     if wrong.any():
         raise ValueError(
             f"planes: expected unit normals and finite distances, got {rows[wrong][0].tolist()}"
         )
-    marks = np.asarray(labels)
+    given = marks = unmasked("labels", labels)
     if marks.dtype.kind not in "iu":
         raise ValueError(f"labels must be integers, got dtype {marks.dtype}")
     if marks.shape == observation.shape:
@@ -185,7 +182,7 @@ def information(
     if marks.shape != (observation.count,):
         raise ValueError(
             f"labels: expected shape {observation.shape} or ({observation.count},), "
-            f"got {np.shape(labels)}"
+            f"got {given.shape}"
         )
     if marks.size and not 0 <= marks.min() <= marks.max() <= len(rows):
         raise ValueError(

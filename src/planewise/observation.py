@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import unmasked
 from planewise.camera import Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
@@ -316,8 +317,8 @@ def observe(
     from planewise import compilation  # loads Numba
 
     compilation.announce("depth image")
-    if workspace is None and isinstance(depth, np.ndarray):
-        depth = depth.copy()
+    if workspace is None:
+        depth = unmasked("depth", depth).copy()  # the caller may change what it is of
     image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
     checked_camera(camera).check(image.shape)
     seen = RayObservation(

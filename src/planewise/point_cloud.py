@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import checked_count, checked_metres, checked_points, unmasked
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class PointCloud:
     Raises
     ------
     ValueError
-        If an array has another shape.
+        If an array has another shape, or is none.
     """
 
     points: Points
@@ -67,21 +68,26 @@ class PointCloud:
     labels: NDArray[np.int32] | None = None
 
     def __post_init__(self) -> None:
-        shape = self.points.shape
-        if len(shape) != 2 or shape[1] != 3 or self.points.dtype.kind != "f":
-            raise ValueError(
-                f"points must be floats of shape (k, 3), got {self.points.dtype} of shape {shape}"
-            )
-        if self.offset.shape != (3,) or not np.isfinite(self.offset).all():
+        object.__setattr__(self, "points", checked_points(self.points, 3))
+        offset = checked_metres("offset", self.offset)
+        if offset.shape != (3,) or not np.isfinite(offset).all():
             raise ValueError(f"offset must be three finite numbers, got {self.offset}")
+        object.__setattr__(self, "offset", offset)
+        count = len(self.points)
         for name, row in (("colour", (3,)), ("intensity", ()), ("scan", ()), ("labels", ())):
-            value = getattr(self, name)
-            if value is not None and value.shape != (shape[0], *row):
+            if (given := getattr(self, name)) is None:
+                continue
+            value = unmasked(name, given)
+            if value.shape != (count, *row):
                 raise ValueError(
-                    f"{name} must have shape {(shape[0], *row)}, one row a point, got {value.shape}"
+                    f"{name} must have shape {(count, *row)}, one row a point, got {value.shape}"
                 )
-        if self.origins is not None and self.origins.shape[1:] != (3,):
-            raise ValueError(f"origins must have shape (s, 3), got {self.origins.shape}")
+            object.__setattr__(self, name, value)
+        if self.origins is not None:
+            origins = checked_metres("origins", self.origins)
+            if origins.shape[1:] != (3,):
+                raise ValueError(f"origins must have shape (s, 3), got {origins.shape}")
+            object.__setattr__(self, "origins", origins)
 
     def __len__(self) -> int:
         return len(self.points)
@@ -170,8 +176,7 @@ class CloudFile:
         PlanewiseError
             If the file turns out to be damaged, or has changed since it was opened.
         """
-        if size < 1:
-            raise ValueError(f"size must be at least 1 point, got {size}")
+        checked_count("size", size)
         with readable(self.path):
             yield from self.blocks(size)
 

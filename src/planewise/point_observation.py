@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import LEAST_LENGTH, MOST_LENGTH, checked_metres, checked_points
 from planewise.noise import AUTO
 from planewise.observation import Array, Observation
 from planewise.sensor import Sensor, checked_sensor
@@ -133,41 +134,20 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     )
 
 
-def checked_points(points: ArrayLike) -> NDArray[np.floating]:
-    """Points as an array of floating-point numbers, the same one where they are.
-
-    Raises
-    ------
-    ValueError
-        As `observe_points`.
-    """
-    if isinstance(points, np.ma.MaskedArray):
-        points = np.ma.filled(points.astype(np.float64), np.nan)
-    if hasattr(points, "points"):
-        raise ValueError(
-            "points must be an array; of a cloud that is cloud.points, and detect_planes_in_cloud "
-            "takes clouds"
-        )
-    array = np.asarray(points)
-    if array.ndim != 2 or array.shape[1] < 2 or array.dtype.kind not in "fiu":
-        raise ValueError(
-            "points must be real numbers of shape (k, n) with n >= 2, one point a row, "
-            f"got shape {array.shape} of {array.dtype}"
-        )
-    return array if array.dtype in (np.float32, np.float64) else array.astype(np.float64)
-
-
 def checked_sigma(sigma: ArrayLike | None, count: int) -> Array | None:
     """Standard deviations of so many points as an array."""
     if sigma is None:
         return None
-    errors = _numbers("sigma", sigma)
+    errors = checked_metres("sigma", sigma)
     if errors.shape != (count,):
         raise ValueError(
             f"sigma must hold one number a point: expected shape {(count,)}, got {errors.shape}"
         )
-    if count and not (errors.min() > 0 and errors.max() < np.inf):  # NaN is neither
-        raise ValueError("sigma must be positive and finite (metres)")
+    if count and not (errors.min() >= LEAST_LENGTH and errors.max() <= MOST_LENGTH):  # nor is NaN
+        raise ValueError(
+            f"sigma must be positive and finite (metres, {LEAST_LENGTH:g} to {MOST_LENGTH:g}), got "
+            f"{errors.min()} to {errors.max()}"
+        )
     return errors
 
 
@@ -175,7 +155,7 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     """Where the scanner stood as an array, for points of a shape."""
     if origin is None:
         return None
-    place = _numbers("origin", origin)
+    place = checked_metres("origin", origin)
     if place.shape not in ((3,), shape):
         raise ValueError(
             f"origin must be one place or one a point: expected shape (3,) or {shape}, "
@@ -184,10 +164,3 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
     if place.size and not (-np.inf < place.min() and place.max() < np.inf):  # NaN is neither
         raise ValueError("origin must be finite (metres)")
     return place
-
-
-def _numbers(name: str, given: ArrayLike) -> Array:
-    try:
-        return np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numbers (metres), got {given!r:.60}") from None

@@ -158,7 +158,7 @@ def find_in_cloud(
     Parameters
     ----------
     points : ndarray, shape (k, 3)
-        As `point_observation.checked_points` gives them.
+        As `arguments.checked_points` gives them.
     sensor, sigma, origin
         As in `detect_planes_in_points`.
     options : Options

@@ -19,7 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import angles
-from planewise.arguments import checked_scale, is_whole, unmasked
+from planewise.arguments import (
+    checked_count,
+    checked_points,
+    checked_scale,
+    checked_shape,
+    unmasked,
+)
 from planewise.camera import RIG
 
 if TYPE_CHECKING:
@@ -120,10 +126,7 @@ class SphericalCamera:
         clockwise : bool
             Whether azimuth falls from column to column, seen from above.
         """
-        if not (is_whole(columns) and columns >= 2):
-            raise ValueError(
-                f"camera: columns must be at least 2 and a whole number, got {columns!r}"
-            )
+        columns = checked_count("camera: columns", columns, 2)
         step = (-360.0 if clockwise else 360.0) / columns
         camera = cls(
             elevation=np.asarray(elevation).tolist(),
@@ -172,9 +175,10 @@ class SphericalCamera:
         ValueError
             If `shape` (height, width) is not that of the camera.
         """
-        if tuple(shape) != self.shape:
+        shape = checked_shape("shape", shape)
+        if shape != self.shape:
             height, width = self.shape
-            turned = " (transposed?)" if tuple(shape)[::-1] == self.shape else ""
+            turned = " (transposed?)" if shape[::-1] == self.shape else ""
             raise ValueError(
                 f"camera has {height} rows and {width} columns, the range image has {shape[0]} "
                 f"and {shape[1]}{turned}"
@@ -182,7 +186,7 @@ class SphericalCamera:
 
     def rays(self, shape: tuple[int, int]) -> Array:
         """Unit directions of all pixels, shape (height, width, 3); read-only."""
-        return np.moveaxis(self.ray_rows(shape).reshape(3, *shape), 0, -1)
+        return np.moveaxis(self.ray_rows(shape).reshape(3, *self.shape), 0, -1)
 
     def ray_rows(self, shape: tuple[int, int]) -> Array:
         """Return the same directions as rows over the flattened image, shape (3, H * W)."""
@@ -243,7 +247,7 @@ class SphericalCamera:
         ndarray, shape (H, W, 3)
             Metres; NaN where there is no reading.
         """
-        ranges, scale = unmasked(depth), checked_scale(depth_scale)
+        ranges, scale = unmasked("depth", depth), checked_scale(depth_scale)
         if ranges.ndim != 2:
             raise ValueError(f"depth must be a 2-D image of ranges, got shape {ranges.shape}")
         if (ranges.dtype.kind in "iu") != (scale is not None):
@@ -269,15 +273,10 @@ class SphericalCamera:
         -------
         ndarray of int, shape (k, 2)
             Row and column, to index an image with, which is the other order than `unproject` takes;
-            -1 for points at the origin, not finite, or outside the image: farther from its
+            -1 for points at the origin, masked, not finite, or outside the image: farther from its
             outermost rows or columns than half-way to where the next one would be.
         """
-        array = np.asarray(points)
-        if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in "fiu":
-            raise ValueError(
-                f"points must be real numbers of shape (k, 3), got shape {array.shape} "
-                f"of {array.dtype}"
-            )
+        array = checked_points(points, 3)
         x, y, z = array.astype(np.float64).T
         with np.errstate(invalid="ignore"):
             level = np.degrees(np.arctan2(z, np.hypot(x, y)))
@@ -317,9 +316,10 @@ class SphericalCamera:
                [0., 5., 2., 0.],
                [0., 0., 0., 0.]])
         """
+        points = checked_points(points, 3)
         pixels = self.pixels(points)
         inside = pixels[:, 0] >= 0
-        ranges = np.linalg.norm(np.asarray(points, np.float64)[inside], axis=1)
+        ranges = np.linalg.norm(points[inside].astype(np.float64), axis=1)
         out = np.full(self.shape, np.inf)
         np.minimum.at(out, tuple(pixels[inside].T), ranges)
         return np.where(np.isfinite(out), out, 0.0)

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import checked_points
 from planewise.calibration.fit import fit_polynomial
 from planewise.clouds.cloud import STEEPEST, mean_origins, middle_of, side_for
 from planewise.clouds.depth_steps import Rounding
@@ -31,8 +32,8 @@ from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.noise import Polynomial, constant
-from planewise.point_observation import checked_origin, checked_points
-from planewise.sensor import Sensor
+from planewise.point_observation import checked_origin
+from planewise.sensor import Sensor, checked_sensor
 from planewise.threads import chosen
 
 Array = NDArray[np.float64]
@@ -138,9 +139,8 @@ def estimate_cloud_noise(
     >>> round(noise.constant, 4)
     0.004
     """
-    array = checked_points(points)
-    if array.shape[1] != 3:
-        raise ValueError(f"points must have shape (k, 3), got {array.shape}")
+    array = checked_points(points, 3)
+    checked_sensor(sensor)
     place = checked_origin(origin, array.shape)
     return cloud_noise(np.ascontiguousarray(array), sensor, place, chosen(threads))
 

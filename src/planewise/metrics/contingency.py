@@ -110,7 +110,7 @@ def contingency_table(
     if found.shape != true.shape:
         raise ValueError(f"predicted must have the shape of truth {true.shape}, got {found.shape}")
     if valid is not None:
-        mask = unmasked(valid)
+        mask = unmasked("valid", valid)
         if mask.shape != true.shape or mask.dtype != np.bool_:
             raise ValueError(
                 f"valid must be bool of shape {true.shape}, got {mask.dtype} of {mask.shape}"
@@ -132,7 +132,7 @@ def contingency_table(
 
 
 def _labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
-    labels = unmasked(image)
+    labels = unmasked(name, image)
     if labels.dtype.kind not in "iub":
         raise ValueError(f"{name} must hold integer labels, got {labels.dtype}")
     if labels.dtype.kind == "b":

@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.arguments import is_finite
+from planewise.arguments import is_finite, plane_rows
 from planewise.metrics.confidence import Interval, mean_interval
 from planewise.metrics.contingency import (
     Clustering,
@@ -224,7 +224,7 @@ def plane_errors(
     ----------
     table : ContingencyTable
         Of the whole frame.
-    predicted_planes, truth_planes : array_like, shape (N, 4)
+    predicted_planes, truth_planes : array_like, shape (N, 4), or sequence of Plane
         Rows (normal, distance) of any scale and sign; row j - 1 belongs to label j.
     iou, minimum_pixels
         Which planes match, as in `detection`.
@@ -251,8 +251,8 @@ def plane_errors(
 
 
 def _coefficients(name: str, planes: ArrayLike, labels: Counts) -> Array:
-    rows = np.asarray(planes, np.float64)
-    if rows.ndim != 2 or rows.shape[1] != 4 or len(rows) < labels[-1]:
+    rows = plane_rows(name, planes, 4)
+    if len(rows) < labels[-1]:
         raise ValueError(f"{name} must have shape ({labels[-1]}, 4), got {rows.shape}")
     length = np.linalg.norm(rows[:, :3], axis=1)
     if not (np.isfinite(rows).all() and (length > 0).all()):
@@ -279,7 +279,7 @@ def evaluate(
         Labels, at least 0; 0 is no plane, and so is what is masked in a masked array.
     valid : array_like of bool, same shape, optional
         Pixels with a reading, what is masked not among them.
-    predicted_planes, truth_planes : array_like, shape (N, 4), optional
+    predicted_planes, truth_planes : array_like, shape (N, 4), or sequence of Plane, optional
         Parameters of both, for their errors; see `plane_errors`.
     iou : sequence of float
         Where to count planes as found; see `detection`.

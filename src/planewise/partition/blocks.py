@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planewise.arguments import is_whole, make_plain
+from planewise.arguments import checked_count
 from planewise.partition.regions import Regions
 
 if TYPE_CHECKING:
@@ -29,10 +29,7 @@ class Blocks:
 
     def __post_init__(self) -> None:
         for name in ("rows", "columns"):
-            value = getattr(self, name)
-            if not (is_whole(value) and value >= 2):
-                raise ValueError(f"{name} must be a number of pixels of at least 2, got {value!r}")
-            make_plain(self, int, name)
+            object.__setattr__(self, name, checked_count(name, getattr(self, name), 2))
 
     def __call__(self, view: View) -> Regions:
         """Block of every pixel, from 1."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_finite, is_whole
+from planewise.arguments import checked_count, is_finite
 from planewise.errors import needs
 from planewise.foreign_warnings import without_warnings
 from planewise.partition.regions import Regions
@@ -59,9 +59,7 @@ class Graph:
             if not (is_finite(value) and value >= 0):
                 raise ValueError(f"{name} must be a number that is not negative, got {value!r}")
         for name in ("least", "reach"):
-            value = getattr(self, name)
-            if not (is_whole(value) and value >= 1):
-                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
+            object.__setattr__(self, name, checked_count(name, getattr(self, name)))
 
     def __call__(self, view: View) -> Regions:
         """Region of every pixel, from 1."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from planewise.arguments import is_finite, is_whole, make_plain
+from planewise.arguments import checked_count, is_finite, make_plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +36,4 @@ class PartitionOptions:
                 raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
             make_plain(self, float, name)
         for name in ("region_planes", "remainder_planes"):
-            value = getattr(self, name)
-            if not (is_whole(value) and value >= 1):
-                raise ValueError(f"{name} must be a whole number of at least 1, got {value!r}")
-            make_plain(self, int, name)
+            object.__setattr__(self, name, checked_count(name, getattr(self, name)))

@@ -9,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import unmasked
 from planewise.camera import Camera
 from planewise.observation import RayObservation
 from planewise.partition.blocks import Blocks
@@ -137,17 +138,23 @@ def as_partitioner(partition: Partition) -> Partitioner:
     if callable(partition):
         made: Partitioner = partition
         return made
-    if isinstance(partition, np.ndarray):
-        return GivenRegions(_given(partition.copy()))  # which nobody changes
+    # Copies, which nobody changes.
+    if _is_array(partition):
+        return GivenRegions(_given(unmasked("partition", partition).copy()))  # type: ignore[arg-type]
     if not isinstance(partition, Sequence) or not len(partition):
         raise ValueError(
             "partition must be a name, a label image (H, W), masks (N, H, W) or a function of a "
             f"view, got {'an empty list' if partition == [] else type(partition).__name__}"
         )
-    parts = tuple(np.asarray(part) for part in partition)
+    parts = tuple(unmasked("partition", part).copy() for part in partition)
     if all(part.ndim == 1 for part in parts):
-        return GivenRegions(_given(np.asarray(partition)))
+        return GivenRegions(_given(unmasked("partition", parts)))
     return GivenRegions(parts)
+
+
+def _is_array(given: object) -> bool:
+    """Whether it is one array, such as one of NumPy or a tensor, and no list of them."""
+    return isinstance(given, memoryview) or hasattr(given, "__array__")
 
 
 def _given(array: NDArray[Any]) -> NDArray[Any]:
@@ -188,8 +195,11 @@ def regions_of(partitioner: Partitioner, view: View) -> Regions:
     """
     height, width = view.depth.shape
     made = partitioner(view)
-    if isinstance(made, np.ndarray) and made.ndim == 2:
-        return regions_of_labels(made, (height, width))
+    if _is_array(made):
+        array = unmasked("partition", made)  # type: ignore[arg-type]
+        if array.ndim == 2:
+            return regions_of_labels(array, (height, width))
+        made = _given(array)
     if not isinstance(made, Iterable):
         raise ValueError(
             "partition must return a label image (H, W) or masks (N, H, W), "

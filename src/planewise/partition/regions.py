@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import unmasked
+
 Regions = NDArray[np.int32]
 """Shape (H, W): 0 for the remainder, j for region j; every number up to the largest occurs."""
 
@@ -18,7 +20,7 @@ def regions_of_labels(labels: ArrayLike, shape: tuple[int, int]) -> Regions:
     Parameters
     ----------
     labels : array_like of int, shape (H, W)
-        0 for the remainder. Equal labels are one region, wherever they are.
+        0 for the remainder, as what is masked. Equal labels are one region, wherever they are.
     shape : (int, int)
         Of the depth image.
 
@@ -32,7 +34,7 @@ def regions_of_labels(labels: ArrayLike, shape: tuple[int, int]) -> Regions:
     ValueError
         If the shape is another, or the labels are not whole numbers of at least 0.
     """
-    image = np.asarray(labels)
+    image = unmasked("partition", labels)
     if image.shape != shape:
         raise ValueError(
             f"partition must have the depth image's shape {shape}, got a label image of shape "
@@ -58,8 +60,8 @@ def regions_of_masks(masks: ArrayLike | Sequence[ArrayLike], shape: tuple[int, i
     Parameters
     ----------
     masks : sequence of array_like, shape (H, W) each
-        Boolean, or numbers where 0 is outside. Empty ones, and ones that smaller ones cover, are
-        no region.
+        Boolean, or numbers where 0 is outside, as what is masked. Empty ones, and ones that
+        smaller ones cover, are no region.
     shape : (int, int)
         Of the depth image.
 
@@ -84,7 +86,7 @@ def regions_of_masks(masks: ArrayLike | Sequence[ArrayLike], shape: tuple[int, i
 
 
 def _mask(mask: ArrayLike, number: int, shape: tuple[int, int]) -> NDArray[np.bool_]:
-    image: NDArray[Any] = np.asarray(mask)
+    image: NDArray[Any] = unmasked("partition", mask)
     if image.shape != shape:
         raise ValueError(
             f"partition must have masks of the depth image's shape {shape}, got mask {number} of "

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import checked_count, is_finite
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 if TYPE_CHECKING:
@@ -60,11 +61,11 @@ class SegmentAnything:
 
     def __post_init__(self) -> None:
         for name in ("stability", "quality", "repeated"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"{name} must lie in 0 ... 1, got {getattr(self, name)}")
+            value = getattr(self, name)
+            if not (is_finite(value) and 0 <= value <= 1):
+                raise ValueError(f"{name} must lie in 0 ... 1, got {value!r}")
         for name in ("points", "batch"):
-            if not getattr(self, name) >= 1:
-                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+            object.__setattr__(self, name, checked_count(name, getattr(self, name)))
 
     def __call__(self, view: View) -> Masks:
         """Masks of a picture, shape (N, H, W), the most trusted first; they may overlap.
