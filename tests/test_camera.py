@@ -85,15 +85,23 @@ def test_a_factor_that_is_none_is_refused(factor):
 
 @pytest.mark.parametrize("size", [(0, 1), (1, -2), (1.5, 1), (True, 1)])
 def test_bins_are_whole_pixels(size):
-    with pytest.raises(ValueError, match="whole numbers of pixels, at least 1, got"):
+    with pytest.raises(ValueError, match="must be a whole number of at least 1, got"):
         pw.cameras.NYU.binned(*size)
 
 
 @pytest.mark.parametrize(
-    "crop", [(-1, 0, (9, 9)), (0, 0, (0, 9)), (0, 600, (9, 99)), (475, 0, (9, 9)), (0.5, 0, (9, 9))]
+    ("crop", "message"),
+    [
+        ((-1, 0, (9, 9)), "top must be a whole number of at least 0, got -1"),
+        ((0, 0.5, (9, 9)), "left must be a whole number of at least 0, got 0.5"),
+        ((0, 0, (0, 9)), r"shape must be \(height, width\), whole numbers of pixels, got \(0, 9\)"),
+        ((0, 0, (9, 9, 3)), r"shape must be \(height, width\)"),
+        ((0, 600, (9, 99)), "no part of the camera's image of 640 x 480 pixels"),
+        ((475, 0, (9, 9)), "no part of the camera's image of 640 x 480 pixels"),
+    ],
 )
-def test_crops_lie_inside_the_image(crop):
-    with pytest.raises(ValueError, match="no part of the camera's image of 640 x 480 pixels"):
+def test_crops_lie_inside_the_image(crop, message):
+    with pytest.raises(ValueError, match=message):
         pw.cameras.NYU.cropped(*crop)
 
 
@@ -176,3 +184,27 @@ def test_field_of_view():
     assert camera.fx == pytest.approx(320)
     with pytest.raises(ValueError, match="between 0 and 180"):
         pw.cameras.from_field_of_view(640, 480, 180)
+
+
+@pytest.mark.parametrize("name", ["check", "rays", "ray_rows", "pixel_area", "sectors"])
+@pytest.mark.parametrize("camera", [pw.cameras.NYU, pw.cameras.VELODYNE_VLP16])
+def test_shapes_may_be_lists_but_have_two_sides(camera, name):
+    ask = getattr(camera, name)
+    ask([480, 640] if camera is pw.cameras.NYU else [16, 1800])
+    for wrong in ((3,), (480, 640, 3), 480, (480.0, 640), None):
+        with pytest.raises(ValueError, match=r"shape must be \(height, width\)"):
+            ask(wrong)
+
+
+def test_bins_may_be_of_any_whole_number():
+    assert pw.cameras.NYU.binned(np.uint8(2), 2) == pw.cameras.NYU.binned(2, 2)
+
+
+def test_rays_of_no_place_are_nan():
+    camera = pw.PinholeCamera(fx=300, fy=300, cx=160, cy=120, distortion=(-0.1, 0.01, 0, 0))
+    rays = camera.unproject([[10, 20], [np.nan, 20], [30, np.nan]])
+    assert_allclose(rays[0], camera.unproject([10, 20]))
+    assert np.isnan(rays[1:, :2]).all()
+    folds = pw.PinholeCamera(fx=300, fy=300, cx=160, cy=120, distortion=(-0.6, 0, 0, 0))
+    with pytest.raises(ValueError, match="cannot be undone"):
+        folds.unproject([[np.nan, 0], [0, 0]])

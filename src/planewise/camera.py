@@ -15,7 +15,13 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.arguments import is_finite, is_whole, make_plain
+from planewise.arguments import (
+    checked_count,
+    checked_shape,
+    is_finite,
+    is_whole,
+    make_plain,
+)
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -213,8 +219,8 @@ class PinholeCamera:
             degrees (small crops of a long lens excepted), or a principal point more than an image
             away from it.
         """
-        height, width = shape
-        if self.width is not None and (self.height, self.width) != shape:
+        height, width = checked_shape("shape", shape)
+        if self.width is not None and (self.height, self.width) != (height, width):
             raise ValueError(
                 f"camera is for images of {self.width} x {self.height} pixels, "
                 f"the depth image has {width} x {height}; give fx, fy, cx, cy of this image "
@@ -250,11 +256,12 @@ class PinholeCamera:
             (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy. Read-only: it is computed once
             per camera and image size.
         """
-        return np.moveaxis(self.ray_rows(shape).reshape(3, *shape), 0, -1)
+        shape = checked_shape("shape", shape)
+        return np.moveaxis(_ray_rows(self, shape).reshape(3, *shape), 0, -1)
 
     def ray_rows(self, shape: tuple[int, int]) -> Array:
         """Return the same rays as rows u, v, 1 over the flattened image, shape (3, H * W)."""
-        return _ray_rows(self, shape)
+        return _ray_rows(self, checked_shape("shape", shape))
 
     def pixel_area(self, shape: tuple[int, int]) -> Array:
         """Area du dv that each pixel covers on the plane z = 1, in square metres.
@@ -264,11 +271,11 @@ class PinholeCamera:
         shape : (height, width)
             Of the image, in pixels; at least 2 x 2.
         """
-        return _pixel_area(self, shape)
+        return _pixel_area(self, checked_shape("shape", shape))
 
     def sectors(self, shape: tuple[int, int]) -> Sectors:
         """Pixel coordinates: inverse depth of a plane is affine in them all over the image."""
-        return _sectors(self, shape)
+        return _sectors(self, checked_shape("shape", shape))
 
     def project(self, points: ArrayLike) -> Array:
         """Pixel coordinates (x, y) of points in front of the camera.
@@ -290,13 +297,17 @@ class PinholeCamera:
         Parameters
         ----------
         pixels : array_like, shape (..., 2)
-            x and y; pixel centres are at integers.
+            x and y; pixel centres are at integers. Rays are NaN where they are.
         """
         pixels = np.asarray(pixels, np.float64)
         u = (pixels[..., 0] - self.cx) / self.fx
         v = (pixels[..., 1] - self.cy) / self.fy
-        if any(self.distortion) and u.size:
-            u, v = self._undistort(u, v)
+        if any(self.distortion):
+            known = np.isfinite(u) & np.isfinite(v)
+            out = np.full((2, *u.shape), np.nan)
+            if known.any():
+                out[:, known] = self._undistort(u[known], v[known])
+            u, v = out
         return np.stack((u, v, np.ones_like(u)), axis=-1)
 
     def scaled(self, factor: float) -> PinholeCamera:
@@ -309,11 +320,7 @@ class PinholeCamera:
 
     def binned(self, across: int, down: int) -> PinholeCamera:
         """Return the camera of the image whose pixels are `across` x `down` of these each."""
-        if not all(is_whole(n) and n > 0 for n in (across, down)):
-            raise ValueError(
-                f"across and down must be whole numbers of pixels, at least 1, got {across!r} "
-                f"and {down!r}"
-            )
+        across, down = checked_count("across", across), checked_count("down", down)
         width = None if self.width is None else self.width // across
         height = None if self.height is None else self.height // down
         return self._resized(1 / across, 1 / down, width, height)
@@ -339,16 +346,13 @@ class PinholeCamera:
         ValueError
             If that is no rectangle of whole pixels inside the image.
         """
-        height, width = shape
-        inside = all(map(is_whole, (top, left, height, width))) and min(height, width) > 0
-        inside = inside and min(top, left) >= 0
-        if inside and self.width is not None and self.height is not None:
-            inside = top + height <= self.height and left + width <= self.width
-        if not inside:
-            of = "" if self.width is None else f" of {self.width} x {self.height} pixels"
+        height, width = checked_shape("shape", shape)
+        top, left = checked_count("top", top, 0), checked_count("left", left, 0)
+        whole = self.width or math.inf, self.height or math.inf
+        if left + width > whole[0] or top + height > whole[1]:
             raise ValueError(
                 f"a crop of {width} x {height} pixels from row {top}, column {left} is no part of "
-                f"the camera's image{of}"
+                f"the camera's image of {self.width} x {self.height} pixels"
             )
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
@@ -366,7 +370,7 @@ class PinholeCamera:
 
     def directions(self, shape: tuple[int, int]) -> tuple[Array, Array]:
         """Undistorted u and v of all pixels, where the ray is (u, v, 1); shape (height, width)."""
-        height, width = shape
+        height, width = shape = checked_shape("shape", shape)
         u = np.broadcast_to((np.arange(width) - self.cx) / self.fx, shape)
         v = np.broadcast_to((np.arange(height) - self.cy)[:, None] / self.fy, shape)
         return self._undistort(u, v) if any(self.distortion) else (u, v)

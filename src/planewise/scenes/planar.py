@@ -11,9 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import checked_seed, checked_shape
 from planewise.camera import PinholeCamera
 from planewise.noise import constant
-from planewise.scenes.scene import Array, Scene, Seed, checked_size
+from planewise.scenes.scene import Array, Scene, Seed
 from planewise.sensor import Sensor
 
 _VGA = (480, 640)
@@ -45,7 +46,7 @@ def staircase(
     planes = [
         (0.0, sign * half, -half, d) for sign, d in zip((1, -1, 1, -1), distances, strict=True)
     ]
-    height, _ = checked_size(size)
+    height, _ = checked_shape("size", size)
     bands = np.arange(height) * 4 // height
     labels = np.broadcast_to(bands[:, None] + 1, size)
     return _planes_scene(np.array(planes), labels, size, sigma, rng, quantise)
@@ -101,7 +102,7 @@ def flatness(
     if not math.isfinite(amplitude):
         raise ValueError(f"amplitude must be a number of metres, got {amplitude}")
     planes = np.array([(0.0, 0.0, -1.0, d) for d in (2.5, 2.7, 2.9, 3.1)])
-    height, width = checked_size(size)
+    height, width = checked_shape("size", size)
     band = np.arange(width) * 4 // width
     labels = np.broadcast_to(band + 1, size)
     periods = np.array((0, 2, 10, 100))[band]
@@ -136,7 +137,7 @@ def two_planes(
     planes = np.array(
         [(0.0, sign * math.cos(half), -math.sin(half), math.sin(half)) for sign in (-1, 1)]
     )
-    height, _ = checked_size(size)
+    height, _ = checked_shape("size", size)
     rows = np.arange(height)[:, None]
     labels = np.broadcast_to(np.where(rows < height / 2, 1, 2), size)
     return _planes_scene(planes, labels, size, sigma, rng, quantise)
@@ -175,7 +176,7 @@ def t_junction(
 
 def _camera(size: tuple[int, int]) -> PinholeCamera:
     """Return the paper's camera, scaled to another image size."""
-    height, width = checked_size(size)
+    height, width = checked_shape("size", size)
     across, down = width / _VGA[1], height / _VGA[0]
     return PinholeCamera(fx=500 * across, fy=500 * down, cx=320 * across, cy=240 * down)
 
@@ -201,7 +202,7 @@ def _planes_scene(
         raise ValueError(f"sigma must be a number of metres, at least 0, got {sigma}")
     truth = labels.astype(np.uint16)
     exact = np.take_along_axis(_depths(planes, size), labels[None].astype(np.int64) - 1, axis=0)[0]
-    z = exact + relief + np.random.default_rng(rng).normal(0, 1, size) * sigma
+    z = exact + relief + np.random.default_rng(checked_seed("rng", rng)).normal(0, 1, size) * sigma
     resolution = 0.001
     readings = np.floor(z / resolution) if quantise else z
     seen = (readings > 0) & (readings <= _FARTHEST if quantise else True)

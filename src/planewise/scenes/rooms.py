@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import noise, sensors
+from planewise.arguments import checked_seed, checked_shape
 from planewise.camera import Camera, PinholeCamera
 from planewise.scenes.furniture import Block, Can, Room, Solid, furnish, turned
-from planewise.scenes.scene import Scene, Seed, checked_size
+from planewise.scenes.scene import Scene, Seed
 
 Array = NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def room(
     """
     if sigma is not None and not (math.isfinite(sigma) and sigma > 0):
         raise ValueError(f"sigma must be a positive number of metres, got {sigma}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed("seed", seed))
     solids, view = _arrange(rng)
     camera = _camera(size)
     hit = cast(solids, view, camera, size)
@@ -97,7 +98,7 @@ def room(
 
 
 def _camera(size: tuple[int, int]) -> PinholeCamera:
-    height, width = checked_size(size)
+    height, width = checked_shape("size", size)
     focal = 525.0 * width / 640
     return PinholeCamera(fx=focal, fy=focal, cx=(width - 1) / 2, cy=(height - 1) / 2)
 

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_whole
 from planewise.camera import Camera
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
 Seed = int | np.random.Generator
-
-
-def checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return the height and width of a scene, or raise a ValueError."""
-    given = tuple(size) if isinstance(size, Sequence) else size
-    if not (
-        isinstance(given, tuple)
-        and len(given) == 2
-        and all(is_whole(each) and each >= 1 for each in given)
-    ):
-        raise ValueError(f"size must be (height, width), whole numbers of pixels, got {size!r}")
-    return given
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)  # arrays do not compare to one bool

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from planewise import cameras, sensors
+from planewise.arguments import checked_seed
 from planewise.noise import constant
 from planewise.scenes.furniture import Ball, Block, Can, Room, Solid
 from planewise.scenes.rooms import View, cast, truth
@@ -52,7 +53,7 @@ def street(
     if not 0 <= lost < 1:
         raise ValueError(f"lost must be a share of the readings below 1, got {lost}")
     camera = camera or cameras.OUSTER_OS1_64
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed("seed", seed))
     solids = _arrange(rng)
     heading = rng.uniform(-math.pi, math.pi)
     c, s = math.cos(heading), math.sin(heading)
