@@ -334,3 +334,23 @@ def test_sums_of_noise_and_no_noise():
     assert_allclose(noise.NOTHING([1.0, 2.0]), 0)
     with pytest.raises(ValueError, match="at least one part"):
         noise.RootSum(())
+
+
+@pytest.mark.parametrize("wrong", ["a", None, -1])
+def test_seeds_are_checked(camera, wrong):
+    depth, sensor = np.full((48, 64), 2.0), pw.Sensor()
+    for call in (
+        lambda: pw.estimate_noise(depth, camera, sensor, rng=wrong),
+        lambda: pw.calibrate([depth], camera, sensor, rng=wrong),
+        lambda: scenes.corner(rng=wrong),
+        lambda: scenes.room(wrong),
+        lambda: scenes.street(wrong),
+    ):
+        with pytest.raises(ValueError, match=r"(rng|seed) must be a seed, not negative, or a"):
+            call()
+
+
+def test_readings_very_far_away_need_no_memory_of_their_own(camera):
+    """As of millimetres that are taken for metres, by a sensor that sees very far."""
+    depth = np.random.default_rng(0).normal(2e8, 1e5, (48, 64))
+    assert pw.estimate_noise(depth, camera, pw.Sensor(max_depth=1e9)).frames == 1

@@ -122,6 +122,9 @@ NO_PARTS = pw.noise.ErrorParts(**dict.fromkeys(("white", "shared", "drift"), pw.
         ({"noise": 0.0}, "sigma must be positive"),
         ({"noise": -1.0}, "sigma must be positive"),
         ({"noise": float("nan")}, "sigma must be positive"),
+        ({"max_depth": 1e30}, r"max_depth must be at most 1e\+09 .* the largest depth that"),
+        ({"depth_range": 1.7e308}, r"depth_range must be at most 1e\+09 metres"),
+        ({"resolution": 1e-310}, "resolution must be at least 1e-12 metres, got 1e-310"),
     ],
 )
 def test_bad_sensors_are_refused(kwargs, message):
@@ -137,6 +140,8 @@ def test_bad_sensors_are_refused(kwargs, message):
         (lambda z: "a", "noise must return one sigma per depth, got 'a'"),
         (lambda z: np.nan * z, "sigma = nan"),
         (lambda z: np.ones(3), "one sigma per depth"),
+        (1e300, r"noise must be positive and finite .* sigma = 1e\+300"),
+        (1e-300, "noise must be positive and finite .* sigma = 1e-300"),
     ],
 )
 def test_bad_noise_is_refused_when_it_shows(camera, noise, message):
@@ -180,6 +185,25 @@ def test_noise_models_say_what_they_are():
     assert_allclose(pw.noise.stereo(focal=500, baseline=0.1, subpixel=0.1)([2.0]), [0.008])
     with pytest.raises(ValueError, match="baseline must be positive"):
         pw.noise.stereo(focal=500, baseline=0)
+    with pytest.raises(ValueError, match="focal and baseline are those of no camera"):
+        pw.noise.stereo(focal=1e-200, baseline=1e-200)
+
+
+def test_parts_and_sums_take_numbers():
+    parts = pw.noise.ErrorParts(white=0.001, shared=0, drift=np.float32(0.5))
+    assert parts.white == pw.noise.constant(0.001)
+    assert parts.shared is pw.noise.NOTHING
+    assert pw.noise.RootSum([0.003, pw.noise.constant(0.004)])(1.0) == pytest.approx(0.005)
+
+
+@pytest.mark.parametrize("wrong", ["a", None, True, [0.1]])
+def test_parts_that_are_no_noise_are_refused(wrong):
+    with pytest.raises(ValueError, match=r"parts\.drift must be metres or a function of depth"):
+        pw.noise.ErrorParts(white=0.001, shared=0, drift=wrong)
+    with pytest.raises(ValueError, match="parts must be metres or a function of depth, got"):
+        pw.noise.RootSum((0.001, wrong))
+    with pytest.raises(ValueError, match="a sum is of a tuple of parts, got 3"):
+        pw.noise.RootSum(3)
 
 
 @pytest.mark.parametrize("name", pw.sensors.PRESETS)
@@ -220,6 +244,34 @@ def test_an_observation_does_not_change_with_the_array_it_was_made_of(dtype):
     assert found.information == expected.information
     assert len(found) == 1
     assert pw.information(seen, found.planes, found.labels, objective="spatial") > 0
+
+
+class Lent:
+    """What lends its array, as tensors do."""
+
+    def __init__(self, array):
+        self.array = array
+
+    def __array__(self, dtype=None, copy=None):
+        return self.array
+
+
+@pytest.mark.parametrize("kind", [Lent, memoryview, lambda array: np.ma.array(array, copy=False)])
+def test_an_observation_has_a_copy_of_any_buffer(camera, kind):
+    buffer = np.full((48, 64), 2.0)
+    seen = pw.observe(kind(buffer), camera, SENSOR)
+    buffer[:] = 3.0
+    assert (seen.depth == 2.0).all()
+
+
+def test_what_is_masked_is_no_reading_even_of_a_copy(camera):
+    depth = np.ma.masked_greater(np.linspace(1, 4, 48 * 64).reshape(48, 64), 2.0)
+    assert pw.observe(depth, camera, SENSOR).count == depth.count()
+
+
+def test_rows_of_several_lengths_are_named(camera):
+    with pytest.raises(ValueError, match=r"depth cannot be made an array: .* inhomogeneous"):
+        pw.observe([[1.0, 2.0], [1.0]], camera, SENSOR)
 
 
 def test_what_is_no_observation_is_refused():

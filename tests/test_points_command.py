@@ -308,6 +308,7 @@ def test_digits_that_a_file_has_lost_are_told(tmp_path, out):
 BAD = {
     "sigma of words": (("--sigma", "small"), "or 'auto', got 'small'"),
     "sigma zero": (("--sigma", 0), "sigma"),
+    "sigma too large": (("--sigma", "1e200"), "noise must be positive and finite"),
     "sigma nan": (("--sigma", "nan"), "sigma"),
     "origin of two": (("--sigma", 0.01, "--origin", "1,2"), "origin"),
     "origin of a file without": (("--sigma", 0.01, "--origin", "file"), "origin"),

@@ -45,6 +45,11 @@ def test_sums_are_written_term_by_term(tmp_path):
     assert_allclose(sensors.load(tmp_path / "s.json").sigma(Z), parts(Z))
 
 
+def test_what_is_no_sensor_is_not_written(tmp_path):
+    with pytest.raises(ValueError, match=r"sensor must be a planewise\.Sensor, .* got int"):
+        sensors.save(3, tmp_path / "sensor.json")
+
+
 def test_only_curves_can_be_written(tmp_path):
     for bad, message in ((lambda z: z, "only noise made of"), ("auto", "not known yet")):
         with pytest.raises(ValueError, match=message):

@@ -6,9 +6,11 @@ model; the ones here also say what they are, so that a result file can record th
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from numbers import Real
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,8 +79,8 @@ class RootSum:
 
     Parameters
     ----------
-    parts : tuple of callable
-        Standard deviations in metres at depth z; at least one.
+    parts : tuple of callable or float
+        Standard deviations in metres at depth z, numbers at every depth; at least one.
 
     Examples
     --------
@@ -91,6 +93,10 @@ class RootSum:
     parts: tuple[Noise, ...]
 
     def __post_init__(self) -> None:
+        parts: Any = self.parts
+        if not isinstance(parts, Iterable):
+            raise ValueError(f"noise: a sum is of a tuple of parts, got {parts!r}")
+        object.__setattr__(self, "parts", tuple(as_curve("parts", part) for part in parts))
         if not self.parts:
             raise ValueError("noise: a sum needs at least one part")
 
@@ -125,6 +131,8 @@ NOTHING = Nothing()
 class ErrorParts:
     """What a sensor's error consists of: neighbouring readings do not err independently.
 
+    A number instead of a curve is a standard deviation in metres at every depth, 0 none.
+
     Attributes
     ----------
     white : callable
@@ -139,6 +147,10 @@ class ErrorParts:
     white: Noise
     shared: Noise
     drift: Noise
+
+    def __post_init__(self) -> None:
+        for name in ("white", "shared", "drift"):
+            object.__setattr__(self, name, as_curve(f"parts.{name}", getattr(self, name)))
 
     def __str__(self) -> str:
         return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"
@@ -158,6 +170,42 @@ def constant(sigma: float) -> Polynomial:
     0.005 m
     """
     return Polynomial(constant=sigma)
+
+
+def as_curve(name: str, noise: Any) -> Noise:
+    """Curve of one standard deviation in metres, or the one given.
+
+    Raises
+    ------
+    ValueError
+        If it is neither a number nor a function.
+    """
+    if not isinstance(noise, bool) and isinstance(noise, Real):
+        return constant(noise) if noise else NOTHING  # type: ignore[arg-type]
+    if not callable(noise):
+        raise ValueError(f"{name} must be metres or a function of depth, got {noise!r}")
+    made: Noise = noise
+    return made
+
+
+def evaluated(name: str, noise: Noise, z: Array) -> Array:
+    """Standard deviations in metres at depths `z`, of their shape; their values are unchecked.
+
+    Raises
+    ------
+    ValueError
+        If the curve does not give a number for each.
+    """
+    given: Any = noise(z.copy())  # it may work in place
+    try:
+        sigma = np.asarray(given, np.float64)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must return one sigma per depth, got {given!r}") from None
+    if sigma.ndim and sigma.shape != z.shape:
+        raise ValueError(
+            f"{name} must return one sigma per depth: expected shape {z.shape}, got {sigma.shape}"
+        )
+    return sigma if sigma.shape == z.shape else np.full(z.shape, float(sigma))
 
 
 def proportional(fraction: float) -> Polynomial:
@@ -198,7 +246,10 @@ def stereo(*, focal: float, baseline: float, subpixel: float = 0.08) -> Polynomi
     for name, value in (("focal", focal), ("baseline", baseline), ("subpixel", subpixel)):
         if not (is_finite(value) and value > 0):
             raise ValueError(f"{name} must be positive and finite, got {value!r}")
-    return Polynomial(quadratic=subpixel / (focal * baseline))
+    product = float(focal) * float(baseline)
+    if not 0 < product < math.inf:
+        raise ValueError(f"focal and baseline are those of no camera: {focal!r} and {baseline!r}")
+    return Polynomial(quadratic=subpixel / product)
 
 
 KINECT = quadratic(0.0012, 0.0019, 0.4)

@@ -9,8 +9,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planewise.arguments import is_finite, make_plain
-from planewise.noise import AUTO, Array, Auto, ErrorParts, Noise, Nothing, constant, proportional
+from planewise.arguments import FINEST, LEAST_LENGTH, MOST_LENGTH, is_finite, make_plain
+from planewise.noise import (
+    AUTO,
+    Array,
+    Auto,
+    ErrorParts,
+    Noise,
+    Nothing,
+    constant,
+    evaluated,
+    proportional,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,10 +51,10 @@ class Sensor:
     Raises
     ------
     ValueError
-        If a length is not positive and finite, `min_depth` does not lie in [0, max_depth), the
-        resolution is not smaller than the range, a noise that is a number is not positive and
-        finite, or is a word other than "auto", or `parts` is none. What a function of depth gives
-        is checked where it is evaluated.
+        If a length is not positive or above 1e9 m, the resolution is below 1e-12 m or not smaller
+        than the range, `min_depth` does not lie in [0, max_depth), a noise that is a number is not
+        positive and finite, or is a word other than "auto", or `parts` is none. What a function of
+        depth gives is checked where it is evaluated.
 
     Examples
     --------
@@ -67,6 +77,16 @@ class Sensor:
                 continue
             if not (is_finite(value) and value > 0):
                 raise ValueError(f"{name} must be a positive number of metres, got {value!r}")
+            if value > MOST_LENGTH and name != "resolution":  # which is less than the range
+                raise ValueError(
+                    f"{name} must be at most {MOST_LENGTH:g} metres, got {value!r}; give the "
+                    "largest depth that the sensor reports"
+                )
+        if self.resolution < LEAST_LENGTH:
+            raise ValueError(
+                f"resolution must be at least {LEAST_LENGTH:g} metres, got {self.resolution!r}; "
+                "give the step between two readings"
+            )
         if not (is_finite(self.min_depth) and 0 <= self.min_depth < self.max_depth):
             raise ValueError(
                 f"min_depth must lie in [0, max_depth = {self.max_depth}) metres, "
@@ -112,8 +132,8 @@ class Sensor:
         Raises
         ------
         ValueError
-            If the noise model returns another shape, or a sigma that is not positive and finite; if
-            the noise is "auto".
+            If the noise model returns another shape, or a sigma that is not positive, above 1e9 m
+            or below 1e-12 of the depth; if the noise is "auto".
         """
         if self.noise == AUTO:
             raise ValueError(
@@ -122,22 +142,13 @@ class Sensor:
             )
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
-        given: Any = self.noise(z.copy())  # it may work in place
-        try:
-            sigma = np.asarray(given, np.float64)
-        except (TypeError, ValueError):
-            raise ValueError(f"noise must return one sigma per depth, got {given!r}") from None
-        if sigma.shape != z.shape:
-            if sigma.ndim:
-                raise ValueError(
-                    f"noise must return one sigma per depth: expected shape {z.shape}, "
-                    f"got {sigma.shape}"
-                )
-            sigma = np.full(z.shape, float(sigma))
-        bad = ~(np.isfinite(sigma) & (sigma > 0))
+        sigma = evaluated("noise", self.noise, z)
+        bad = ~((sigma > 0) & (sigma <= MOST_LENGTH))  # as NaN is
+        bad |= sigma < FINEST * np.minimum(z, self.max_depth)  # strays of a cloud are far beyond
         if bad.any():
             raise ValueError(
-                "noise must be positive and finite (metres), got "
+                f"noise must be positive and finite (metres, at most {MOST_LENGTH:g}, at least "
+                f"{FINEST:g} of the depth), got "
                 f"sigma = {sigma[bad].flat[0]} at z = {z[bad].flat[0]} m"
             )
         return sigma

@@ -14,7 +14,7 @@ from planewise._version import __version__
 from planewise.arguments import is_finite
 from planewise.errors import PlanewiseError
 from planewise.noise import NOTHING, ErrorParts, Noise, Nothing, Polynomial, RootSum
-from planewise.sensor import Sensor
+from planewise.sensor import Sensor, checked_sensor
 from planewise.whole_files import written_whole
 
 SCHEMA = "planewise/sensor"
@@ -77,7 +77,7 @@ def describe_exactly(sensor: Sensor) -> dict[str, Any]:
     PlanewiseError
         As `save`.
     """
-    parts = sensor.parts
+    parts = checked_sensor(sensor).parts
     return {
         **{key: getattr(sensor, name) for key, name in _LENGTHS.items()},
         "noise": _terms(sensor.noise),

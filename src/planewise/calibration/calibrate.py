@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from planewise.arguments import checked_seed
 from planewise.calibration.cells import NoiseCells
 from planewise.calibration.estimate import (
     RESAMPLES,
@@ -62,6 +63,7 @@ def calibrate(
     >>> found.frames, bool(abs(found.noise([1.2])[0] - 0.004) < 0.0002)
     (3, True)
     """
+    checked_seed("rng", rng)
     frames = [cells_of_frame(depth, camera, sensor, depth_scale) for depth in depths]
     return pooled(frames, sensor, rng)
 

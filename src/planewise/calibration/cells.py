@@ -33,6 +33,7 @@ _HARMONICS = np.arange(1, 6)
 _MOST_CROSSED = 20.0  # steps within a cell; there is no difference beyond
 _READINGS_A_LEVEL = 4  # fewer readings on every distinct value: they are not quantised
 _GRID = 1e-4  # metres; distinct readings are told apart on this grid
+_COUNTED = 10_000_000  # places of that grid, a kilometre
 _BLOCK = 8  # cells along the side of a block, which the bootstrap draws
 
 
@@ -154,7 +155,10 @@ def _steps_at(depth: Array, readings: Array) -> Array:
     """Quantisation step in metres at some depths, from the distinct readings of the frame."""
     if not readings.size:
         return np.zeros(depth.shape)
-    levels = np.flatnonzero(np.bincount(np.rint(readings / _GRID).astype(np.int64)))
+    place = np.rint(readings / _GRID).astype(np.int64)
+    # Counting is faster, but takes memory for all that is nearer than the farthest reading.
+    near = place.max() < _COUNTED
+    levels = np.flatnonzero(np.bincount(place)) if near else np.unique(place)
     if readings.size < _READINGS_A_LEVEL * levels.size:
         return np.zeros(depth.shape)
     steps = np.interp(depth, levels * _GRID, reading_steps(levels) * _GRID)

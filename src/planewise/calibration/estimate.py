@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import checked_seed
 from planewise.calibration.bins import FEWEST, Bin, Pool, bootstrap, by_depth
 from planewise.calibration.cells import NoiseCells, noise_cells
 from planewise.calibration.correlated import shared_ratio
@@ -165,6 +166,7 @@ def estimate_noise(
     >>> found.noise([1.2]).round(4), found.shared([1.2])
     (array([0.004]), array([0.]))
     """
+    checked_seed("rng", rng)
     cells = cells_of_frame(depth, camera, sensor, depth_scale)
     return pooled_noise([cells], sensor, resamples=RESAMPLES, rng=rng)
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import FINEST, MOST_LENGTH
 from planewise.information import coordinate_information
 from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
-from planewise.noise import NOTHING, ErrorParts
+from planewise.noise import NOTHING, ErrorParts, evaluated
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.workspace import Workspace
@@ -123,7 +124,9 @@ def frame_of(
     quarter = 1.0 / (square * square)
     estimated = observation.estimate is not None
     if parts is None or (estimated and parts.drift == NOTHING):
-        white = observation.level_sigma if parts is None else np.asarray(parts.white(z))
+        white = (
+            observation.level_sigma if parts is None else evaluated("parts.white", parts.white, z)
+        )
         shared, drift = _UNKNOWN_SHARED * white, _UNKNOWN_DRIFT * white
     else:
         white, shared, drift = _parts(parts, z)
@@ -158,9 +161,12 @@ def frame_of(
 
 def _parts(parts: ErrorParts, z: Array) -> tuple[Array, Array, Array]:
     """White, shared and drift at depths z, in metres, checked."""
-    white, shared, drift = (np.asarray(f(z)) for f in (parts.white, parts.shared, parts.drift))
-    every = white + shared + drift
-    if not (white.min() > 0 and min(shared.min(), drift.min()) >= 0 and np.isfinite(every).all()):
+    white, shared, drift = (
+        evaluated(f"parts.{name}", getattr(parts, name), z) for name in ("white", "shared", "drift")
+    )
+    every = np.stack((white, shared, drift))
+    sound = (white >= FINEST * z).all() and every.min() >= 0 and every.max() <= MOST_LENGTH
+    if not sound:  # as NaN is
         raise ValueError(
             "the parts of a sensor's noise must be finite and not negative (metres), and white "
             "positive; they are not at all depths that occur"
