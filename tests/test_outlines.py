@@ -441,6 +441,37 @@ def test_bad_arguments_are_named():
         outline_image(image, pw.cameras.KINECT_V1)
     with pytest.raises(ValueError, match="camera must be a planewise"):
         outline_image(image, "nyu")
+    for outline, rest in ((outline_image, CAMERA), (outline_points, np.zeros((9, 3)))):
+        with pytest.raises(ValueError, match=r"model must be a PlaneModel, .* got a NoneType"):
+            outline(None, rest)
+    with pytest.raises(ValueError, match=r"points must be an array; .* cloud\.points"):
+        outline_points(model, pw.PointCloud(points=np.zeros((9, 3))))
+    for spacing in ("a", 0, np.nan):
+        with pytest.raises(ValueError, match="spacing must be a positive number of metres, got"):
+            outline_points(model, np.zeros((9, 3)), spacing=spacing)
+
+
+@pytest.mark.parametrize(
+    ("name", "wrong"),
+    [
+        *(("max_depth", wrong) for wrong in (0, -1, np.nan, None, "a")),
+        *(("tolerance", wrong) for wrong in (-1, np.nan, None, "a")),
+    ],
+)
+def test_bad_settings_are_named(name, wrong):
+    with pytest.raises(ValueError, match=f"{name} must be a .*number"):
+        outline_image(model_of(np.ones(SHAPE), TILTED), CAMERA, **{name: wrong})
+
+
+def test_points_may_be_a_list_or_masked():
+    points = np.random.default_rng(0).uniform(0, 1, (300, 3)) * (1, 1, 0) + (0, 0, 2)
+    points[0] = 9
+    labels = np.arange(300) > 0
+    model = model_of(labels, plane_at((0, 0, 1), (0, 0, 2)))
+    (expected,) = outline_points(model, points)
+    masked = np.ma.array(points, mask=np.broadcast_to(~labels[:, None], points.shape))
+    for given_points in (points.tolist(), masked):
+        assert outline_points(model, given_points)[0].area == expected.area > 0
 
 
 def test_without_shapely_the_extra_is_named(monkeypatch):

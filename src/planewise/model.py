@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_whole
+from planewise.arguments import checked_count
 from planewise.wording import counted
 
 Array = NDArray[np.float64]
@@ -218,8 +218,7 @@ class PlaneModel:
         PlaneModel
             Its `information` is Phi of the smaller model with these labels.
         """
-        if not (is_whole(k) and k >= 0):
-            raise ValueError(f"k must be a whole number, at least 0, got {k!r}")
+        k = checked_count("k", k, 0)
         if k >= len(self.planes):
             return self
         return replace(
@@ -230,3 +229,19 @@ class PlaneModel:
             prefix=self.prefix[: k + 1],
             note="" if k else "none of the planes was kept",
         )
+
+
+def checked_model(model: object) -> PlaneModel:
+    """Refuse what is no model.
+
+    Raises
+    ------
+    ValueError
+        If it is not a `PlaneModel`.
+    """
+    if not isinstance(model, PlaneModel):
+        raise ValueError(
+            "model must be a PlaneModel, such as detect_planes returns, "
+            f"got a {type(model).__name__}"
+        )
+    return model

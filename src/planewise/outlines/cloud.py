@@ -7,10 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from planewise.arguments import checked_points, is_finite
 from planewise.copies import places_of
-from planewise.model import PlaneModel
+from planewise.model import PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
 from planewise.outlines.occupancy import neighbours, share_in_surfaces
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
@@ -31,7 +32,7 @@ _ENOUGH = 50_000  # points that tell the direction of the grid
 
 def outline_points(
     model: PlaneModel,
-    points: NDArray[np.floating],
+    points: ArrayLike,
     *,
     spacing: float | None = None,
     instances: bool = False,
@@ -47,7 +48,7 @@ def outline_points(
     ----------
     model : PlaneModel
         Of these points.
-    points : ndarray, shape (k, 3)
+    points : array_like, shape (k, 3)
         As it was found in.
     spacing : float, optional
         Side of a cell in metres. ``None`` derives it for each plane: the smallest cells that make a
@@ -68,16 +69,16 @@ def outline_points(
     MissingExtraError
         Without shapely (extra 'cloud').
     """
-    if points.ndim != 2 or points.shape[1] != 3 or model.labels.shape != points.shape[:1]:
+    points = checked_points(points, 3)
+    if checked_model(model).labels.shape != points.shape[:1]:
         raise ValueError(
             f"points must have shape (k, 3), a row for each of the model's labels "
             f"{model.labels.shape}, got {points.shape}"
         )
-    if spacing is not None and not 0 < spacing < math.inf:
-        raise ValueError(f"spacing must be a positive number of metres, got {spacing}")
+    if spacing is not None and not (is_finite(spacing) and spacing > 0):
+        raise ValueError(f"spacing must be a positive number of metres, got {spacing!r}")
     load_shapely()
-    kind = np.float32 if points.dtype == np.float32 else np.float64
-    labels, places = model.labels, places_of(np.ascontiguousarray(points, kind))
+    labels, places = model.labels, places_of(np.ascontiguousarray(points))
     if places is not None:  # copies say nothing of how densely points lie
         points, labels = points[places.rows], labels[places.rows]
     order = np.argsort(labels, kind="stable")

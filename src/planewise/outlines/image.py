@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import is_finite
 from planewise.camera import Camera, checked_camera
-from planewise.model import Plane, PlaneModel
+from planewise.model import Plane, PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
 
@@ -44,7 +45,7 @@ def outline_image(
     instances : bool
         One surface for each connected piece, numbered from the largest; otherwise one a plane.
     max_depth : float
-        Metres; pixels whose ray meets the plane beyond are left out.
+        Metres; pixels whose ray meets the plane beyond are left out, at infinity none.
 
     Returns
     -------
@@ -54,14 +55,17 @@ def outline_image(
     Raises
     ------
     ValueError
-        If the model is of no image, or the camera of another one, or the tolerance is negative.
+        If the model is of no image, or the camera of another one, the tolerance is negative, or
+        `max_depth` is not positive.
     MissingExtraError
         Without shapely (extra 'cloud').
     """
-    if model.labels.ndim != 2:
+    if checked_model(model).labels.ndim != 2:
         raise ValueError(f"model must be of a depth image, got labels of {model.labels.shape}")
-    if not 0 <= tolerance < math.inf:
-        raise ValueError(f"tolerance must be a number of pixels, not negative, got {tolerance}")
+    if not (is_finite(tolerance) and tolerance >= 0):
+        raise ValueError(f"tolerance must be a number of pixels, not negative, got {tolerance!r}")
+    if not (max_depth == math.inf or (is_finite(max_depth) and max_depth > 0)):
+        raise ValueError(f"max_depth must be a positive number of metres, got {max_depth!r}")
     height, width = model.labels.shape
     checked_camera(camera).check((height, width))
     rays = camera.ray_rows((height, width))
