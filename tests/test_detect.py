@@ -355,8 +355,8 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
         ({"max_planes": 0}, "max_planes must lie in"),
         ({"max_planes": 70000}, "max_planes must lie in"),
         ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),
-        ({"threads": 0}, "threads must be at least 1"),
-        ({"threads": 1.5}, "threads must be at least 1 and a whole number, got 1.5"),
+        ({"threads": 0}, "threads must be a whole number of at least 1, got 0"),
+        ({"threads": 1.5}, "threads must be a whole number of at least 1, got 1.5"),
         ({"significance": "5"}, "significance must be a number of nats, not negative, got '5'"),
         ({"confidence": "x", "search": "sequential"}, "confidence must lie between 0 and 1"),
         ({"rng": "a"}, "rng must be a seed, not negative, or a numpy.random.Generator, got 'a'"),
@@ -536,6 +536,21 @@ def test_parts_of_the_noise_that_are_no_sigma_are_refused(roof, camera, part, wr
     sensor = replace(SENSOR, parts=pw.noise.ErrorParts(**parts))
     with pytest.raises(ValueError, match="parts of a sensor's noise must be finite"):
         pw.detect_planes(roof[0], camera, sensor)
+
+
+@pytest.mark.parametrize("part", ["white", "drift"])
+def test_parts_of_the_noise_of_another_shape_are_refused(roof, camera, part):
+    parts = {"white": 0.002, "shared": 0, "drift": 0, part: lambda z: np.full(3, 0.002)}
+    sensor = replace(SENSOR, parts=pw.noise.ErrorParts(**parts))
+    with pytest.raises(ValueError, match=rf"parts\.{part} must return one sigma per depth"):
+        pw.detect_planes(roof[0], camera, sensor)
+
+
+def test_what_is_no_objective_is_refused():
+    with pytest.raises(ValueError, match=r"objective must be 'paper', 'spatial' .* got \[\]"):
+        pw.Options(objective=[])
+    with pytest.raises(ValueError, match="mask must have a method information, got None"):
+        pw.Objective(mask=None)
 
 
 def test_the_objective_follows_from_what_there_is(roof, camera):

@@ -151,7 +151,7 @@ def test_nothing_is_left_where_no_frame_can_be_used(folder, out):
     [
         (("--limit", 0), "limit must be at least 1, got 0"),
         (("--seed", -1), "seed must not be negative"),
-        (("--threads", 0), "threads must be at least 1"),
+        (("--threads", 0), "threads must be a whole number of at least 1"),
         (("--truth", "none"), "truth: none is not a folder"),
     ],
 )

@@ -101,6 +101,16 @@ class Objective:
     error: ErrorModel = field(default_factory=IndependentError)
     null: NullModel = field(default_factory=UniformNull)
 
+    def __post_init__(self) -> None:
+        for name, method in (
+            ("mask", "information"),
+            ("error", "exact_fit"),
+            ("null", "information"),
+        ):
+            part = getattr(self, name)
+            if not callable(getattr(part, method, None)):
+                raise ValueError(f"objective: {name} must have a method {method}, got {part!r}")
+
     def thresholds(self, observation: Observation) -> Array:
         """tau of every reading, shape (k,): null minus error information at an exact fit."""
         return self._outliers(observation) - _checked(
@@ -167,7 +177,7 @@ def as_objective(objective: Objective | str) -> Objective:
     """
     if isinstance(objective, Objective):
         return objective
-    if objective not in OBJECTIVES:
+    if not isinstance(objective, str) or objective not in OBJECTIVES:
         known = ", ".join(map(repr, (*OBJECTIVES, SPATIAL)))
         raise ValueError(f"objective must be {known} or an Objective, got {objective!r}")
     return OBJECTIVES[objective]

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal, TypedDict
+from typing import Literal, TypedDict
 
 import numpy as np
 
-from planewise.arguments import is_finite, is_whole, make_plain
+from planewise.arguments import checked_count, checked_seed, is_finite, is_whole, make_plain
 from planewise.objective import SPATIAL, Objective, as_objective
 from planewise.paper.evaluate import MAX_PLANES
 from planewise.paper.reassign import NormalReassignment, as_reassignment
@@ -139,23 +139,17 @@ class Options:
                 "reassign needs objective='paper' or search='sequential', got objective='spatial', "
                 "whose mask code sees to neighbours itself"
             )
-        most, threads = self.max_planes, self.threads
+        most = self.max_planes
         if most is not None and not (is_whole(most) and 1 <= most <= MAX_PLANES):
             raise ValueError(
                 f"max_planes must lie in 1 ... {MAX_PLANES}, a whole number, got {most!r}"
             )
-        if threads is not None and not (is_whole(threads) and threads >= 1):
-            raise ValueError(f"threads must be at least 1 and a whole number, got {threads!r}")
+        if self.threads is not None:
+            object.__setattr__(self, "threads", checked_count("threads", self.threads))
         make_plain(self, float, "significance", "confidence", "inlier_ratio")
-        make_plain(self, int, "max_planes", "threads")
+        make_plain(self, int, "max_planes")
         make_plain(self, bool, "instances")
-        rng: Any = self.rng
-        if is_whole(rng) and rng >= 0:
-            make_plain(self, int, "rng")
-        elif not isinstance(rng, np.random.Generator):
-            raise ValueError(
-                f"rng must be a seed, not negative, or a numpy.random.Generator, got {rng!r}"
-            )
+        object.__setattr__(self, "rng", checked_seed("rng", self.rng))
 
     def resolved(self, spatial: bool) -> Options:
         """These options with an objective; spatial: whether the observation may have that one."""
