@@ -295,6 +295,10 @@ def test_npz(tmp_path, points, colour, fortran, save):
     assert_array_equal(cloud.labels, np.arange(500))
     assert_array_equal(cloud.scan, np.arange(500) % 2)
     assert_array_equal(cloud.origins, np.ones((2, 3)))
+    save(path, points=array + UTM, origins=np.ones((2, 3)) + UTM)  # nothing was subtracted yet
+    far = in_blocks(path)
+    assert_allclose(far.origins + far.offset, np.ones((2, 3)) + UTM, atol=1e-6)
+    assert abs(far.origins).max() < 1e3
     np.save(tmp_path / "a.npy", array.astype(np.float32))
     assert in_blocks(tmp_path / "a.npy").points.dtype == np.float32
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise import cameras
+from planewise import cameras, scenes
 from planewise.metrics import evaluate
 from tests.command import run
 from tests.conftest import SHARED
@@ -336,3 +336,14 @@ def test_a_sweep_of_a_real_street(name):
     assert np.isin(flat, level + 1).sum() > 0.25 * model.readings
     upright = [plane for plane in model.planes if abs(plane.normal[2]) < 0.3]
     assert len(level) + len(upright) == len(model) >= 5
+
+
+@pytest.mark.parametrize(("unit", "said"), [((), True), (("--depth-scale", 0.001), False)])
+def test_the_unit_of_whole_numbers_is_told_where_it_is_none_that_is_usual(tmp_path, unit, said):
+    """An Ouster's are millimetres, though it is less fine: planes would be 12 times as far off."""
+    np.save(tmp_path / "a.npy", scenes.street(0).depth)
+    code, _, errors = run(
+        "detect", tmp_path / "a.npy", "--camera", "ouster-os1-64", *unit, "-o", tmp_path / "out"
+    )
+    assert code == 0, errors
+    assert ("units of 12 mm" in errors and "(--depth-scale 0.001)" in errors) == said

@@ -9,7 +9,8 @@ stream; `detect_planes_in_points` takes free points. The parts they are made of 
 hand: `observe`, `information`, `find`.
 
 Frame: x right, y down, z forward. Planes: normal . x + distance = 0, |normal| = 1, distance >= 0:
-normals face the sensor. Information in nats; that of a plane is negative when it pays.
+normals face the sensor, those of clouds the origin of their coordinates. Information in nats; that
+of a plane is negative when it pays.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def plane_information(dimension: int, range: float, resolution: float) -> float:
 
 
 def mask_information(readings: int, planes: int) -> float:
-    """k ln(N + 1): the assignment of every reading to a plane or to none (paper, eq. 5)."""
+    """k ln(N + 1): the assignment of every reading to a plane or to none (paper, eq. 6)."""
     return readings * math.log(planes + 1)
 
 

@@ -53,7 +53,7 @@ class NullModel(Protocol):
 
 @dataclass(frozen=True)
 class UniformMask:
-    """Every label is equally likely everywhere: k ln(N + 1) (paper, eq. 5)."""
+    """Every label is equally likely everywhere: k ln(N + 1) (paper, eq. 6)."""
 
     def information(self, readings: int, planes: int) -> float:
         """Nats for `readings` labels out of `planes` + 1."""

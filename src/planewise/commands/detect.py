@@ -166,13 +166,14 @@ def detect(
         done = job.run(depth, output)
         terminal.show_planes(done.model)
         terminal.show_summary(done.model, done.seconds, done.folder)
-        if done.out_of_range:
-            terminal.warning(done.out_of_range)
+        for doubt in done.doubts:
+            terminal.warning(doubt)
 
 
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:
     paths = list_depth_files(folder)
     failed, sizes = 0, FrameSizes(job.camera)
+    said: set[str] = set()
     with parent_folder(output):
         results = terminal.progress(job.run_folder(paths, output), len(paths))
         for path, result in zip(paths, results, strict=True):
@@ -185,8 +186,10 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
-            if result.out_of_range:
-                terminal.warning(f"{path.name}: {result.out_of_range}")
+            for doubt in result.doubts:
+                if doubt not in said:  # that of the unit is the same of all
+                    terminal.warning(f"{path.name}: {doubt}")
+            said.update(result.doubts)
     terminal.say(f"{len(paths) - failed} of {counted(len(paths), 'frame')} done, files in {output}")
     if failed:
         raise typer.Exit(FAILED)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from planewise.model import PlaneModel
     from planewise.options import Options
 
+_MILLIMETRE = 0.001  # metres
+
 
 @dataclass(frozen=True, kw_only=True)
 class Done:
@@ -40,15 +43,14 @@ class Done:
         Time of the detection without files; the first run on a machine compiles in it.
     folder : Path
         Where the files are.
-    out_of_range : str
-        What is to be said where most readings are outside the sensor's range; empty where they are
-        not, or the model's note says it.
+    doubts : tuple of str
+        What may be wrong with the unit of the readings.
     """
 
     model: PlaneModel
     seconds: float
     folder: Path
-    out_of_range: str
+    doubts: tuple[str, ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +115,7 @@ class Job:
         written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
         with output_folder(target, OUTLINE_FILES) as folder:
-            model, seconds, beyond = find_planes(
+            model, seconds, doubts = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
             )
             with threads.allowed(threads.chosen(self.options.threads)):
@@ -129,7 +131,7 @@ class Job:
                 )
             if self.outlines:
                 self._write_outlines(folder, model, camera)
-        return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond)
+        return Done(model=model, seconds=seconds, folder=target, doubts=doubts)
 
     def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.outlines.image import outline_image
@@ -198,8 +200,8 @@ def find_planes(
     depth_scale: float | None,
     options: Options,
     rgb: NDArray[np.uint8] | None = None,
-) -> tuple[PlaneModel, float, str]:
-    """Detect planes; say how many seconds it took, and `Done.out_of_range`."""
+) -> tuple[PlaneModel, float, tuple[str, ...]]:
+    """Detect planes; say how many seconds it took, and `Done.doubts`."""
     from planewise.compilation import load_without_scipy
     from planewise.observation import observe
     from planewise.search import find
@@ -209,5 +211,13 @@ def find_planes(
     seen = observe(depth, camera, sensor, depth_scale=depth_scale)
     model = find(seen, options, rgb=rgb)
     seconds = time.perf_counter() - started
-    beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
-    return model, seconds, "" if beyond in model.note else beyond
+    doubts = []
+    if 2 * seen.count < seen.image.present and seen.out_of_range not in model.note:
+        doubts.append(seen.out_of_range)
+    unit = sensor.resolution
+    if depth_scale is None and depth.dtype.kind in "iu" and not math.isclose(unit, _MILLIMETRE):
+        doubts.append(
+            f"whole numbers are taken in units of {1000 * unit:g} mm, the sensor's resolution; "
+            "of millimetres say so (depth_scale = 0.001)"
+        )
+    return model, seconds, tuple(doubts)

@@ -138,7 +138,7 @@ def _opened(
         own, full = offset_of(points.read(min(count, LOOK))[:, :3]), None
         if colour is not None:
             full = full_colour(_Rows(*members[colour], stack).read(min(count, LOOK)))
-    offset = stated + own
+    offset, origins = stated + own, None if origins is None else origins - own
 
     def blocks(size: int) -> Iterator[PointCloud]:
         with ExitStack() as stack:
