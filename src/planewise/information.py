@@ -125,6 +125,10 @@ def information(
 ) -> float:
     """Phi of any planes and any labelling on an observation: the judge of models, edited ones too.
 
+    Under the spatial objective it judges planes that their readings lie near: readings on none are
+    one smooth surface in every block of 9 x 9 pixels, so that at the edges of clutter any label,
+    be its plane metres away, makes it lower.
+
     Parameters
     ----------
     observation : Observation
