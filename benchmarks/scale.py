@@ -23,11 +23,11 @@ from planewise.batch import Outcome, Recipe, Store
 from planewise.batch.frame_names import safe_name
 from planewise.batch.frame_work import FrameWork
 from planewise.batch.segments import FOLDERS, segments_of
-from planewise.batch.source import FileFrame
 from planewise.batch.staging import Staging
 from planewise.batch.store_info import info_of
 from planewise.batch.store_writer import opened
 from planewise.batch.tables import arrow, parquet_of
+from planewise.files.depth import DepthFile
 
 _SEGMENT = 2000
 _FRAMES_A_SCENE = 1650  # of ScanNet, on average
@@ -40,10 +40,10 @@ class OneFrame:
 
     def __init__(self, count: int) -> None:
         room = scenes.room(0)
-        self._frame = FileFrame(depth=room.depth, camera=room.camera)
+        self._frame = DepthFile(depth=room.depth, camera=room.camera)
         self.ids = [f"scene{n // _FRAMES_A_SCENE:04}_00--{n:07}" for n in range(count)]
 
-    def __getitem__(self, frame: str) -> FileFrame:
+    def __getitem__(self, frame: str) -> DepthFile:
         """Return the room."""
         return self._frame
 

@@ -11,7 +11,7 @@ from benchmarks.faults import InOrder
 import planewise as pw
 from planewise import scenes
 from planewise.batch import Batch, DepthFolder, Recipe, Store
-from planewise.batch.source import FileFrame
+from planewise.files.depth import DepthFile
 
 SIZE = (60, 80)
 
@@ -53,7 +53,7 @@ class Sweeps:
 
     def __getitem__(self, frame):
         street = scenes.street(0)
-        return FileFrame(depth=street.depth, camera=street.camera)
+        return DepthFile(depth=street.depth, camera=street.camera)
 
 
 class Many:

@@ -32,13 +32,14 @@ from planewise.batch.journal import Journal, line_of, read_records
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.lock import locked
 from planewise.batch.segments import Segment, segments_of
-from planewise.batch.source import FileFrame, parse_shard
+from planewise.batch.source import parse_shard
 from planewise.batch.staging import Staging
 from planewise.batch.store_writer import StoreWriter, opened
 from planewise.batch.tables import parquet_of, read_table
 from planewise.commands.label_pairs import pair_store
 from planewise.commands.scoring import Scoring
 from planewise.errors import PlanewiseError
+from planewise.files.depth import DepthFile
 from tests.batch_sources import Renamed
 
 COUNT = 12
@@ -331,7 +332,7 @@ def test_a_store_gives_what_the_detector_gives(frames, full):
 
 def test_cameras_that_are_no_pinholes_are_kept_in_words():
     street = scenes.street(0)
-    source = {"sweep": FileFrame(depth=street.depth, camera=street.camera)}
+    source = {"sweep": DepthFile(depth=street.depth, camera=street.camera)}
     work = FrameWork(source, Recipe(sensor=street.sensor, options=pw.Options()))
     outcome = work(0, "sweep")
     row = json.loads(outcome.record)["frame"]

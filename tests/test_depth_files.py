@@ -291,3 +291,11 @@ def test_tiffs_of_32_bits(tmp_path, kind):
     found = read_depth(tmp_path / "depth.tif").depth
     assert np.array_equal(found, units)
     assert found.min() >= 0
+
+
+def test_a_picture_of_another_size_is_left_out_and_told(tmp_path, caplog):
+    """Regions may be looked for in it."""
+    path = tmp_path / "a.npz"
+    np.savez(path, depth=np.ones((4, 5)), rgb=np.zeros((8, 10, 3), np.uint8))
+    assert read_depth(path).rgb is None
+    assert "a.npz: rgb has shape (8, 10, 3) and type uint8" in caplog.text

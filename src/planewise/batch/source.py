@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 from planewise.arguments import is_whole
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
-from planewise.files.depth import list_depth_files, read_depth
+from planewise.files.depth import DepthFile, list_depth_files, read_depth
 
 
 class SourceFrame(Protocol):
-    """A depth image and what is known about it; `planewise.datasets.DatasetFrame` is one."""
+    """A depth image and what is known of it, such as `planewise.datasets.DatasetFrame`.
+
+    It may have a `timestamp`, in seconds.
+    """
 
     @property
     def depth(self) -> NDArray[Any]:
@@ -32,11 +35,6 @@ class SourceFrame(Protocol):
     @property
     def depth_scale(self) -> float | None:
         """Metres per unit of integer depth, where it is known."""
-        ...
-
-    @property
-    def timestamp(self) -> float | None:
-        """Seconds, where there are any."""
         ...
 
     @property
@@ -64,17 +62,6 @@ class Source(Protocol):
     def __getitem__(self, frame: str) -> SourceFrame:
         """Read one frame; raise `ValueError` or `OSError` where it cannot be read."""
         ...
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FileFrame:
-    """Frame of a depth file."""
-
-    depth: NDArray[Any]
-    camera: Camera | None = None
-    depth_scale: float | None = None
-    timestamp: float | None = None
-    rgb: NDArray[np.uint8] | None = None
 
 
 class DepthFolder:
@@ -110,18 +97,20 @@ class DepthFolder:
         """Whether there is a file of a kind that can hold its camera."""
         return any(name.lower().endswith(".npz") for name in self._files.values())
 
-    def __getitem__(self, frame: str) -> FileFrame:
+    def __iter__(self) -> Iterator[DepthFile]:
+        return map(self.__getitem__, self.ids)
+
+    def __getitem__(self, frame: str) -> DepthFile:
         """Read one frame.
 
         Raises
         ------
         PlanewiseError
-            If it is damaged, or no depth image.
+            If there is none of that id, or it is damaged, or no depth image.
         """
-        read = read_depth(self.folder / self._files[frame])
-        return FileFrame(
-            depth=read.depth, camera=read.camera, depth_scale=read.depth_scale, rgb=read.rgb
-        )
+        if frame not in self._files:
+            raise PlanewiseError(f"data: {self.name} has no frame {frame!r}")
+        return read_depth(self.folder / self._files[frame])
 
 
 @dataclass(frozen=True, kw_only=True)

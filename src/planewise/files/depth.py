@@ -7,6 +7,7 @@ is ever executed.
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 import zipfile
@@ -19,7 +20,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
@@ -28,6 +29,7 @@ from planewise.foreign_warnings import without_warnings
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
 
+_LOG = logging.getLogger("planewise")
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
 _EXR = b"\x76\x2f\x31\x01"
@@ -52,7 +54,7 @@ class DepthFile:
         Integer units or floating-point metres.
     depth_scale : float, optional
         Metres per unit of integer depth, where the file knows.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         Intrinsics, where the file knows.
     rgb : ndarray of uint8, shape (H, W, 3), optional
         Picture of the same view, where the file holds one.
@@ -60,7 +62,7 @@ class DepthFile:
 
     depth: NDArray[Any]
     depth_scale: float | None = None
-    camera: PinholeCamera | None = None
+    camera: Camera | None = None
     rgb: NDArray[np.uint8] | None = None
 
 
@@ -232,7 +234,10 @@ def _read_npz(path: Path) -> DepthFile:
         camera = _camera_of(array("K")) if "K" in members else None
         rgb = array("rgb") if "rgb" in members else None
     if rgb is not None and (rgb.dtype != np.uint8 or rgb.shape != (*depth.shape, 3)):
-        rgb = None  # only a decoration: not worth refusing the readings for
+        # Only a decoration, as a rule: not worth refusing the readings for.
+        shape = f"shape {rgb.shape} and type {rgb.dtype}"
+        _LOG.warning(f"{path.name}: rgb has {shape}, which is no picture of its pixels: left out")
+        rgb = None
     return DepthFile(depth=depth, depth_scale=scale, camera=camera, rgb=rgb)
 
 
