@@ -72,6 +72,17 @@ def test_readings_of_a_random_walk_about_their_own_plane():
     assert_allclose(mean, PLANE_RESIDUAL, rtol=0.05)
 
 
+def test_a_result_says_how_large_the_error_was():
+    wall = 2.0 + np.random.default_rng(0).normal(0, 0.006, (120, 160))
+    camera = pw.PinholeCamera(fx=150, fy=150, cx=79.5, cy=59.5)
+    for told, white in ((0.006, 1), (0.003, 4), (0.002, 9)):
+        model = pw.detect_planes(wall, camera, pw.Sensor(noise=told))
+        found = model.settings["frame_error"]
+        assert_allclose(found["white"], white, rtol=0.1)
+        assert found.keys() == vars(FrameError()).keys()
+        assert found["distorted"] is None  # infinite
+
+
 def test_slopes_of_a_plane_on_a_random_walk():
     points = square(1.0, 0.0)
     slopes = np.linalg.pinv(np.column_stack((np.ones(len(points)), points)))[1:]

@@ -52,7 +52,8 @@ class NoiseBins:
     step : ndarray
         Quantisation step in metres, 0 where there is none.
     low, high : ndarray
-        95 % confidence band of the curve of `sigma` at these depths, metres.
+        95 % confidence band of the curve of `sigma` at these depths, metres: of which cells were
+        drawn alone, not of how far the family of curves may be off.
     cells : ndarray of int
         Cells that were flat enough to count.
     """

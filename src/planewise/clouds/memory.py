@@ -7,7 +7,6 @@ and release between parts hold one part at a time.
 
 from __future__ import annotations
 
-import errno
 import math
 import mmap
 import os
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from planewise.errors import PlanewiseError
+from planewise.errors import NO_ROOM, PlanewiseError
 
 
 class Memory:
@@ -132,7 +131,7 @@ def _reserve(stream: Any, size: int) -> None:
         try:
             os.posix_fallocate(stream.fileno(), 0, size)
         except OSError as error:
-            if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            if error.errno in NO_ROOM:
                 raise _unwritable(error) from None
 
 

@@ -13,7 +13,6 @@ from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.batch_progress import Progress, show_forecast, show_result
 from planewise.commands.command_line import (
-    NO_ROOM,
     check_numbers,
     of_samples,
     partition_of,
@@ -43,7 +42,7 @@ from planewise.commands.shared_options import (
     Seed,
     optional,
 )
-from planewise.errors import PlanewiseError
+from planewise.errors import NO_ROOM, PlanewiseError
 from planewise.files.camera import no_camera, read_camera, with_changes
 
 if TYPE_CHECKING:

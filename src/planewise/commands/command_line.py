@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import logging
 import os
 import re
@@ -19,16 +18,12 @@ from planewise.arguments import checked_scale
 from planewise.commands import terminal
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
-from planewise.errors import PlanewiseError
+from planewise.errors import NO_ROOM, PlanewiseError
 from planewise.files.camera import read_sensor
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.partition import Partitioner
-
-
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-"""Errors of a disk that is full."""
 
 
 class _OnStderr(logging.Handler):

@@ -115,7 +115,7 @@ def show_planes(model: PlaneModel) -> None:
     if not len(model):
         return
     gap = 2 if _OUT.width >= 90 else 1
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
+    table = _table(gap)
     for name in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
         table.add_column(name, justify="right", no_wrap=True)
     for rank, plane in enumerate(model.planes, start=1):
@@ -136,6 +136,10 @@ def show_planes(model: PlaneModel) -> None:
 
 def _short(number: float) -> str:
     return f"{number:z.3f}" if abs(number) < 1000 else f"{number:,.0f}"
+
+
+def _table(gap: int = 2) -> Table:
+    return Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
 
 
 def _show(table: Table) -> None:
@@ -160,7 +164,7 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
 
 def show_scores(scores: Mapping[str, Interval]) -> None:
     """Print a table of means over frames; what is defined on no frame is left out."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table = _table()
     table.add_column("score")
     for name in ("mean", "95 % confidence interval", "frames"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -175,7 +179,7 @@ def show_scores(scores: Mapping[str, Interval]) -> None:
 
 def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
     """Print what the bins of depth say, beside a known sensor, and the curves through them."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table = _table()
     names = ["depth", "sigma", "curve", "95 % band", "step", "flat cells"]
     for name in (*names, *([] if known is None else ["preset"])):
         table.add_column(name, justify="right", no_wrap=True)
@@ -209,7 +213,7 @@ def show_machine(machine: Mapping[str, Any], threads: int) -> None:
 def show_times(milliseconds: Array, first: float) -> None:
     """Print median, spread and rate of equal calls, and how long the one before them took."""
     low, middle, high = np.percentile(milliseconds, (25, 50, 75))
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table = _table()
     for name in ("median", "quartiles", "fastest ... slowest", "frames/s", "calls", "first call"):
         table.add_column(name, justify="right", no_wrap=True)
     table.add_row(
@@ -227,7 +231,7 @@ def show_stages(stages: Mapping[str, Array]) -> None:
     """Print the median of every stage, and its share as a number and a bar."""
     medians = {name: float(np.median(each)) for name, each in stages.items()}
     whole, most = sum(medians.values()), max(medians.values())
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table = _table()
     table.add_column("stage")
     for name in ("median", "share"):
         table.add_column(name, justify="right", no_wrap=True)
@@ -240,7 +244,7 @@ def show_stages(stages: Mapping[str, Array]) -> None:
 
 def show_checks(checks: Mapping[str, Sequence[Check]]) -> None:
     """Print claims and targets of every part of a report, and whether they hold."""
-    table = Table(box=None, pad_edge=False, header_style="bold", padding=(0, 2, 0, 0))
+    table = _table()
     for name in ("", "what should hold", "measured"):
         table.add_column(name)
     for title, rows in checks.items():

@@ -93,6 +93,10 @@ class FrameError:
     turning: float = 0.0
     walk: float = 0.0
 
+    def describe(self) -> dict[str, float | None]:
+        """All of it in plain types, for result files; infinity is None."""
+        return {name: float(x) if math.isfinite(x) else None for name, x in vars(self).items()}
+
 
 def drift_and_distortion(
     white: float, drift: float, w: float, table: ErrorTable, sectors: Sectors

@@ -131,7 +131,7 @@ def spatial_model(
         search="joint",
         objective="spatial",
         note="" if best else reason,
-        settings=settings,
+        settings=settings if cells is None else {**settings, "frame_error": error.describe()},
     )
 
 
