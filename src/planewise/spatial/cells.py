@@ -285,9 +285,9 @@ def _without_shared_error(
         factor, own = 1.0 if measured is None else measured, 0.0
         if frame.known:
             factor = min(factor, 1.0)
-        local = factor
+        local = walk = factor
         if not frame.known:
-            factor, own = walk_and_shared(
+            factor, own, walk = walk_and_shared(
                 calm, planes, inflation, described, local, focal, workspace
             )
             own *= described.sum() / offset.sum() if own else 0.0
@@ -321,7 +321,7 @@ def _without_shared_error(
         drifting=drifting,
         distorted=distorted,
         turning=turning,
-        walk=quiet * factor if drifting > chance else 0.0,
+        walk=quiet * walk if drifting > chance else 0.0,
     )
     return drift, told, squares, error
 

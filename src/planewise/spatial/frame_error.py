@@ -78,7 +78,8 @@ class FrameError:
     turning : float
         Discord against white error of cells side by side on a smooth surface that turns by `_TURN`.
     walk : float
-        Of the drift of near cells, which moves planes as a whole; 0 where chance may explain it.
+        Of the drift of near cells, as far as it does not level off: it moves planes as a whole. 0
+        where chance may explain it.
     """
 
     white: float = 1.0
@@ -279,8 +280,8 @@ def walk_and_shared(
     nearest: float,
     focal: float,
     workspace: Workspace,
-) -> tuple[float, float]:
-    """Drift, and what a cell's readings share, that several distances tell apart.
+) -> tuple[float, float, float]:
+    """Drift, what a cell's readings share, that several distances tell apart, and the least drift.
 
     Three cells in a row, r from the middle to the others, have an error of the variance
 
@@ -307,14 +308,14 @@ def walk_and_shared(
         least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
         walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
         if abs(walk - nearest) < _ABOUT * nearest:
-            return nearest, 0.0
+            return nearest, 0.0, nearest
     elif cluttered:
         # What is farther apart lies on different surfaces: between all a walk, and none.
         of_three = [_of_three(_LAG * _CELL)]
-        told, walk = [nearest * of_three[0]], 0.5 * nearest
+        told, walk, least = [nearest * of_three[0]], 0.5 * nearest, 0.5 * nearest
     else:
-        return nearest, 0.0
-    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5
+        return nearest, 0.0, nearest
+    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5, max(float(least), 0.0)
 
 
 def _of_three(r: float) -> float:
