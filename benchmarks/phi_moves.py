@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.frames import Frame
 from planewise.kernels import labels as label_loops
+from planewise.model import MAX_PLANES
 from planewise.observation import RayObservation
-from planewise.paper.evaluate import MAX_PLANES
 from planewise.sectors import turn_to_theta
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial.cells import cells_of

@@ -13,6 +13,9 @@ from planewise.wording import counted
 
 Array = NDArray[np.float64]
 
+MAX_PLANES = 65_535
+"""As many as labels of 16 bits can name."""
+
 NOTHING_PAYS = "no plane saves more than it costs"
 """Why there is none, where a search looked at some."""
 

@@ -8,8 +8,8 @@ from typing import Literal, TypedDict
 import numpy as np
 
 from planewise.arguments import checked_count, checked_seed, is_finite, is_whole, make_plain
+from planewise.model import MAX_PLANES
 from planewise.objective import SPATIAL, Objective, as_objective
-from planewise.paper.evaluate import MAX_PLANES
 from planewise.paper.reassign import NormalReassignment, as_reassignment
 from planewise.paper.sequential import trial_count
 from planewise.partition import (

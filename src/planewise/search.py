@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
-from planewise.memory import keep_freed
+from planewise.allocator import keep_freed
 from planewise.model import NOTHING_PAYS, Curve, PlaneModel
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, Objective, as_objective

@@ -15,13 +15,13 @@ from planewise.clouds.rows import planes_of
 from planewise.kernels import cloud_instances as kernels
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import AREA
+from planewise.model import MAX_PLANES
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 _HELD = 1.5  # places in a cell, if they lay evenly on the area of their plane
 _MOST_CELLS = 4_000_000  # of a plane
-_MOST_LABELS = 65_535
 
 
 def apart(cloud: Cloud, labels: Labels, rows: Array) -> tuple[Labels, NDArray[np.int64]]:
@@ -54,7 +54,7 @@ def apart(cloud: Cloud, labels: Labels, rows: Array) -> tuple[Labels, NDArray[np
     for j in np.flatnonzero(shape[:, 0]):
         number[j] = kernels.pieces(grid[begins[j] : begins[j + 1]], shape[j, 1], shape[j, 0])
     number[0] = 1
-    if number.sum() == len(number) or number.sum() > _MOST_LABELS:
+    if number.sum() == len(number) or number.sum() > MAX_PLANES:
         return labels, np.arange(len(rows))
     new = np.append(0, np.cumsum(number)[:-1])
     out: Labels = cloud.memory.empty(len(labels), np.uint16)

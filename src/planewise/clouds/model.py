@@ -42,8 +42,7 @@ from planewise.information import (
 )
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
-from planewise.model import Curve, Move, Plane, PlaneModel, reason_of
-from planewise.paper.evaluate import MAX_PLANES
+from planewise.model import MAX_PLANES, Curve, Move, Plane, PlaneModel, reason_of
 from planewise.ranks import ranks
 from planewise.sensor import Sensor
 from planewise.stages import stage

@@ -13,9 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.clouds.model import cloud_model
-from planewise.model import PlaneModel
+from planewise.model import MAX_PLANES, PlaneModel
 from planewise.noise import Polynomial
-from planewise.paper.evaluate import MAX_PLANES
 from planewise.sensor import Sensor
 
 _DOUBLED = 4  # times at most

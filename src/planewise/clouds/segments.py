@@ -16,7 +16,7 @@ from planewise.clouds.memory import Memory
 from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
-from planewise.paper.evaluate import MAX_PLANES
+from planewise.model import MAX_PLANES
 
 Array = NDArray[np.float64]
 

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.kernels.readings import PART
+from planewise.model import MAX_PLANES
 from planewise.observation import Observation, RayObservation
 from planewise.point_observation import PointObservation
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-MAX_PLANES = np.iinfo(np.uint16).max
 FEWEST_PARTS = 2  # that are worth a thread
 _FEWEST_SCORES = 1_000_000  # readings times planes that are worth a thread
 

@@ -12,8 +12,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.model import Curve, Move
-from planewise.paper.evaluate import MAX_PLANES, Assignment
+from planewise.model import MAX_PLANES, Curve, Move
+from planewise.paper.evaluate import Assignment
 from planewise.paper.joint import descend
 from planewise.paper.problem import Problem, Solution
 from planewise.paper.rank import merge_into_better
