@@ -120,11 +120,11 @@ if __name__ == "__main__":
     from planewise.batch import workers
     ours, theirs = multiprocessing.Pipe()
     workers.started(look, theirs).join()
-    print(ours.recv())
+    print(ours.poll() and ours.recv())
     child = multiprocessing.get_context("forkserver").Process(target=look, args=(theirs,))
     child.start()
     child.join()
-    print(ours.recv())
+    print(ours.poll() and ours.recv())
 """
 
 
@@ -134,6 +134,7 @@ def test_workers_leave_processes_of_the_program_alone(tmp_path):
     script.write_text(BESIDE)
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     result = subprocess.run(
-        [sys.executable, str(script)], capture_output=True, text=True, check=True, env=environment
-    )
+        [sys.executable, str(script)], capture_output=True, text=True, check=True, env=environment,
+        timeout=120,
+    )  # fmt: skip
     assert result.stdout.splitlines() == ["(True, '1', True)", "(False, None, False)"]

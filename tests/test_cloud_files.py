@@ -244,6 +244,31 @@ def test_dark_points_have_the_colours_of_their_file(tmp_path, full, suffix):
         assert_array_equal(np.concatenate(blocks), colour)
 
 
+def test_colours_after_many_dark_points_are_no_brighter_for_it(tmp_path):
+    """What colours are counted in is told by the first points, unless others go beyond."""
+    colour = np.zeros((10_100, 3), np.uint16)
+    colour[:10_000], colour[10_000:] = 200, 25_700
+    np.savez(tmp_path / "a.npz", points=np.zeros((10_100, 3)), colors=colour)
+    assert_array_equal(open_cloud(tmp_path / "a.npz").read().colour[10_000:], 100)
+
+
+def test_colours_that_are_missing_tell_nothing_of_the_others(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y,z,red,green,blue\n0,0,0,nan,nan,7\n0,0,1,nan,200,7\n")
+    colour = open_cloud(tmp_path / "a.csv").read().colour
+    assert_array_equal(colour, [[0, 0, 7], [0, 200, 7]])
+
+
+def test_columns_of_a_cloud_are_of_one_kind():
+    cloud = PointCloud(points=np.eye(3), intensity=[1, 2, 3], scan=[0.0, 1.0, 1.0])
+    assert (cloud.intensity.dtype, cloud.scan.dtype) == (np.float32, np.int32)
+    for name, values in (
+        ("scan", [0.5, 1, 2]), ("labels", [2**40, 0, 0]), ("colour", [[0, 0, 300]] * 3),
+        ("colour", [["a", "b", "c"]] * 3), ("intensity", [True, False, True]),
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match=f"{name} must be numbers that u?(int|float)"):
+            PointCloud(points=np.eye(3), **{name: values})
+
+
 def test_threads_that_read_leave_filters_of_warnings_alone(tmp_path):
     """These belong to the whole process."""
     lines = "".join(f"{k},0,0\n" for k in range(300))

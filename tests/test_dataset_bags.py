@@ -326,8 +326,11 @@ def test_a_forked_process_opens_the_bag_anew(tmp_path):
         child = os.fork()
         if not child:
             signal.alarm(20)  # rather than to wait for ever
-            same = np.array_equal(dataset[0].depth, first) and dataset.topic._bag is not opened
-            os._exit(not same)
+            code = 1
+            try:
+                code -= np.array_equal(dataset[0].depth, first) and dataset.topic._bag is not opened
+            finally:
+                os._exit(code)
     assert os.waitpid(child, 0)[1] == 0
     assert_array_equal(dataset[0].depth, first)
     assert dataset.topic._bag is opened

@@ -230,6 +230,7 @@ def test_any_folder_with_a_camera(tmp_path):
         ({"depth_scale": "1mm"}, "depth_scale must be a positive number"),
         ({"sensor": "kinect-v9"}, "sensor: "),
         ({"sensor": 3}, "must name one of kinect"),
+        ({"sensor": ["kinect"]}, "must name one of kinect"),
         ({"sensor": "/etc/passwd"}, "must name one of kinect.*got '/etc/passwd'"),
         ({"fx": None}, "states no intrinsics"),
     ],

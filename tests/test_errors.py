@@ -13,6 +13,7 @@ from planewise.errors import MissingExtraError, PlanewiseError, naming, needs
     [
         (PlanewiseError("is empty"), "depth: a.png is empty"),
         (OSError(errno.EMFILE, os.strerror(errno.EMFILE)), "a.png cannot be read (Too many open"),
+        (OSError(errno.EINVAL, os.strerror(errno.EINVAL)), "a.png cannot be read; it is damaged"),
         (OSError("image file is truncated"), "a.png cannot be read; it is damaged"),
         (KeyError("x"), "a.png cannot be read; it is damaged"),
     ],

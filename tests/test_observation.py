@@ -3,6 +3,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from tests.lent import Lent
 
 SENSOR = pw.Sensor(max_depth=5.0, min_depth=0.5, noise=pw.noise.proportional(0.01))
 
@@ -244,16 +245,6 @@ def test_an_observation_does_not_change_with_the_array_it_was_made_of(dtype):
     assert found.information == expected.information
     assert len(found) == 1
     assert pw.information(seen, found.planes, found.labels, objective="spatial") > 0
-
-
-class Lent:
-    """What lends its array, as tensors do."""
-
-    def __init__(self, array):
-        self.array = array
-
-    def __array__(self, dtype=None, copy=None):
-        return self.array
 
 
 @pytest.mark.parametrize("kind", [Lent, memoryview, lambda array: np.ma.array(array, copy=False)])

@@ -480,6 +480,16 @@ def test_without_shapely_the_extra_is_named(monkeypatch):
         outline_points(model_of(np.ones(9), TILTED), np.zeros((9, 3)))
 
 
+def test_points_that_are_missing_make_no_outline(tmp_path):
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(0, 4, (3000, 2)), rng.normal(0, 0.005, 3000)))
+    model = pw.detect_planes_in_points(points, pw.Sensor(noise=0.005))
+    few = np.ma.array(points, mask=False)
+    few.mask[:9] = True
+    (whole,), (part,) = outline_points(model, points), outline_points(model, few)
+    assert part.area == pytest.approx(whole.area, rel=0.02)
+
+
 def test_outlines_of_a_lidar_are_in_its_frame(tmp_path):
     street = scenes.street(0)
     np.save(tmp_path / "a.npy", street.depth * 0.001)

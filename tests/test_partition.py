@@ -24,6 +24,7 @@ from planewise.partition import (
     regions_of_labels,
     regions_of_masks,
 )
+from tests.lent import Lent
 
 SHAPE = (48, 64)
 
@@ -91,16 +92,6 @@ def test_masks_against_the_rule_pixel_by_pixel(masks):
 def test_what_is_no_partition_is_refused(partition, message, camera):
     with pytest.raises(ValueError, match=message):
         pw.detect_planes(np.full(SHAPE, 2.0), camera, pw.Sensor(), partition=partition)
-
-
-class Lent:
-    """What lends its array, as tensors do."""
-
-    def __init__(self, array):
-        self.array = array
-
-    def __array__(self, dtype=None, copy=None):
-        return self.array
 
 
 @pytest.mark.parametrize(

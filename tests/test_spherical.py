@@ -239,6 +239,12 @@ def test_columns_of_a_turn_may_be_uneven(columns):
     assert camera.wraps
 
 
+@pytest.mark.parametrize("azimuth", [(0, 359.6, 360), (180, -179.7, 512)])
+def test_a_turn_may_end_a_little_before_the_first_column(azimuth):
+    camera = pw.SphericalCamera(elevation=[1, 0], azimuth=np.linspace(*azimuth))
+    assert camera.wraps
+
+
 @pytest.mark.parametrize("dtype", [np.int8, np.int16])
 def test_points_may_be_the_least_integers(dtype):
     least = np.iinfo(dtype).min

@@ -11,6 +11,7 @@ Array = NDArray[np.float64]
 
 _STEEPEST = 75.0  # degrees of elevation: beyond it, sectors are stretched too far
 _UNEVEN = 4.0  # times the usual step that columns may be apart
+_AGAIN = 0.1  # of a step: nearer to the first column the last one is the first again
 _STAGGER = 2.0  # columns by which rows beside each other may be out of step
 _FARTHEST = 20.0  # degrees that a row may be off its columns
 
@@ -65,7 +66,7 @@ def check_azimuth(azimuth: Array) -> None:
     turn = np.abs(step).sum()
     if turn > 360.0 + 0.5 * np.median(np.abs(step)):
         raise ValueError(f"camera: azimuth must go round once at most, got {turn:g} degrees")
-    if turn > 360.0 - 0.5 * np.median(np.abs(step)):
+    if turn > 360.0 - _AGAIN * np.median(np.abs(step)):
         raise ValueError(
             f"camera: azimuth goes round by {turn:g} degrees: the last column is the first again; "
             "leave it out (endpoint=False)"

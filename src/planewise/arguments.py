@@ -14,7 +14,7 @@ LEAST_LENGTH, MOST_LENGTH = 1e-12, 1e9
 """Metres; beyond, squares and fourth powers of lengths and of resolutions are no numbers."""
 
 FINEST = 1e-12
-"""Share of a depth that is its least noise: doubles hold little less, single precision nothing."""
+"""Least noise as a share of depth; less is lost in the rounding of doubles."""
 
 
 def unmasked(name: str, given: ArrayLike) -> NDArray[Any]:
@@ -85,9 +85,11 @@ def plane_rows(name: str, planes: Any, columns: int) -> NDArray[np.float64]:
     """
     if not isinstance(planes, Iterable):
         raise ValueError(f"{name} must be a list, such as model.planes, got {planes!r}")
+    if np.ma.is_masked(planes):
+        raise ValueError(f"{name} must not be masked; leave those out")
     rows: Any = [getattr(plane, "coefficients", plane) for plane in planes]
     rows = unmasked(name, rows)
-    rows = rows.reshape(-1, columns) if rows.size == 0 else rows
+    rows = rows.reshape(-1, columns) if not len(rows) else rows
     if rows.ndim != 2 or rows.shape[1] != columns or rows.dtype.kind not in "fiu":
         raise ValueError(
             f"{name}: expected numbers of shape (N, {columns}), got {rows.dtype} of {rows.shape}"

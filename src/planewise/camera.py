@@ -297,7 +297,8 @@ class PinholeCamera:
         Parameters
         ----------
         pixels : array_like, shape (..., 2)
-            x and y; pixel centres are at integers. Rays are NaN where they are.
+            x and y; pixel centres are at integers. u is NaN where x is, v where y is; with
+            distortion both are.
         """
         pixels = np.asarray(pixels, np.float64)
         u = (pixels[..., 0] - self.cx) / self.fx

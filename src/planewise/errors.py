@@ -76,7 +76,8 @@ def naming(what: str, damaged: str = "it is damaged or not what its name says") 
     except PlanewiseError as error:
         raise PlanewiseError(f"{what} {error}") from None
     except Exception as error:
-        if isinstance(error, OSError) and error.errno:  # the system's, not a decoder's
+        # The system's, not a decoder's; damage may lead before the beginning of a file.
+        if isinstance(error, OSError) and error.errno not in (None, errno.EINVAL):
             raise PlanewiseError(f"{what} cannot be read ({error.strerror})") from error
         detail = in_one_line(error)
         raise PlanewiseError(f"{what} cannot be read; {damaged} ({detail})") from error

@@ -127,8 +127,9 @@ class Curve:
         plane would have cost. Where planes merged after the search, those that were left. What
         `reassign` adds afterwards is among the moves alone.
     chosen : int
-        Number of planes at the minimum; of the default search among planes on which their readings
-        are shorter than on none, be Phi lower with others (`moves`).
+        Number of planes at the minimum; of the default search among models in which every plane
+        describes its own readings in fewer nats than no plane would: Phi may be lower in others
+        (`moves`).
     reason : str
         Why the search stopped.
     moves : tuple of Move

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,12 @@ class PointCloud:
             raise ValueError(f"offset must be three finite numbers, got {self.offset}")
         object.__setattr__(self, "offset", offset)
         count = len(self.points)
-        for name, row in (("colour", (3,)), ("intensity", ()), ("scan", ()), ("labels", ())):
+        for name, row, kind in (
+            ("colour", (3,), np.uint8),
+            ("intensity", (), np.float32),
+            ("scan", (), np.int32),
+            ("labels", (), np.int32),
+        ):
             if (given := getattr(self, name)) is None:
                 continue
             value = unmasked(name, given)
@@ -82,7 +88,7 @@ class PointCloud:
                 raise ValueError(
                     f"{name} must have shape {(count, *row)}, one row a point, got {value.shape}"
                 )
-            object.__setattr__(self, name, value)
+            object.__setattr__(self, name, _as_kind(name, value, kind))
         if self.origins is not None:
             origins = checked_metres("origins", self.origins)
             if origins.shape[1:] != (3,):
@@ -128,6 +134,18 @@ class PointCloud:
             if (multiple % 1 == 0).all() and (multiple % 2 == 1).any():
                 largest = max(largest, step)
         return largest
+
+
+def _as_kind(name: str, value: NDArray[Any], kind: type[np.generic]) -> NDArray[Any]:
+    """Numbers of a column as what it is made of, where that holds them."""
+    if value.dtype == kind:
+        return value
+    if value.dtype.kind in "fiu":
+        with np.errstate(all="ignore"):
+            made = value.astype(kind)
+        if kind is np.float32 or np.array_equal(made, value):
+            return made
+    raise ValueError(f"{name} must be numbers that {kind.__name__} can hold, got {value.dtype}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

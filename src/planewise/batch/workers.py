@@ -10,6 +10,7 @@ import contextlib
 import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -23,12 +24,14 @@ _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NU
 
 Serve = Callable[[Connection], None]
 
+_PRELOAD = ["planewise.batch.preload"]
+_STARTING = threading.Lock()  # one at a time: the environment is the whole process's
 
 if sys.platform == "linux":
     from multiprocessing import context, forkserver, popen_forkserver
 
     _server = forkserver.ForkServer()
-    _server.set_forkserver_preload(["planewise.batch.preload"])
+    _server.set_forkserver_preload(_PRELOAD)
     _names = {
         **vars(popen_forkserver),
         "forkserver": SimpleNamespace(
@@ -36,6 +39,13 @@ if sys.platform == "linux":
             read_signed=forkserver.read_signed,
         ),
     }
+
+    def _forget_server() -> None:
+        """In a forked process: it is its parent's."""
+        _server.__init__()  # type: ignore[misc]
+        _server.set_forkserver_preload(_PRELOAD)
+
+    os.register_at_fork(after_in_child=_forget_server)
 
     class _Popen(popen_forkserver.Popen):
         # What it does anyway, but with our server.
@@ -65,7 +75,7 @@ def started(serve: Serve, end: Connection) -> BaseProcess:
     for last in (False, True):
         process = Process(target=serve, args=(end,), daemon=True)
         try:
-            with _one_thread(), _no_interrupts():
+            with _STARTING, _one_thread(), _no_interrupts():
                 process.start()
             break
         except (EOFError, OSError) as error:

@@ -166,14 +166,13 @@ def detect(
         done = job.run(depth, output)
         terminal.show_planes(done.model)
         terminal.show_summary(done.model, done.seconds, done.folder)
-        for doubt in done.doubts:
-            terminal.warning(doubt)
+        for warning in filter(None, (done.out_of_range, done.unit)):
+            terminal.warning(warning)
 
 
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:
     paths = list_depth_files(folder)
-    failed, sizes = 0, FrameSizes(job.camera)
-    said: set[str] = set()
+    failed, told, sizes = 0, False, FrameSizes(job.camera)
     with parent_folder(output):
         results = terminal.progress(job.run_folder(paths, output), len(paths))
         for path, result in zip(paths, results, strict=True):
@@ -186,10 +185,11 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
             if not len(result.model):
                 terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
-            for doubt in result.doubts:
-                if doubt not in said:  # that of the unit is the same of all
-                    terminal.warning(f"{path.name}: {doubt}")
-            said.update(result.doubts)
+            if result.out_of_range:
+                terminal.warning(f"{path.name}: {result.out_of_range}")
+            if result.unit and not told:
+                terminal.warning(f"{path.name}: {result.unit}")
+                told = True
     terminal.say(f"{len(paths) - failed} of {counted(len(paths), 'frame')} done, files in {output}")
     if failed:
         raise typer.Exit(FAILED)

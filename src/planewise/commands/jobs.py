@@ -43,14 +43,18 @@ class Done:
         Time of the detection without files; the first run on a machine compiles in it.
     folder : Path
         Where the files are.
-    doubts : tuple of str
-        What may be wrong with the unit of the readings.
+    out_of_range : str
+        What is to be said where most readings are outside the sensor's range; empty where they are
+        not, or the model's note says it.
+    unit : str
+        What is to be said of the unit of the readings; empty where it is told or usual.
     """
 
     model: PlaneModel
     seconds: float
     folder: Path
-    doubts: tuple[str, ...]
+    out_of_range: str
+    unit: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,13 +113,15 @@ class Job:
         if camera is None:
             raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
+        told = scale is not None or frame.depth.dtype.kind == "f"
+        unit = "" if told else _unusual_unit(self.sensor.resolution)
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
         written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
         with output_folder(target, OUTLINE_FILES) as folder:
-            model, seconds, doubts = find_planes(
+            model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
             )
             with threads.allowed(threads.chosen(self.options.threads)):
@@ -131,7 +137,7 @@ class Job:
                 )
             if self.outlines:
                 self._write_outlines(folder, model, camera)
-        return Done(model=model, seconds=seconds, folder=target, doubts=doubts)
+        return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond, unit=unit)
 
     def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.outlines.image import outline_image
@@ -200,8 +206,8 @@ def find_planes(
     depth_scale: float | None,
     options: Options,
     rgb: NDArray[np.uint8] | None = None,
-) -> tuple[PlaneModel, float, tuple[str, ...]]:
-    """Detect planes; say how many seconds it took, and `Done.doubts`."""
+) -> tuple[PlaneModel, float, str]:
+    """Detect planes; say how many seconds it took, and `Done.out_of_range`."""
     from planewise.compilation import load_without_scipy
     from planewise.observation import observe
     from planewise.search import find
@@ -211,13 +217,15 @@ def find_planes(
     seen = observe(depth, camera, sensor, depth_scale=depth_scale)
     model = find(seen, options, rgb=rgb)
     seconds = time.perf_counter() - started
-    doubts = []
-    if 2 * seen.count < seen.image.present and seen.out_of_range not in model.note:
-        doubts.append(seen.out_of_range)
-    unit = sensor.resolution
-    if depth_scale is None and depth.dtype.kind in "iu" and not math.isclose(unit, _MILLIMETRE):
-        doubts.append(
-            f"whole numbers are taken in units of {1000 * unit:g} mm, the sensor's resolution; "
-            "of millimetres say so (depth_scale = 0.001)"
-        )
-    return model, seconds, tuple(doubts)
+    beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
+    return model, seconds, "" if beyond in model.note else beyond
+
+
+def _unusual_unit(unit: float) -> str:
+    """What is to be said where whole numbers are read in units of a sensor's resolution."""
+    if math.isclose(unit, _MILLIMETRE):
+        return ""
+    return (
+        f"whole numbers are taken in units of {1000 * unit:g} mm, the sensor's resolution; "
+        "if they are millimetres, say so (depth_scale = 0.001)"
+    )

@@ -84,7 +84,8 @@ def _stated(path: Path) -> Mapping[str, Any]:
 def _sensor_of(name: Any) -> Sensor | None:
     if name is None:
         return None
-    if name not in sensors.PRESETS:  # no path: what a dataset says leads to no file outside it
+    # No path: what a dataset says leads to no file outside it.
+    if not isinstance(name, str) or name not in sensors.PRESETS:
         raise PlanewiseError(
             f"sensor: {CAMERA} must name one of {', '.join(sensors.PRESETS)}, got {name!r}"
         )

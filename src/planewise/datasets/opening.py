@@ -93,6 +93,9 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         return _opened(reader, path, given)
     parts = _parts(path, given, _DEEPEST)
     if parts:
+        known = {name for reader in READERS for name in inspect.signature(reader).parameters}
+        if unknown := given.keys() - known:
+            raise ValueError(f"{min(unknown)} is no option of any kind of dataset")
         return _collected(path, parts)
     if path.is_file() and is_depth_file(path):
         raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")

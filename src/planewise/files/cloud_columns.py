@@ -120,8 +120,9 @@ def full_colour(*colours: Column) -> float | None:
 
     ``None`` where it cannot be told: of black ones, or of none.
     """
-    largest = max((float(np.nanmax(each)) for each in colours if each.size), default=0.0)
-    if not largest > 0:
+    known = (each[np.isfinite(each)] for each in colours)
+    largest = max((float(each.max()) for each in known if each.size), default=0.0)
+    if largest <= 0:
         return None
     if largest <= 1 and all(each.dtype.kind == "f" for each in colours):
         return 1.0
@@ -129,10 +130,10 @@ def full_colour(*colours: Column) -> float | None:
 
 
 def eight_bits(colour: Column, full: float | None = None) -> NDArray[np.uint8]:
-    """Colours of any type, shape (k, 3), as 8 bits; `full` as `full_colour` says, of themselves."""
+    """Colours of any type, shape (k, 3), as 8 bits; `full` as their file's first ones have it."""
     if colour.dtype == np.uint8:
         return colour
-    full = full or full_colour(colour) or 255.0
+    full = max(full or 0.0, full_colour(colour) or 0.0) or 255.0
     scaled = np.nan_to_num(colour.astype(np.float64)) * (255.0 / full)
     return np.asarray(scaled.clip(0, 255).round().astype(np.uint8))
 

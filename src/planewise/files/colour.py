@@ -20,6 +20,8 @@ FORMATS = {
     ".bmp": "BMP",
     ".tif": "TIFF",
     ".tiff": "TIFF",
+    ".webp": "WEBP",
+    ".gif": "GIF",
 }
 
 

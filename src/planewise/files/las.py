@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError, needs
-from planewise.files.cloud_columns import cloud_of
+from planewise.files.cloud_columns import LOOK, cloud_of, full_colour
 from planewise.files.cloud_records import check_length
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
+_COLOUR = ("red", "green", "blue")
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 _FARTHEST = 1e15  # metres: no coordinate is so large
@@ -109,23 +110,22 @@ def open_las(path: Path) -> CloudFile:
         if not possible.all():
             raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
         unit = _unit(header)
-        first = reader.read_points(10_000) if count else None
+        first = reader.read_points(LOOK) if count else None
         bounds = _bounds(header, scales, own)
     offset = np.zeros(3)
     if bounds is not None:
         offset = offset_near(bounds.mean(axis=0))
     elif first is not None:
         offset = offset_near(np.median(np.stack((first.x, first.y, first.z), axis=1), axis=0))
-    sixteen = first is not None and "red" in names and max(
-        int(first[name].max()) for name in ("red", "green", "blue")
-    ) > 255  # fmt: skip
+    colours = () if first is None or "red" not in names else (first[name] for name in _COLOUR)
+    full = full_colour(*map(np.asarray, colours))
 
     def blocks(size: int) -> Iterator[PointCloud]:
         done = 0
         with _reader(path) as reader:
             for rows in reader.chunk_iterator(size):
                 done += len(rows)
-                yield _cloud(rows, names, scales, own, offset, sixteen=sixteen)
+                yield _cloud(rows, names, scales, own, offset, full)
         if done < count:
             raise PlanewiseError(f"is cut short: {done:,} of {count:,} points are there")
 
@@ -162,7 +162,7 @@ def _bounds(header: Any, scales: Array, own: Array) -> Array | None:
 
 
 def _cloud(
-    rows: Any, names: set[str], scales: Array, own: Array, offset: Array, *, sixteen: bool
+    rows: Any, names: set[str], scales: Array, own: Array, offset: Array, full: float | None
 ) -> PointCloud:
     # The offsets meet first: they are near each other, and small numbers keep all digits.
     columns: dict[str, NDArray[Any]] = {
@@ -170,16 +170,14 @@ def _cloud(
         for k, name in enumerate("xyz")
     }
     if "red" in names:
-        for name in ("red", "green", "blue"):
-            value = np.asarray(rows[name])
-            columns[name] = (value >> 8 if sixteen else value.clip(0, 255)).astype(np.uint8)
+        columns |= {name: np.asarray(rows[name]) for name in _COLOUR}
     if "intensity" in names:
         columns["intensity"] = np.asarray(rows["intensity"])
     if "plane" in names:
         value = np.asarray(rows["plane"])
         if value.ndim == 1:  # else it is something of that name
             columns["plane"] = value
-    return replace(cloud_of(columns, np.zeros(3)), offset=offset)
+    return replace(cloud_of(columns, np.zeros(3), full=full), offset=offset)
 
 
 def copy_with_planes(

@@ -78,7 +78,9 @@ def outline_points(
     if spacing is not None and not (is_finite(spacing) and spacing > 0):
         raise ValueError(f"spacing must be a positive number of metres, got {spacing!r}")
     load_shapely()
-    labels, places = model.labels, places_of(np.ascontiguousarray(points))
+    there = np.isfinite(points).all(axis=1)
+    labels = model.labels if there.all() else np.where(there, model.labels, 0)
+    places = places_of(np.ascontiguousarray(points))
     if places is not None:  # copies say nothing of how densely points lie
         points, labels = points[places.rows], labels[places.rows]
     order = np.argsort(labels, kind="stable")
