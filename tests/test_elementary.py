@@ -64,7 +64,7 @@ def of_walk(t, information, drift, per_metre):
     if mean @ t <= 0:
         return np.zeros((3, 3))
     d = np.interp(per_metre / (mean @ t), np.arange(drift.size - 1), drift[:-1])
-    about_middle = np.diag([0.113 * d * side, 0.89 * d / side, 0.89 * d / side])
+    about_middle = np.diag([0.26 * d * 3.2, 0.89 * d / side, 0.89 * d / side])
     to_corner = np.array([[1, -mean[1], -mean[2]], [0, 1, 0], [0, 0, 1]])
     return to_corner @ about_middle @ to_corner.T
 
@@ -77,7 +77,7 @@ def test_planes_in_space(walk):
     information = root @ root.transpose(0, 2, 1)
     rows, covariances = np.empty((20, 4)), np.empty((20, 4, 4))
     drift = rng.uniform(1e-6, 1e-5, 60)
-    planes.in_space(t, information, drift, 20.0, walk, turn, rows, covariances)
+    planes.in_space(t, information, drift, 20.0, walk, 3.2, turn, rows, covariances)
     for k in range(20):
         theta, random = turn @ t[k], np.linalg.inv(information[k])
         random += walk * of_walk(t[k], information[k], drift, 20.0)
@@ -86,7 +86,7 @@ def test_planes_in_space(walk):
         of_theta = turn @ random @ turn.T
         exact = covariance_of_plane(theta, of_theta)
         assert_allclose(covariances[k], exact, rtol=0, atol=1e-9 * abs(exact).max())
-    planes.in_space(t, np.ones((20, 3, 3)), drift, 20.0, walk, turn, rows, covariances)
+    planes.in_space(t, np.ones((20, 3, 3)), drift, 20.0, walk, 3.2, turn, rows, covariances)
     assert not np.isfinite(covariances[:, 0, 0]).any()
 
 

@@ -14,6 +14,7 @@ from planewise import scenes
 from planewise.kernels import frame_error as kernels
 from planewise.kernels.cells import (
     COUNT,
+    FIELD,
     MISFIT,
     PLANE_BEND,
     PLANE_OFFSET,
@@ -81,6 +82,12 @@ def test_a_result_says_how_large_the_error_was():
         assert_allclose(found["white"], white, rtol=0.1)
         assert found.keys() == vars(FrameError()).keys()
         assert found["distorted"] is None  # infinite
+
+
+def test_a_random_walk_about_its_mean():
+    points = square(1.0, 0.0)
+    about_mean = np.eye(len(points)) - 1 / len(points)
+    assert_allclose(np.trace(walk_covariance(points, about_mean)) / len(points), FIELD, rtol=0.05)
 
 
 def test_slopes_of_a_plane_on_a_random_walk():

@@ -105,8 +105,8 @@ def ledger() -> None:
     rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
     table = frame.table
     in_space(
-        _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.per_metre, 1.0, np.eye(3), rows,
-        covariances,
+        _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.per_metre, 1.0, 1.0,
+        np.eye(3), rows, covariances,
     )  # fmt: skip
     describe_image(frame, area, _PLANES, rows, covariances, labels, place)
 

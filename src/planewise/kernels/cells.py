@@ -32,6 +32,7 @@ PLANE = 10  # numbers that `unit_planes` tells of a unit
 PLANE_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
 PLANE_BEND = (0.9, 0.3)  # of their slopes: D over the smaller and the larger side
 PLANE_SLOPE = 0.89  # variance of the slope of a plane: D over the side
+FIELD = 0.26  # mean variance of the error itself about its mean in a square of side 1
 PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
 
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import PLANE_RESIDUAL, PLANE_SLOPE, SIDE, UNIT
+from planewise.kernels.cells import FIELD, PLANE_SLOPE, SIDE, UNIT
 from planewise.kernels.jit import compiled, in_order
 from planewise.kernels.tables import between
 
@@ -35,16 +35,16 @@ def affine_planes(rows, planes):  # type: ignore[no-untyped-def]
 
 @in_order
 def in_space(  # type: ignore[no-untyped-def]
-    affine, information, drift, per_metre, factor, turn, rows, covariances
+    affine, information, drift, per_metre, factor, extent, turn, rows, covariances
 ):
     """Normal and distance of planes w = t0 + t1 x + t2 y, and their covariance.
 
     affine (n, 3), information (n, 3, 3): t, and P on it; turn (3, 3): (normal, distance) =
     (-theta, 1) / |theta|, theta = turn t. With J its derivatives by t and P = S^-1 L L' S^-1, S
     diagonal, the covariance of random errors is V' V with L V = S J'. drift (L,): D of the error's
-    walk by depth, per_metre rows a metre, times factor; it moves and tilts a plane as a whole
-    (`PLANE_RESIDUAL`, `PLANE_SLOPE`). Writes rows (n, 4) and covariances (n, 4, 4), which are not
-    finite where P is singular.
+    walk by depth, per_metre rows a metre, times factor; it moves a plane as a whole, in an image of
+    that extent (`FIELD`), and tilts it (`PLANE_SLOPE`). Writes rows (n, 4) and covariances
+    (n, 4, 4), which are not finite where P is singular.
     """
     half, last = np.empty((6, 4)), drift.size - 2
     for k in range(affine.shape[0]):
@@ -57,7 +57,7 @@ def in_space(  # type: ignore[no-untyped-def]
         w = t[0] + t[1] * middle_x + t[2] * middle_y
         walk = factor * between(drift, per_metre / w, last) if w > 0.0 else 0.0
         offset, slope = (
-            math.sqrt(PLANE_RESIDUAL * walk * side),
+            math.sqrt(FIELD * walk * extent),
             math.sqrt(PLANE_SLOPE * walk / side),
         )
         x, y, z = 0.0, 0.0, 0.0

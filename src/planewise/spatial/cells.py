@@ -32,7 +32,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
-_BY_CHANCE = 0.05, 100  # `FrameError.drifting` that white noise may show; the same times squares
+_BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame

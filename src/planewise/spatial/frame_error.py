@@ -46,6 +46,7 @@ _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longe
 _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
+_AT_LEAST = 0.25  # of the drift: few distances may show none by chance
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 _BEYOND = 0.99  # of the largest factor: none was found
@@ -315,7 +316,8 @@ def walk_and_shared(
         told, walk, least = [nearest * of_three[0]], 0.5 * nearest, 0.5 * nearest
     else:
         return nearest, 0.0, nearest
-    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5, max(float(least), 0.0)
+    shared = max(told[0] - walk * of_three[0], 0.0) / 1.5
+    return walk, shared, max(float(least), _AT_LEAST * walk)
 
 
 def _of_three(r: float) -> float:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import planes as plane_loops
+from planewise.kernels.cells import UNIT
 from planewise.model import Curve, Plane, PlaneModel, reason_of
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
@@ -150,7 +152,7 @@ def _described(
     affine = solution.affine[:: frame.sectors.count][order]
     plane_loops.in_space(
         affine, found.information[order], frame.table.drift, frame.table.per_metre, error.walk,
-        frame.sectors.turn[0], rows, covariances,
+        math.sqrt(frame.w.size) / UNIT, frame.sectors.turn[0], rows, covariances,
     )  # fmt: skip
     told = {
         "information": book.saved[:best].tolist(),
