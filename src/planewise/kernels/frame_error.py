@@ -18,6 +18,7 @@ TILT = 10.0  # slope per offset of the shared error: its correlation length is 1
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
+_ASIDE = 0.1 / UNIT  # from the line of a row: nearer is none
 
 
 @in_order
@@ -115,8 +116,9 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
 
     Of three it is s_2 = w_2 - t w_1 - (1 - t) w_3, of four s_2 - s_3. Writes its square, the
     variance by the cells' own errors, and that by the drift, along rows and then along columns;
-    returns how many there are. Of a random walk, D |r| the variance of a difference, the s and the
-    s_2 - s_3 of means over squares have the variances
+    returns how many there are. Where cells of a row are not in one line, as those of a distorted
+    image are not, the slope across is taken off. Of a random walk, D |r| the variance of a
+    difference, the s and the s_2 - s_3 of means over squares have the variances
 
         D (d(r) - d(2 r) / 4 - 3 d(0) / 4),    D (15 d(r) - 6 d(2 r) + d(3 r) - 10 d(0)) / 4,
 
@@ -128,7 +130,8 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
     for axis in range(2):
         down, across = (lag, 0) if axis else (0, lag)
         behind, right = (last, 0) if axis else (0, last)
-        position = planes[axis]
+        position, other = planes[axis], planes[1 - axis]
+        slope, uncertain = planes[4 - axis], planes[9 - 2 * axis]
         for i in range(down, rows - behind):
             for j in range(across, columns - right):
                 a, b, c = grid[i - down, j - across], grid[i, j], grid[i + down, j + across]
@@ -151,6 +154,12 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
                     farther += side * side / (12.0 * farther)
                     walk = 3.75 * near - 1.5 * far + 0.25 * farther - 2.5 * MEAN_DISTANCE * side
                 off += two * planes[2, b] - t * planes[2, a] - three * planes[2, c]
+                aside = two * other[b] - t * other[a] - three * other[c]
+                if four:
+                    aside += (1 - u) * other[d]
+                if abs(aside) > _ASIDE:
+                    off -= slope[b] * aside
+                    variance += aside * aside * inflation[b] * uncertain[b]
                 square[found] = off * off
                 own[found] = variance + (
                     two * two * inflation[b] / planes[6, b]
