@@ -22,6 +22,7 @@ from planewise.arguments import (
     is_whole,
     make_plain,
 )
+from planewise.lens import distort, undistort
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -33,9 +34,6 @@ RIG = 16
 """Cameras whose rays are kept, such as all of a robot."""
 
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
-_UNDISTORT_STEPS = 50
-_SHARES = 100  # places on the way to the corner of an image
-_UNDISTORT_TOLERANCE = 1e-9
 
 
 class Camera(Protocol):
@@ -288,7 +286,7 @@ class PinholeCamera:
         points = np.asarray(points, np.float64)
         u, v = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2]
         if any(self.distortion):
-            u, v = self._distort(u, v)
+            u, v = distort(self.distortion, u, v)
         return np.stack((self.fx * u + self.cx, self.fy * v + self.cy), axis=-1)
 
     def unproject(self, pixels: ArrayLike) -> Array:
@@ -307,7 +305,7 @@ class PinholeCamera:
             known = np.isfinite(u) & np.isfinite(v)
             out = np.full((2, *u.shape), np.nan)
             if known.any():
-                out[:, known] = self._undistort(u[known], v[known])
+                out[:, known] = undistort(self.distortion, u[known], v[known])
             u, v = out
         return np.stack((u, v, np.ones_like(u)), axis=-1)
 
@@ -374,56 +372,7 @@ class PinholeCamera:
         height, width = shape = checked_shape("shape", shape)
         u = np.broadcast_to((np.arange(width) - self.cx) / self.fx, shape)
         v = np.broadcast_to((np.arange(height) - self.cy)[:, None] / self.fy, shape)
-        return self._undistort(u, v) if any(self.distortion) else (u, v)
-
-    def _distort(self, u: Array, v: Array) -> tuple[Array, Array]:
-        k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        return (
-            u * radial + 2 * p1 * u * v + p2 * (r2 + 2 * u * u),
-            v * radial + p1 * (r2 + 2 * v * v) + 2 * p2 * u * v,
-        )
-
-    def _stretch(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Derivatives of `_distort`: du'/du, dv'/dv, and du'/dv, which is dv'/du."""
-        k1, k2, p1, p2, k3 = (*self.distortion, 0.0)[:5]
-        r2 = u * u + v * v
-        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
-        steeper = 2 * (k1 + r2 * (2 * k2 + 3 * r2 * k3))
-        return (
-            radial + u * u * steeper + 2 * p1 * v + 6 * p2 * u,
-            radial + v * v * steeper + 6 * p1 * v + 2 * p2 * u,
-            u * v * steeper + 2 * p1 * u + 2 * p2 * v,
-        )
-
-    def _unfolded(self, u: Array, v: Array) -> bool:
-        xx, yy, xy = self._stretch(u, v)
-        return bool(((xx > 0) & (xx * yy > xy * xy)).all())
-
-    def _undistort(self, u: Array, v: Array) -> tuple[Array, Array]:
-        """Invert the distortion by Newton's method, where it does not fold the image."""
-        x, y = u, v
-        with np.errstate(all="ignore"):  # where there is no inverse, steps lead anywhere
-            for _ in range(_UNDISTORT_STEPS):
-                du, dv = self._distort(x, y)
-                du, dv = u - du, v - dv
-                if max(np.abs(du).max(), np.abs(dv).max()) < _UNDISTORT_TOLERANCE:
-                    break
-                xx, yy, xy = self._stretch(x, y)
-                determinant = xx * yy - xy * xy
-                x, y = x + (yy * du - xy * dv) / determinant, y + (xx * dv - xy * du) / determinant
-            else:
-                x = np.full_like(x, np.nan)
-            # Nor is there a fold between the middle of the image and its farthest place.
-            far = np.unravel_index(np.argmax(x * x + y * y), x.shape)
-            shares = np.linspace(0.0, 1.0, _SHARES)
-            if self._unfolded(x, y) and self._unfolded(shares * x[far], shares * y[far]):
-                return x, y
-        raise ValueError(
-            f"camera: distortion {self.distortion} cannot be undone over the whole image; "
-            "are the coefficients in the order k1, k2, p1, p2, k3?"
-        )
+        return undistort(self.distortion, u, v) if any(self.distortion) else (u, v)
 
 
 @lru_cache(maxsize=RIG)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-_LOCK = threading.Lock()
-if hasattr(os, "register_at_fork"):  # else a child might wait for a thread that it does not have
-    os.register_at_fork(
-        before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release
-    )
+from planewise.forks import lock_of_module
+
+_LOCK = lock_of_module()
 
 
 @contextmanager

@@ -15,6 +15,8 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from planewise.forks import in_child
+
 if TYPE_CHECKING:
     from concurrent.futures import Future
 
@@ -107,8 +109,7 @@ class _Helper:
 
 
 _idle: list[_Helper] = []
-if hasattr(os, "register_at_fork"):  # a child has none of its parent's threads
-    os.register_at_fork(after_in_child=_idle.clear)
+in_child(_idle.clear)
 
 
 def _started(work: Callable[[], None]) -> _Helper:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 import threading
 import weakref
 from collections.abc import Iterator
@@ -12,6 +11,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from planewise.forks import in_child
 
 Type = type[np.generic] | np.dtype[Any]
 
@@ -116,5 +117,4 @@ def _free_all() -> None:
         each._in_use = threading.Lock()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_free_all)
+in_child(_free_all)

@@ -10,7 +10,6 @@ import contextlib
 import os
 import signal
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
@@ -19,19 +18,24 @@ from types import FunctionType, SimpleNamespace
 from typing import Any
 
 from planewise.errors import PlanewiseError
+from planewise.forks import in_child, lock_of_module
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 Serve = Callable[[Connection], None]
 
-_PRELOAD = ["planewise.batch.preload"]
-_STARTING = threading.Lock()  # one at a time: the environment is the whole process's
+_STARTING = lock_of_module()  # one at a time: the environment is the whole process's
 
 if sys.platform == "linux":
     from multiprocessing import context, forkserver, popen_forkserver
 
-    _server = forkserver.ForkServer()
-    _server.set_forkserver_preload(_PRELOAD)
+    class _Server(forkserver.ForkServer):
+        def __init__(self) -> None:
+            super().__init__()
+            self.set_forkserver_preload(["planewise.batch.preload"])
+
+    _server = _Server()
+    in_child(_server.__init__)  # type: ignore[misc]  # there it is the parent's
     _names = {
         **vars(popen_forkserver),
         "forkserver": SimpleNamespace(
@@ -39,13 +43,6 @@ if sys.platform == "linux":
             read_signed=forkserver.read_signed,
         ),
     }
-
-    def _forget_server() -> None:
-        """In a forked process: it is its parent's."""
-        _server.__init__()  # type: ignore[misc]
-        _server.set_forkserver_preload(_PRELOAD)
-
-    os.register_at_fork(after_in_child=_forget_server)
 
     class _Popen(popen_forkserver.Popen):
         # What it does anyway, but with our server.

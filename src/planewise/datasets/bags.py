@@ -6,7 +6,6 @@ Frames are mostly read in order, so the place after the last one is kept.
 
 from __future__ import annotations
 
-import os
 import re
 import sys
 import threading
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from planewise.datasets.paths import LARGEST_TEXT, inside
 from planewise.errors import PlanewiseError, in_one_line, needs
+from planewise.forks import in_child
 
 LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""
@@ -145,8 +145,7 @@ def _open_anew() -> None:
         topic._forget()
 
 
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_open_anew)
+in_child(_open_anew)
 
 
 class Topic:

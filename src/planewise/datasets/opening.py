@@ -93,8 +93,7 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         return _opened(reader, path, given)
     parts = _parts(path, given, _DEEPEST)
     if parts:
-        known = {name for reader in READERS for name in inspect.signature(reader).parameters}
-        if unknown := given.keys() - known:
+        if unknown := given.keys() - {name for each in READERS for name in _options_of(each)}:
             raise ValueError(f"{min(unknown)} is no option of any kind of dataset")
         return _collected(path, parts)
     if path.is_file() and is_depth_file(path):
@@ -132,12 +131,16 @@ def _without_camera(path: Path, images: Path) -> PlanewiseError:
 
 def accepted(reader: Reader, given: Mapping[str, Any]) -> dict[str, Any]:
     """Those of the options that a reader has."""
-    known = inspect.signature(reader).parameters
-    return {name: value for name, value in given.items() if name in known}
+    return {name: given[name] for name in _options_of(reader) if name in given}
+
+
+def _options_of(reader: Reader) -> list[str]:
+    """Names of a reader's options: what it has beside the path."""
+    return list(inspect.signature(reader).parameters)[1:]
 
 
 def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
-    known = list(inspect.signature(reader).parameters)[1:]
+    known = _options_of(reader)
     unknown = [name for name in given if name not in known]
     if unknown:
         raise ValueError(
