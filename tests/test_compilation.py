@@ -4,6 +4,7 @@ import ast
 import errno
 import gc
 import multiprocessing
+import operator
 import os
 import subprocess
 import sys
@@ -14,9 +15,11 @@ import numpy as np
 import pytest
 from numba import njit
 from numba.core import caching, event
+from numba.core.types.functions import BaseFunction
+from numba.core.typing.arraydecl import GetItemBuffer
 
 import planewise as pw
-from planewise import compilation, warm_up
+from planewise import compilation, compiler, warm_up
 from planewise.kernels import jit
 
 
@@ -56,6 +59,40 @@ def test_the_collector_runs_again_after_a_loop_that_does_not_compile():
     with pytest.raises(Exception, match="nothing_of_this_name"):
         njit(loop)(1)
     assert gc.isenabled()
+
+
+@pytest.mark.parametrize(
+    ("module", "once"), [("planewise.kernels.made_up", True), ("elsewhere", False)]
+)
+def test_numba_is_asked_once_what_an_operator_gives_in_loops_of_ours(monkeypatch, module, once):
+    def counts(self, args, kws):
+        seen.append(args)
+        return generic(self, args, kws)
+
+    def loop(x, i):
+        return x[i] + x[i] + x[i]
+
+    seen, generic = [], GetItemBuffer.generic
+    monkeypatch.setattr(GetItemBuffer, "generic", counts)
+    monkeypatch.setattr(compiler, "_known", {})
+    loop.__module__ = module
+    assert njit(loop)(np.arange(3.0), 1) == 3.0
+    assert (len(seen) == 1) == once
+    assert BaseFunction.get_call_type is compiler._resolve
+
+
+def test_what_numba_compiles_itself_is_asked_for_wherever_it_is_used(monkeypatch):
+    """It is compiled with the options of the loop that uses it."""
+
+    def loop(x, y):
+        return max(x, y) + x
+
+    monkeypatch.setattr(compiler, "_known", {})
+    loop.__module__ = "planewise.kernels.made_up"
+    assert njit(loop)(1.0, 2.0) == 3.0
+    kept = {function.typing_key for function, *_ in compiler._known}
+    assert operator.add in kept
+    assert max not in kept
 
 
 def test_loops_of_others_compile_whatever_their_module():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import gc
 import importlib
 import logging
 import os
@@ -18,6 +17,7 @@ from typing import Any, Literal
 from numba.core import event
 
 from planewise import kernels
+from planewise.compiler import QuickCompiler
 from planewise.kernels.readings import score_rays
 from planewise.threads import available
 
@@ -168,29 +168,5 @@ def _wait_for(helper: subprocess.Popen[bytes]) -> None:
         os.waitpid(helper.pid, 0)
 
 
-class _Uncollected(event.Listener):
-    """Keeps the garbage collector still while Numba compiles a loop of this package.
-
-    It would look through all of the compiler's objects again and again, a fifth of the whole time.
-    """
-
-    def __init__(self) -> None:
-        self._depth, self._enabled = 0, False
-
-    def on_start(self, event: Any) -> None:
-        if not self._depth and gc.isenabled():
-            ours = str(event.data["dispatcher"].py_func.__module__).startswith(f"{__package__}.")
-            self._enabled = ours
-            if ours:
-                gc.disable()
-        self._depth += 1
-
-    def on_end(self, event: Any) -> None:
-        self._depth -= 1
-        if not self._depth and self._enabled:
-            self._enabled = False
-            gc.enable()
-
-
 _register: Any = event.register  # has no types
-_register("numba:compile", _Uncollected())
+_register("numba:compile", QuickCompiler())
