@@ -198,3 +198,9 @@ def make_plain(record: object, kind: Callable[[Any], Any], *names: str) -> None:
     for name in names:
         if (value := getattr(record, name)) is not None:
             object.__setattr__(record, name, kind(value))
+
+
+def make_counts(record: object, *names: str, least: int = 1) -> None:
+    """Let attributes of a frozen record be whole numbers, as `checked_count` gives them."""
+    for name in names:
+        object.__setattr__(record, name, checked_count(name, getattr(record, name), least))

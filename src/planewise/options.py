@@ -7,7 +7,7 @@ from typing import Literal, TypedDict
 
 import numpy as np
 
-from planewise.arguments import checked_count, checked_seed, is_finite, is_whole, make_plain
+from planewise.arguments import checked_seed, is_finite, is_whole, make_counts, make_plain
 from planewise.model import MAX_PLANES
 from planewise.objective import SPATIAL, Objective, as_objective
 from planewise.paper.reassign import NormalReassignment, as_reassignment
@@ -145,7 +145,7 @@ class Options:
                 f"max_planes must lie in 1 ... {MAX_PLANES}, a whole number, got {most!r}"
             )
         if self.threads is not None:
-            object.__setattr__(self, "threads", checked_count("threads", self.threads))
+            make_counts(self, "threads")
         make_plain(self, float, "significance", "confidence", "inlier_ratio")
         make_plain(self, int, "max_planes")
         make_plain(self, bool, "instances")

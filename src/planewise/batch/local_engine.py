@@ -11,9 +11,9 @@ from multiprocessing import Pipe
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 
+from planewise.arguments import make_counts
 from planewise.batch import workers
 from planewise.batch.frame_work import FrameWork, Outcome, failure
-from planewise.batch.source import check_count
 from planewise.errors import PlanewiseError
 
 Frame = tuple[int, str]
@@ -68,7 +68,7 @@ class LocalEngine:
     workers: int
 
     def __post_init__(self) -> None:
-        check_count("workers", self.workers)
+        make_counts(self, "workers")
 
     def run(self, work: FrameWork, frames: Iterable[Frame]) -> Iterator[Outcome]:
         """See `planewise.batch.engine.Engine`."""

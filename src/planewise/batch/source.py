@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_whole
+from planewise.arguments import is_whole, make_counts
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
 from planewise.files.depth import DepthFile, list_depth_files, read_depth
@@ -133,9 +133,9 @@ class Selection:
     limit: int | None = None
 
     def __post_init__(self) -> None:
-        check_count("every", self.every)
+        make_counts(self, "every")
         if self.limit is not None:
-            check_count("limit", self.limit)
+            make_counts(self, "limit")
         match self.shard:
             case (part, parts) if is_whole(part) and is_whole(parts):
                 if not 1 <= part <= parts:
@@ -148,12 +148,6 @@ class Selection:
         part, parts = self.shard
         numbers = range(0, len(ids), self.every)[part - 1 :: parts]
         return [(number, ids[number]) for number in numbers[: self.limit]]
-
-
-def check_count(name: str, value: int) -> None:
-    """Refuse what is no number of frames or workers."""
-    if not (is_whole(value) and value >= 1):
-        raise PlanewiseError(f"{name} must be a whole number of at least 1, got {value!r}")
 
 
 def parse_shard(text: str) -> tuple[int, int]:

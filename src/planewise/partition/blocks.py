@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from planewise.arguments import checked_count
+from planewise.arguments import make_counts
 from planewise.partition.regions import Regions
 
 if TYPE_CHECKING:
@@ -28,8 +28,7 @@ class Blocks:
     columns: int = 160
 
     def __post_init__(self) -> None:
-        for name in ("rows", "columns"):
-            object.__setattr__(self, name, checked_count(name, getattr(self, name), 2))
+        make_counts(self, "rows", "columns", least=2)
 
     def __call__(self, view: View) -> Regions:
         """Block of every pixel, from 1."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import checked_count, is_finite
+from planewise.arguments import is_finite, make_counts
 from planewise.errors import needs
 from planewise.foreign_warnings import without_warnings
 from planewise.partition.regions import Regions
@@ -58,8 +58,7 @@ class Graph:
             value = getattr(self, name)
             if not (is_finite(value) and value >= 0):
                 raise ValueError(f"{name} must be a number that is not negative, got {value!r}")
-        for name in ("least", "reach"):
-            object.__setattr__(self, name, checked_count(name, getattr(self, name)))
+        make_counts(self, "least", "reach")
 
     def __call__(self, view: View) -> Regions:
         """Region of every pixel, from 1."""

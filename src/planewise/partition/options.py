@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from planewise.arguments import checked_count, is_finite, make_plain
+from planewise.arguments import is_finite, make_counts, make_plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,5 +35,4 @@ class PartitionOptions:
             if not (is_finite(value) and 0 < value < 1):
                 raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
             make_plain(self, float, name)
-        for name in ("region_planes", "remainder_planes"):
-            object.__setattr__(self, name, checked_count(name, getattr(self, name)))
+        make_counts(self, "region_planes", "remainder_planes")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import checked_count, is_finite
+from planewise.arguments import is_finite, make_counts
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
 
 if TYPE_CHECKING:
@@ -64,8 +64,7 @@ class SegmentAnything:
             value = getattr(self, name)
             if not (is_finite(value) and 0 <= value <= 1):
                 raise ValueError(f"{name} must lie in 0 ... 1, got {value!r}")
-        for name in ("points", "batch"):
-            object.__setattr__(self, name, checked_count(name, getattr(self, name)))
+        make_counts(self, "points", "batch")
 
     def __call__(self, view: View) -> Masks:
         """Masks of a picture, shape (N, H, W), the most trusted first; they may overlap.
