@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise import threads
+from planewise.arguments import checked_scale
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.batch_progress import Progress, show_forecast, show_result
 from planewise.commands.command_line import (
-    check_numbers,
+    check_seed,
     of_samples,
     partition_of,
     preset_of,
@@ -142,7 +143,8 @@ def batch(
     Started again, it goes on where it was, however it was ended.
     """
     with reported():
-        check_numbers(depth_scale, seed)
+        checked_scale(depth_scale)
+        check_seed(seed)
         known_camera = None if camera is None else read_camera(camera)
 
         from planewise.batch import Batch, DepthFolder, Recipe, Selection, open_source

@@ -13,10 +13,10 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from planewise.arguments import checked_scale
 from planewise.camera import Camera
 from planewise.commands import terminal
 from planewise.commands.command_line import (
-    check_numbers,
     check_output,
     read_size,
     reported,
@@ -74,7 +74,7 @@ def bench(
 ) -> None:
     """Time the default detection on this machine, called again and again on one frame."""
     with reported():
-        check_numbers(depth_scale, 0)
+        checked_scale(depth_scale)
         if runs < 1:
             raise PlanewiseError(f"runs must be at least 1, got {runs}")
         if output is not None:

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from planewise.arguments import checked_scale
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, check_output, preset_of, reported
+from planewise.commands.command_line import check_output, check_seed, preset_of, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.shared_options import (
@@ -69,7 +70,8 @@ def calibrate(
     Frames of rooms will do: what counts is flat places at all depths. The file serves as --sensor.
     """
     with reported():
-        check_numbers(depth_scale, seed)
+        checked_scale(depth_scale)
+        check_seed(seed)
         paths = _thinned(_depth_files(frames))
         inputs = (*paths, camera, sensor)
         check_output(output, ".json", inputs)

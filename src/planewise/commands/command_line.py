@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from planewise import sensors
-from planewise.arguments import checked_scale
 from planewise.commands import terminal
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
@@ -84,9 +83,8 @@ def sensor_of(
     return read_sensor(name, noise=noise, max_depth=max_depth, resolution=resolution)
 
 
-def check_numbers(depth_scale: float | None, seed: int) -> None:
-    """Refuse a scale and a seed that are none."""
-    checked_scale(depth_scale)
+def check_seed(seed: int) -> None:
+    """Refuse a seed that is none."""
     if seed < 0:
         raise PlanewiseError(f"seed must not be negative, got {seed}")
 

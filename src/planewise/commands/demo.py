@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from planewise.commands import terminal
-from planewise.commands.command_line import reported
+from planewise.commands.command_line import check_seed, reported
 from planewise.commands.jobs import find_planes
 from planewise.errors import PlanewiseError
 from planewise.results.image import write_image, write_results
@@ -23,8 +23,7 @@ def demo(
 ) -> None:
     """Build a synthetic room, find its planes and draw them."""
     with reported():
-        if seed < 0:
-            raise PlanewiseError(f"seed must not be negative, got {seed}")
+        check_seed(seed)
         if not (output / "truth.png").exists():
             for name in ("depth.png", "rgb.png"):
                 if (output / name).exists():

@@ -7,9 +7,10 @@ from typing import Annotated
 
 import typer
 
+from planewise.arguments import checked_scale
 from planewise.commands import terminal
 from planewise.commands.command_line import (
-    check_numbers,
+    check_seed,
     of_samples,
     partition_of,
     reported,
@@ -127,7 +128,8 @@ def detect(
     Writes labels.png (16-bit), planes.json, overlay.png and curve.png.
     """
     with reported():
-        check_numbers(depth_scale, seed)
+        checked_scale(depth_scale)
+        check_seed(seed)
         if not depth.exists():
             raise PlanewiseError(f"depth: there is no file or folder {depth}")
         if rgb is not None and not rgb.exists():

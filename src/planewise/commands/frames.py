@@ -9,8 +9,9 @@ import numpy as np
 import typer
 
 from planewise import sensors
+from planewise.arguments import checked_scale
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, reported
+from planewise.commands.command_line import reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.shared_options import (
     CameraInstead,
@@ -46,7 +47,7 @@ def frames(
 ) -> None:
     """Say what a dataset is: kind, frames, camera, and with --check what is damaged."""
     with reported():
-        check_numbers(depth_scale, 0)
+        checked_scale(depth_scale)
         from planewise import datasets
 
         known = None if camera is None else read_camera(camera)

@@ -11,7 +11,7 @@ import typer
 
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
-from planewise.commands.command_line import check_numbers, partition_of, reported
+from planewise.commands.command_line import check_seed, partition_of, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.shared_options import (
     CAMERA_HELP,
@@ -83,7 +83,7 @@ def nyu(
     Prints the paper's table with our rows below, and writes nyu.csv and nyu.md.
     """
     with reported():
-        check_numbers(None, seed)
+        check_seed(seed)
         if limit is not None and limit < 1:
             raise PlanewiseError(f"limit must be at least 1, got {limit}")
 

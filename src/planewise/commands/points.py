@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
-from planewise.commands.command_line import check_kept, check_numbers, reported
+from planewise.commands.command_line import check_kept, check_seed, reported
 from planewise.commands.shared_options import (
     Outlines,
     Output,
@@ -102,7 +102,7 @@ def points(
     For LAS and LAZ there is a copy with the dimension 'plane', too.
     """
     with reported():
-        check_numbers(None, seed)
+        check_seed(seed)
         if instances and not outlines:
             raise PlanewiseError(
                 "instances: outlines are what it tells apart; give --outlines, too"
