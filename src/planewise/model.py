@@ -20,6 +20,11 @@ NOTHING_PAYS = "no plane saves more than it costs"
 """Why there is none, where a search looked at some."""
 
 
+def limited_to(max_planes: int) -> str:
+    """Why there are no more, where the limit was reached."""
+    return f"reached max_planes = {max_planes}"
+
+
 def reason_of(planes: int, significance: float) -> str:
     """Why a search that merges stopped, with so many planes."""
     if planes:

@@ -42,7 +42,7 @@ from planewise.information import (
 )
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
-from planewise.model import MAX_PLANES, Curve, Move, Plane, PlaneModel, reason_of
+from planewise.model import MAX_PLANES, Curve, Move, Plane, PlaneModel, limited_to, reason_of
 from planewise.ranks import ranks
 from planewise.sensor import Sensor
 from planewise.stages import stage
@@ -296,7 +296,7 @@ def ranked_model(
     elif not paying and not significance:
         reason += f"; sheets nearer to each other than {2 * cloud.side:.2g} m are not told apart"
     if best < paying:
-        reason = f"reached max_planes = {max_planes}"
+        reason = limited_to(max_planes)
     return PlaneModel(
         labels=ranked,
         planes=planes,

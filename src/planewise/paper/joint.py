@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.model import NOTHING_PAYS, Curve, Move
+from planewise.model import NOTHING_PAYS, Curve, Move, limited_to
 from planewise.paper.evaluate import Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.paper.sequential import distinct_tuples
@@ -310,7 +310,7 @@ def _curve(problem: Problem, solution: Solution, spare: Array, moves: list[Move]
     """Phi with the first planes, and what a few more would have made it."""
     n = len(solution)
     if n == problem.max_planes:
-        reason = f"reached max_planes = {problem.max_planes}"
+        reason = limited_to(problem.max_planes)
     elif n == 0:
         reason = NOTHING_PAYS
     else:

@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.model import MAX_PLANES, Curve, Move
+from planewise.model import MAX_PLANES, Curve, Move, limited_to
 from planewise.paper.evaluate import Assignment
 from planewise.paper.joint import descend
 from planewise.paper.problem import Problem, Solution
@@ -126,7 +126,7 @@ def sequential_in_regions(
     if not len(kept):
         reason = "no plane of any region saves more than it costs"
     elif len(kept) == max_planes:
-        reason = f"reached max_planes = {max_planes}"
+        reason = limited_to(max_planes)
     else:
         reason = "no plane merges into a better one or can be left out such that Phi falls"
     phi = problem.phis(kept.assignment)

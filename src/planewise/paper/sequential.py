@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
 from planewise.kernels.readings import claim
-from planewise.model import Curve, Move
+from planewise.model import Curve, Move, limited_to
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.wording import counted
@@ -97,7 +97,7 @@ def sequential_search(
     phi = [problem.phi(0, 0.0)]
     moves: list[Move] = []
     total, saved = 0.0, [0.0]
-    reason = f"reached max_planes = {problem.max_planes}"
+    reason = limited_to(problem.max_planes)
     free, rest = np.arange(everything.count), everything
     while len(found) < problem.max_planes:
         if free.size < n:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels import planes as plane_loops
 from planewise.kernels.cells import UNIT
-from planewise.model import Curve, Plane, PlaneModel, reason_of
+from planewise.model import Curve, Plane, PlaneModel, limited_to, reason_of
 from planewise.observation import RayObservation
 from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
@@ -122,7 +122,7 @@ def spatial_model(
             "detect_planes_in_points takes readings that lie far apart"
         )
     if best < solution.best:
-        reason = f"reached max_planes = {max_planes}"
+        reason = limited_to(max_planes)
     return PlaneModel(
         labels=labels,
         planes=tuple(planes),
