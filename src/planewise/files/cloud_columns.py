@@ -17,9 +17,12 @@ Column = NDArray[Any]
 LOOK = 10_000
 """Points that tell the offset, and how colours are counted."""
 
+COLOUR = ("red", "green", "blue")
+"""As most files name it, those that are written among them."""
+
 _POSITION = ("x", "y", "z")
 _COLOURS = (
-    ("red", "green", "blue"),
+    COLOUR,
     ("r", "g", "b"),
     ("diffuse_red", "diffuse_green", "diffuse_blue"),
 )

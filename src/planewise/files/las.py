@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError, needs
-from planewise.files.cloud_columns import LOOK, cloud_of, full_colour
+from planewise.files.cloud_columns import COLOUR, LOOK, cloud_of, full_colour
 from planewise.files.cloud_records import check_length
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
-_COLOUR = ("red", "green", "blue")
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 _FARTHEST = 1e15  # metres: no coordinate is so large
@@ -117,7 +116,7 @@ def open_las(path: Path) -> CloudFile:
         offset = offset_near(bounds.mean(axis=0))
     elif first is not None:
         offset = offset_near(np.median(np.stack((first.x, first.y, first.z), axis=1), axis=0))
-    colours = () if first is None or "red" not in names else (first[name] for name in _COLOUR)
+    colours = () if first is None or "red" not in names else (first[name] for name in COLOUR)
     full = full_colour(*map(np.asarray, colours))
 
     def blocks(size: int) -> Iterator[PointCloud]:
@@ -170,7 +169,7 @@ def _cloud(
         for k, name in enumerate("xyz")
     }
     if "red" in names:
-        columns |= {name: np.asarray(rows[name]) for name in _COLOUR}
+        columns |= {name: np.asarray(rows[name]) for name in COLOUR}
     if "intensity" in names:
         columns["intensity"] = np.asarray(rows["intensity"])
     if "plane" in names:
@@ -271,7 +270,7 @@ def write_las(
             for k, name in enumerate("XYZ"):
                 out[name] = whole[keep, k].astype(np.int32)
             out["plane"] = labels[keep]
-            for k, name in enumerate(("red", "green", "blue")):
+            for k, name in enumerate(COLOUR):
                 out[name] = colour[keep, k].astype(np.uint16) * 257
             if cloud.intensity is not None:
                 largest = 65535.0

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import cloud_file, positions
+from planewise.files.cloud_columns import COLOUR, cloud_file, positions
 from planewise.files.cloud_records import LONGEST_HEADER, check_length, read_rows, read_words
 from planewise.point_cloud import Array, CloudFile
 
@@ -72,7 +72,7 @@ def _columns(header: _Header, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
             continue
         if name in ("rgb", "rgba") and column.dtype.itemsize == 4:
             packed = np.ascontiguousarray(column).view(np.uint32)
-            for colour, shift in (("red", 16), ("green", 8), ("blue", 0)):
+            for colour, shift in zip(COLOUR, (16, 8, 0), strict=True):
                 out[colour] = (packed >> shift & 255).astype(np.uint8)
         else:
             out[name.lower()] = column
@@ -96,9 +96,7 @@ def _ascii(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDAr
                         out[name.lower()] = column
                 packed = [name for name in header.fields if name in ("rgb", "rgba")]
                 colours = _columns(header, rows) if packed else {}
-                yield out | {
-                    name: colours[name] for name in ("red", "green", "blue") if name in colours
-                }
+                yield out | {name: colours[name] for name in COLOUR if name in colours}
 
 
 def _unpacked(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDArray[Any]]]:

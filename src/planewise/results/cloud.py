@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from planewise._version import __version__
 from planewise.clouds.memory import Memory
 from planewise.drawing.palette import distinct_colours
+from planewise.files.cloud_columns import COLOUR
 from planewise.files.ply import write_ply
 from planewise.model import PlaneModel
 from planewise.outlines.outlines import Surface
@@ -103,7 +104,7 @@ def _write_ply(path: Path, cloud: PointCloud, model: PlaneModel, memory: Memory)
         coordinates = (cloud.points[rows] + cloud.offset).astype(kind)
         labels = model.labels[rows]
         out: dict[str, NDArray[Any]] = {n: coordinates[:, k] for k, n in enumerate("xyz")}
-        out |= {n: colours[labels, k] for k, n in enumerate(("red", "green", "blue"))}
+        out |= {n: colours[labels, k] for k, n in enumerate(COLOUR)}
         out["plane"] = labels
         if cloud.intensity is not None:
             out["intensity"] = cloud.intensity[rows]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.drawing.palette import distinct_colours
+from planewise.files.cloud_columns import COLOUR
 from planewise.files.ply import vertex_header
 from planewise.outlines.outlines import Surface, as_shapely, load_shapely
 
@@ -125,8 +126,7 @@ def write_mesh_ply(path: Path, surfaces: Sequence[Surface], offset: Array) -> No
     """
     meshes = [triangulate(surface) for surface in surfaces]
     colours = distinct_colours(max((surface.plane for surface in surfaces), default=0))
-    colour = ("red", "green", "blue")
-    corner = np.dtype([*((name, "<f8") for name in "xyz"), *((name, "u1") for name in colour)])
+    corner = np.dtype([*((name, "<f8") for name in "xyz"), *((name, "u1") for name in COLOUR)])
     face = np.dtype([("n", "u1"), ("corners", "<i4", (3,)), ("plane", "<u2"), ("surface", "<u2")])
     vertices = np.empty(sum(len(mesh.vertices) for mesh in meshes), corner)
     faces = np.empty(sum(len(mesh.triangles) for mesh in meshes), face)
@@ -136,7 +136,7 @@ def write_mesh_ply(path: Path, surfaces: Sequence[Surface], offset: Array) -> No
         here = vertices[v : v + len(mesh.vertices)]
         for k, name in enumerate("xyz"):
             here[name] = mesh.vertices[:, k] + offset[k]
-        for k, name in enumerate(colour):
+        for k, name in enumerate(COLOUR):
             here[name] = colours[surface.plane - 1, k]
         those = faces[f : f + len(mesh.triangles)]
         those["corners"] = mesh.triangles + v
