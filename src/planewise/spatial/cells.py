@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -20,6 +21,7 @@ from planewise.spatial.frame_error import (
     FrameError,
     drift_and_distortion,
     drift_factor,
+    drifting_by_chance,
     lateral_variance,
     shared_factors,
     walk_and_shared,
@@ -32,7 +34,6 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
-_BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
@@ -280,13 +281,12 @@ def _without_shared_error(
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
         focal = frame.sectors.mean_focal
-        factor = drift_factor(calm, planes, inflation, described, focal, workspace)
-        measured = factor if factor is not None and np.isfinite(factor) else None
-        factor, own = 1.0 if measured is None else measured, 0.0
+        measured = drift_factor(calm, planes, inflation, described, focal, workspace)
+        local = 1.0 if measured is None or measured == math.inf else measured
         if frame.known:
-            factor = min(factor, 1.0)
-        local = walk = factor
-        if not frame.known:
+            factor = walk = local = min(local, 1.0)
+            own = 0.0
+        else:
             factor, own, walk = walk_and_shared(
                 calm, planes, inflation, described, local, focal, workspace
             )
@@ -305,11 +305,7 @@ def _without_shared_error(
     w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
     between = quiet * _SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
-    chance = max(_BY_CHANCE[0], _BY_CHANCE[1] / max(int(whole.sum()), 1))
-    if frame.known:  # then it is there, unless the frame says otherwise
-        chance = min(chance, 0.5)
-    elif measured is None:
-        chance = 1.0
+    chance = drifting_by_chance(int(whole.sum()), measured, known=frame.known)
     error = FrameError(
         white=white,
         seen=seen,

@@ -47,6 +47,7 @@ _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _AT_LEAST = 0.25  # of the drift: few distances may show none by chance
+_BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _BISECTIONS = 12
 _BISECTED = (1e-3, 400.0)
 _BEYOND = 0.99  # of the largest factor: none was found
@@ -324,6 +325,18 @@ def _of_three(r: float) -> float:
     """f(r) of `walk_and_shared`."""
     near, far = (d + _CELL * _CELL / (12 * d) for d in (r, 2 * r))
     return near - 0.25 * far - 0.75 * kernels.MEAN_DISTANCE * _CELL
+
+
+def drifting_by_chance(squares: int, measured: float | None, *, known: bool) -> float:
+    """`FrameError.drifting` that a frame of so many whole squares of cells may show without a walk.
+
+    measured: as of `drift_factor`; known: a drift that the sensor states is there, unless the frame
+    says otherwise.
+    """
+    if not known and (measured is None or measured == math.inf):
+        return 1.0
+    chance = max(_BY_CHANCE[0], _BY_CHANCE[1] / max(squares, 1))
+    return min(chance, 0.5) if known else chance
 
 
 def shared_factors(
