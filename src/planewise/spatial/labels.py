@@ -44,13 +44,10 @@ def information_matrices(rows: Array) -> Array:
     return rows.take(_MATRIX, axis=1)
 
 
-def affine_planes(rows: Array, *, with_none: bool = False) -> Array:
-    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row.
-
-    with_none: after a row of zeros, as labels have them.
-    """
-    planes = np.zeros((len(rows) + with_none, 3))
-    plane_loops.affine_planes(rows, planes[int(with_none) :])
+def affine_planes(rows: Array) -> Array:
+    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
+    planes = np.empty((len(rows), 3))
+    plane_loops.affine_planes(rows, planes)
     return planes
 
 
@@ -132,7 +129,7 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
-    affine = affine_planes(planes, with_none=True)
+    affine = _with_none(affine_planes(planes))
     bound = _SURE * cells.error.white * null
     x, y = frame.sectors.coordinates
 
@@ -197,7 +194,7 @@ def _put_creases(
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     variance, slow = variances
-    affine = affine_planes(planes, with_none=True)
+    affine = _with_none(affine_planes(planes))
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 4))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
