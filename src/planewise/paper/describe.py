@@ -66,11 +66,12 @@ def describe(
         FEWEST_PARTS,
     )
     total = sums.sum(axis=0)
+    if not isinstance(observation, RayObservation):
+        return planes_of(rows, covariances, total, None, told)
     box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
-    image = isinstance(observation, RayObservation)
-    if isinstance(observation, RayObservation) and observation.camera.wraps:
+    if observation.camera.wraps:
         box = _around(box, labels, *where, len(rows))
-    return planes_of(rows, covariances, total, box if image else None, told)
+    return planes_of(rows, covariances, total, box, told)
 
 
 def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:
