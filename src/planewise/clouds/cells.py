@@ -188,34 +188,38 @@ def _with_states(nodes: Array, error: CloudError, workers: int) -> tuple[Array, 
 
 
 def _neighbours(cloud: Cloud, cells: _Grown) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
-    most = kernels.NEIGHBOURS
+    """`CloudCells.ends` and `sides`."""
     all_ends, all_sides = cloud.memory.growing(np.int32, 2), cloud.memory.growing(np.float32)
-    for begin, end in cloud.runs():
-        ends = np.empty((most * (end - begin), 2), np.int32)
-        sides = np.empty(len(ends), np.float32)
-        parts: list[tuple[int, int]] = []
-
-        def look(
-            first: int,
-            last: int,
-            at: int = begin,
-            to: tuple[NDArray[np.int32], NDArray[np.float32]] = (ends, sides),
-            parts: list[tuple[int, int]] = parts,
-        ) -> None:
-            place = most * (first - at)
-            found = kernels.neighbours(
-                cloud.cubes, cloud.about, cells.owner, cells.level_of, cloud.nodes, cells.rows,
-                first, last, to[0][place:], to[1][place:],
-            )  # fmt: skip
-            parts.append((place, place + found))
-
-        over_part(look, begin, end, cloud.workers, _LEAST_PART)
-        found_ends = np.concatenate([ends[slice(*part)] for part in sorted(parts)])
-        found_sides = np.concatenate([sides[slice(*part)] for part in sorted(parts)])
-        found = pairs_once(found_ends, found_sides, len(cells.rows))
-        all_ends.append(found_ends[:found].copy())
-        all_sides.append(found_sides[:found].copy())
+    for run in cloud.runs():
+        ends, sides = _neighbours_in(cloud, cells, *run)
+        all_ends.append(ends)
+        all_sides.append(sides)
     return all_ends.array(), all_sides.array()
+
+
+def _neighbours_in(
+    cloud: Cloud, cells: _Grown, begin: int, end: int
+) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+    """The same of a run of cubes."""
+    most = kernels.NEIGHBOURS
+    ends = np.empty((most * (end - begin), 2), np.int32)
+    sides = np.empty(len(ends), np.float32)
+    parts: list[slice] = []
+
+    def look(first: int, last: int) -> None:
+        place = most * (first - begin)
+        found = kernels.neighbours(
+            cloud.cubes, cloud.about, cells.owner, cells.level_of, cloud.nodes, cells.rows,
+            first, last, ends[place:], sides[place:],
+        )  # fmt: skip
+        parts.append(slice(place, place + found))
+
+    over_part(look, begin, end, cloud.workers, _LEAST_PART)
+    parts.sort(key=lambda part: part.start)
+    ends = np.concatenate([ends[part] for part in parts])
+    sides = np.concatenate([sides[part] for part in parts])
+    found = pairs_once(ends, sides, len(cells.rows))
+    return ends[:found].copy(), sides[:found].copy()
 
 
 def as_loud_as_seen(made: Callable[[float], Cloud | None]) -> tuple[Cloud | None, float]:

@@ -197,40 +197,45 @@ def radix_sort(keys: Keys, bits: int, workers: int) -> tuple[Keys, NDArray[np.ui
     if len(keys) < 2:
         return keys, rows
     parts = max(1, min(workers, len(keys) // _LEAST_PART))
-    bounds = _parts(len(keys), parts)
-    other_keys, other_rows = np.empty_like(keys), np.empty_like(rows)
+    now, other = (keys, rows), (np.empty_like(keys), np.empty_like(rows))
     passes = -(-bits // _DIGIT)
     digit = -(-bits // passes)
     counts = np.empty((parts, 1 << digit), np.int64)
     for shift in range(0, bits, digit):
+        _sort_by_digit(*now, shift, counts, *other)
+        now, other = other, now
+    return now
 
-        def count(first: int, last: int, shift: int = shift, keys: Keys = keys) -> None:
-            for part in range(first, last):
-                kernels.count_digits(keys, shift, bounds[part], bounds[part + 1], counts[part])
 
-        threads.over_chunks(count, parts, parts)
-        # Smaller digits first, and of one digit those of earlier parts.
-        ends = counts.T.ravel().cumsum()
-        places = np.ascontiguousarray((ends - counts.T.ravel()).reshape(-1, parts).T)
+def _sort_by_digit(
+    keys: Keys,
+    rows: NDArray[np.uint32],
+    shift: int,
+    counts: NDArray[np.int64],
+    sorted_keys: Keys,
+    sorted_rows: NDArray[np.uint32],
+) -> None:
+    """Sort keys, and rows with them, by their bits from `shift` on; counts (parts, digits)."""
+    parts = len(counts)
+    bounds = _parts(len(keys), parts)
 
-        def move(
-            first: int,
-            last: int,
-            shift: int = shift,
-            keys: Keys = keys,
-            rows: NDArray[np.uint32] = rows,
-            places: NDArray[np.int64] = places,
-            to: tuple[Keys, NDArray[np.uint32]] = (other_keys, other_rows),
-        ) -> None:
-            for part in range(first, last):
-                kernels.scatter(
-                    keys, rows, shift, bounds[part], bounds[part + 1], places[part], *to
-                )
+    def count(first: int, last: int) -> None:
+        for part in range(first, last):
+            kernels.count_digits(keys, shift, bounds[part], bounds[part + 1], counts[part])
 
-        threads.over_chunks(move, parts, parts)
-        keys, other_keys = other_keys, keys
-        rows, other_rows = other_rows, rows
-    return keys, rows
+    threads.over_chunks(count, parts, parts)
+    # Smaller digits first, and of one digit those of earlier parts.
+    ends = counts.T.ravel().cumsum()
+    places = np.ascontiguousarray((ends - counts.T.ravel()).reshape(-1, parts).T)
+
+    def move(first: int, last: int) -> None:
+        for part in range(first, last):
+            kernels.scatter(
+                keys, rows, shift, bounds[part], bounds[part + 1], places[part],
+                sorted_keys, sorted_rows,
+            )  # fmt: skip
+
+    threads.over_chunks(move, parts, parts)
 
 
 def _parts(size: int, parts: int) -> list[int]:
