@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -190,10 +190,12 @@ def _most_significant(found: CloudPlanes, least: float) -> CloudPlanes:
         return found
     place = ranks(keep, len(found.rows))
     found.cloud.rename(found.labels, place)
-    return CloudPlanes(
-        found.cloud, found.labels, found.rows[keep], found.error, found.significance[keep],
-        found.correlation[keep], found.curved,
-    )  # fmt: skip
+    return replace(
+        found,
+        rows=found.rows[keep],
+        significance=found.significance[keep],
+        correlation=found.correlation[keep],
+    )
 
 
 def told_apart(found: CloudPlanes, least: float) -> CloudPlanes:
@@ -213,10 +215,13 @@ def told_apart(found: CloudPlanes, least: float) -> CloudPlanes:
     rows = found.rows[row]
     rows[:, COUNT] *= share
     rows[:, AREA] *= share
-    pieces = CloudPlanes(
-        found.cloud, labels, rows, found.error, found.significance[row] * share,
-        found.correlation[row], found.curved,
-    )  # fmt: skip
+    pieces = replace(
+        found,
+        labels=labels,
+        rows=rows,
+        significance=found.significance[row] * share,
+        correlation=found.correlation[row],
+    )
     return _most_significant(pieces, least)
 
 

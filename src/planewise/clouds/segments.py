@@ -238,18 +238,18 @@ def _accepted(
 
     What does not pay is worth what it saves as part of a plane that is paid for.
     """
-    border, all_pairs, all_nats = np.zeros(len(rows)), [], []
+    border, all_ends, all_nats = np.zeros(len(rows)), [], []
     for first in range(0, len(price), PAIRS_AT_ONCE):
         part = slice(first, first + PAIRS_AT_ONCE)
-        pairs, nats = np.empty((len(price[part]), 2), np.int32), np.empty(len(price[part]))
-        found = kernels.segment_borders(of_cell, cells.ends[part], price[part], border, pairs, nats)
-        all_pairs.append(pairs[:found])
+        ends, nats = np.empty((len(price[part]), 2), np.int32), np.empty(len(price[part]))
+        found = kernels.segment_borders(of_cell, cells.ends[part], price[part], border, ends, nats)
+        all_ends.append(ends[:found])
         all_nats.append(nats[:found].copy())
-    pairs = np.concatenate([np.empty((0, 2), np.int32), *all_pairs])
+    ends = np.concatenate([np.empty((0, 2), np.int32), *all_ends])
     nats = np.concatenate([np.empty(0), *all_nats])
     worth = rows[:, FREE] - 0.5 * rows[:, MISFIT] - _PLANE_COST * cost - border
     worth[curved] = -np.inf
     accepted = np.empty(len(rows), np.bool_)
-    borders.accept(worth, pairs, nats, least, accepted)
+    borders.accept(worth, ends, nats, least, accepted)
     worth[~accepted] += _PLANE_COST * cost
     return worth, accepted
