@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import compilation, threads
 from planewise.arguments import checked_count
 from planewise.clouds.memory import Disk, Memory
-from planewise.detect import detect_planes_in_points
 from planewise.errors import PlanewiseError
 from planewise.files.cloud import open_cloud
 from planewise.model import PlaneModel
@@ -19,6 +18,7 @@ from planewise.noise import AUTO
 from planewise.options import Options, Seed
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
 from planewise.point_observation import checked_origin, checked_sigma
+from planewise.search import find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 
@@ -114,17 +114,7 @@ def detect_planes_in_cloud(
     else:
         place = checked_origin(origin, points.shape)
     if len(points) <= tile_points:
-        return detect_planes_in_points(
-            points,
-            sensor,
-            sigma=errors,
-            origin=place,
-            instances=instances,
-            significance=significance,
-            max_planes=max_planes,
-            rng=rng,
-            threads=threads,
-        )
+        return find_in_cloud(points, sensor, errors, place, options)
     if len(points) > _LARGEST:
         raise ValueError(f"cloud must have at most {_LARGEST:,} points, got {len(points):,}")
     return _find_in_tiles(points, sensor, errors, place, options, tile_points, disk)
