@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,14 +51,19 @@ def rooms(count: int) -> Iterator[Frame]:
 def real(folder: Path = DATA) -> Iterator[Frame]:
     """Real frames (npz with depth, depth_scale, K) of all sets in a folder."""
     for name in (*KINECT_SETS, "abw_segcomp"):
-        sensor = ABW if name == "abw_segcomp" else pw.sensors.KINECT_V1
         for path in sorted((folder / name).glob("*.npz")):
             with np.load(path) as arrays:
-                fx, fy, cx, cy = (float(x) for x in arrays["K"])
-                yield Frame(
-                    f"{name}/{path.stem}",
-                    arrays["depth"],
-                    pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy),
-                    sensor,
-                    float(arrays["depth_scale"]),
-                )
+                yield frame_of(path, arrays)
+
+
+def frame_of(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Frame:
+    """Real frame of a file's arrays; the folder says which set it is of."""
+    name = path.parent.name
+    fx, fy, cx, cy = arrays["K"].tolist()
+    return Frame(
+        f"{name}/{path.stem}",
+        arrays["depth"],
+        pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy),
+        ABW if name == "abw_segcomp" else pw.sensors.KINECT_V1,
+        float(arrays["depth_scale"]),
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
-from benchmarks.frames import ABW, Frame
+from benchmarks.frames import Frame, frame_of
 from planewise import scenes
 
 CHOOSE = {
@@ -119,18 +119,10 @@ def _synthetic(
 
 
 def _real(name: str, paths: list[Path]) -> Iterator[LabelledFrame]:
-    sensor = ABW if name == "abw_segcomp" else pw.sensors.KINECT_V1
     for path in paths:
         with np.load(path) as arrays:
-            fx, fy, cx, cy = (float(x) for x in arrays["K"])
             yield LabelledFrame(
-                frame=Frame(
-                    f"{name}/{path.stem}",
-                    arrays["depth"],
-                    pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy),
-                    sensor,
-                    float(arrays["depth_scale"]),
-                ),
+                frame=frame_of(path, arrays),
                 truth=arrays["gt"],
                 chosen_on=_number(path) in CHOOSE[name],
                 per_surface=name in PER_SURFACE,

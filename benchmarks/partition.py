@@ -14,12 +14,13 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
-from benchmarks.frames import DATA
+from benchmarks.frames import DATA, Frame, frame_of
 from benchmarks.labelled import CHOOSE
 from planewise.metrics import evaluate
 from planewise.observation import RayObservation
@@ -38,27 +39,21 @@ _SEARCHES: dict[str, dict[str, object]] = {
 _MADE: dict[str, Callable[[], Partitioner]] = {"blocks": Blocks, "graph": Graph}
 
 
-def frames(folder: Path, most: int) -> Iterator[tuple[str, dict[str, NDArray[np.generic]]]]:
-    """Depth, colour, intrinsics and truth of labelled frames."""
+def frames(folder: Path, most: int) -> Iterator[tuple[Frame, NDArray[Any], NDArray[Any]]]:
+    """Labelled frames, their pictures and truth."""
     for path in sorted((folder / "nyu_dpd").glob("*.npz"))[:most]:
         with np.load(path) as arrays:
-            yield (
-                path.stem,
-                {name: arrays[name] for name in ("depth", "rgb", "gt", "K")}
-                | {"scale": arrays["depth_scale"]},
-            )
+            yield frame_of(path, arrays), arrays["rgb"], arrays["gt"]
 
 
 def measure(folder: Path, most: int) -> tuple[dict[str, Rows], dict[str, list[float]]]:
     """By half, search and partition: scores, percent by which Phi falls, and time, by frame."""
     halves: dict[str, Rows] = {"choose": {}, "report": {}}
     seconds: dict[str, list[float]] = {}
-    for name, frame in frames(folder, most):
-        rows = halves["choose" if int(name.rsplit("_", 1)[-1]) in CHOOSE["nyu_dpd"] else "report"]
-        fx, fy, cx, cy = (float(x) for x in frame["K"])
-        camera, sensor = pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy), pw.sensors.KINECT_V1
-        scale = float(frame["scale"])
-        seen = pw.observe(frame["depth"], camera, sensor, depth_scale=scale)
+    for frame, rgb, truth in frames(folder, most):
+        number = int(frame.name.rsplit("_", 1)[-1])
+        rows = halves["choose" if number in CHOOSE["nyu_dpd"] else "report"]
+        seen = pw.observe(frame.depth, frame.camera, frame.sensor, depth_scale=frame.depth_scale)
         assert isinstance(seen, RayObservation)
         regions: dict[str, Regions | None] = {
             "none": None,
@@ -66,7 +61,7 @@ def measure(folder: Path, most: int) -> tuple[dict[str, Rows], dict[str, list[fl
         }
         for kind, make in _MADE.items():
             started = time.perf_counter()
-            regions[kind] = regions_of(make(), view_of(seen, frame["rgb"]))
+            regions[kind] = regions_of(make(), view_of(seen, rgb))
             seconds.setdefault(kind, []).append(time.perf_counter() - started)
         for search, options in _SEARCHES.items():
             base = None
@@ -74,17 +69,14 @@ def measure(folder: Path, most: int) -> tuple[dict[str, Rows], dict[str, list[fl
                 if search == "sequential" and kind == "whole":
                     continue
                 started = time.perf_counter()
-                model = pw.detect_planes(
-                    frame["depth"], camera, sensor, depth_scale=scale, partition=partition,
-                    **options,  # type: ignore[arg-type]
-                )  # fmt: skip
+                model = frame.detect(partition=partition, **options)
                 took = time.perf_counter() - started
-                scores = evaluate(model.labels, frame["gt"]).row()
+                scores = evaluate(model.labels, truth).row()
                 base = base or (model.information, took)
                 fall = 100 * (base[0] - model.information) / base[0]
                 values = (*(scores[column] for column in _COLUMNS), fall, took / base[1])
                 rows.setdefault((search, kind), []).append(values)
-        print(f"{name} done", flush=True)
+        print(f"{frame.name} done", flush=True)
     return halves, seconds
 
 
