@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.rival_points import Points, labels_of_patches
 
 Labels = NDArray[np.int64]
-Points = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,6 @@ def ours(threads: int | None = None, **options: Any) -> Callable[[Scan], tuple[f
 
 
 def _open3d(neighbours: int, variance: float) -> Callable[[Scan], tuple[float, Labels]]:
-    """Of the boxes that hold a point, the nearest plane."""
-
     def run(scan: Scan) -> tuple[float, Labels]:
         o3d = import_module("open3d")
         points = o3d.utility.Vector3dVector(scan.points)
@@ -78,13 +76,7 @@ def _open3d(neighbours: int, variance: float) -> Callable[[Scan], tuple[float, L
             search_param=o3d.geometry.KDTreeSearchParamKNN(knn=neighbours),
         )
         seconds = time.perf_counter() - start
-        labels, nearest = np.zeros(len(scan.points), np.int64), np.full(len(scan.points), np.inf)
-        for label, box in enumerate(boxes, start=1):
-            held = np.asarray(box.get_point_indices_within_bounding_box(points), np.intp)
-            distance = np.abs((scan.points[held] - box.center) @ box.R[:, 2])
-            closer = distance < nearest[held]
-            nearest[held[closer]], labels[held[closer]] = distance[closer], label
-        return seconds, labels
+        return seconds, labels_of_patches(boxes, scan.points, points)
 
     return run
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import subprocess
 import sys
 import tempfile
@@ -34,6 +33,7 @@ from benchmarks.building import building
 from benchmarks.cloud_rivals import CloudMethod, Scan, methods
 from benchmarks.curved_clouds import curved_clouds
 from benchmarks.frames import DATA
+from benchmarks.processes import peak_memory
 from planewise.clouds import segments
 from planewise.metrics.scores import Detection, evaluate
 from planewise.stages import recorded
@@ -79,21 +79,12 @@ def one(path: Path) -> None:
             pw.detect_planes_in_points(points, _SENSOR)
         best = min(best, time.perf_counter() - start)
         busy = min(busy, time.process_time() - used)
-    peak = _peak_memory()
+    peak = peak_memory()
     print(
         f"| {size:,} | {best:.2f} | {busy:.2f} | {1e6 * busy / size:.2f} | {peak:.0f} | "
         f"{points.nbytes / 1e6:.0f} | {os.getloadavg()[0]:.1f} |"
     )
     print({name: round(seconds, 2) for name, seconds in stages.items()}, file=sys.stderr)
-
-
-def _peak_memory() -> float:
-    """Of this process, MB; what its parent had held does not count."""
-    status = Path("/proc/self/status")
-    if status.exists():
-        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
-        return int(lines["VmHWM"].split()[0]) / 1e3
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
 
 
 def in_building(seeds: int, size: int) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 from benchmarks.timing import Work
 
@@ -19,3 +20,14 @@ def process(*arguments: str, **environment: str) -> Work:
     return lambda: subprocess.run(
         [sys.executable, *arguments], check=True, capture_output=True, env=variables
     )
+
+
+def peak_memory() -> float:
+    """Of this process, MB; what its parent had held does not count, where the system says so."""
+    status = Path("/proc/self/status")
+    if status.exists():
+        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        return int(lines["VmHWM"].split()[0]) / 1e3
+    import resource  # of Unix alone
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +36,17 @@ class Cloud:
         out = np.zeros(self.there.shape, np.int64)
         out[self.there] = labels
         return out
+
+
+def labels_of_patches(boxes: Iterable[Any], points: Points, vector: Any) -> NDArray[np.int64]:
+    """Of the boxes that hold a point, the nearest plane; vector: the points as Open3D has them."""
+    labels, nearest = np.zeros(len(points), np.int64), np.full(len(points), np.inf)
+    for label, box in enumerate(boxes, start=1):
+        held = np.asarray(box.get_point_indices_within_bounding_box(vector), np.intp)
+        distance = np.abs((points[held] - box.center) @ box.R[:, 2])
+        closer = distance < nearest[held]
+        nearest[held[closer]], labels[held[closer]] = distance[closer], label
+    return labels
 
 
 def metres(frame: Frame) -> NDArray[np.float64]:

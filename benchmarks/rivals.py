@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.frames import Frame
-from benchmarks.rival_points import Cloud, Labels, Points, metres, sigma_of
+from benchmarks.rival_points import Cloud, Labels, Points, labels_of_patches, metres, sigma_of
 from planewise.paper.sequential import trial_count
 from planewise.reproduce.open3d_ransac import one_after_the_other, segment_plane, why_missing
 
@@ -112,7 +112,7 @@ def _open3d_tuned(frame: Frame, _: bool) -> Ready:
 
 
 def _open3d_patches(frame: Frame, _: bool) -> Ready:
-    """Normals of 100 neighbours; of the boxes that hold a point, the nearest plane."""
+    """Normals of 100 neighbours."""
     o3d, cloud = import_module("open3d"), Cloud.of(frame)
     points = o3d.utility.Vector3dVector(cloud.points)
 
@@ -122,14 +122,7 @@ def _open3d_patches(frame: Frame, _: bool) -> Ready:
         return made.detect_planar_patches()
 
     def labels(boxes: Any) -> Labels:
-        out = np.zeros(len(cloud.points), np.int64)
-        nearest = np.full(len(out), np.inf)
-        for label, box in enumerate(boxes, start=1):
-            held = np.asarray(box.get_point_indices_within_bounding_box(points), np.intp)
-            distance = np.abs((cloud.points[held] - box.center) @ box.R[:, 2])
-            closer = distance < nearest[held]
-            nearest[held[closer]], out[held[closer]] = distance[closer], label
-        return cloud.image(out)
+        return cloud.image(labels_of_patches(boxes, cloud.points, points))
 
     return Ready(detect, labels)
 

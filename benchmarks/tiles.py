@@ -22,6 +22,7 @@ import numpy as np
 
 import planewise as pw
 from benchmarks.building import building
+from benchmarks.processes import peak_memory
 from planewise.stages import recorded
 
 _BUILDING = 10_000_000  # points of one, at most
@@ -81,7 +82,7 @@ def search(path: Path, labels: Path, tile_points: int, *, town: bool) -> None:
             points = pw.read_cloud(path).points
             model = pw.detect_planes_in_points(points, sensor, max_planes=_MOST_PLANES)
     seconds, busy = time.perf_counter() - started, time.process_time() - used
-    peak = _peak()
+    peak = peak_memory()
     np.save(labels, model.labels)
     how = f"tiles of {tile_points:,}" if tile_points else "one piece"
     print(
@@ -89,11 +90,6 @@ def search(path: Path, labels: Path, tile_points: int, *, town: bool) -> None:
         f"{len(model)} | {model.information:.6e} |"
     )
     print({name: round(each, 1) for name, each in stages.items()}, file=sys.stderr)
-
-
-def _peak() -> float:
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return int(dict(line.split(":", 1) for line in lines)["VmHWM"].split()[0]) / 1e3
 
 
 def main() -> None:
