@@ -8,7 +8,6 @@ Prints two Markdown tables; every row is one configuration for all sets. Columns
 
 from __future__ import annotations
 
-import argparse
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.accuracy import COLUMNS, DECIMALS, Configuration, means
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, frames_of
 from planewise import noise
@@ -182,9 +182,7 @@ def head(first: str, shown: Mapping[str, tuple[str, ...]]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--quick", action="store_true", help="5 seeds of synthetic scenes")
     given = parser.parse_args()

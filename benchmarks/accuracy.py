@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.labelled import REAL, SYNTHETIC, AbsentError, LabelledFrame, frames_of
 from planewise.metrics import evaluate, summarise
@@ -217,9 +218,7 @@ def finite(tree: Any) -> Any:
 
 def parse() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     known = (*REAL, *SYNTHETIC)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--sets", nargs="+", choices=known, default=known, metavar="SET")

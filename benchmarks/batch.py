@@ -10,7 +10,6 @@ what the system says of a worker (PSS: what several share is divided among them;
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import tempfile
@@ -22,6 +21,7 @@ import numpy as np
 from PIL import Image
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.faults import children
 from benchmarks.table import HEAD, RATIO, Row, row
 from planewise import scenes
@@ -160,9 +160,7 @@ def memory_rows(run: Measured, count: int) -> list[Row]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--frames", type=int, default=600)
     parser.add_argument("--distinct", type=int, default=300)
     parser.add_argument("--rounds", type=int, default=3)

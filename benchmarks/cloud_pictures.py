@@ -8,13 +8,13 @@ their outlines.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise.drawing.cloud import draw_cloud
 
 COLOURS = 64
@@ -23,9 +23,7 @@ WIDTH = 1000
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--seed", type=int, default=4)
     parser.add_argument("-o", "--output", type=Path, default=Path("docs"))
     given = parser.parse_args()

@@ -13,7 +13,6 @@ share the machine: processor seconds and ratios say more than seconds.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -29,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.building import building
 from benchmarks.cloud_rivals import CloudMethod, Scan, methods
 from benchmarks.curved_clouds import curved_clouds
@@ -270,9 +270,7 @@ def draw(points: NDArray[np.float64], labels: NDArray[np.uint16], path: Path, ti
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("what", choices=_WHAT)
     parser.add_argument("--size", type=int, default=200_000)
     parser.add_argument("--seeds", type=int, default=1)

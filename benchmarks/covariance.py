@@ -11,7 +11,6 @@ the parts of its error, and with noise="auto".
 
 from __future__ import annotations
 
-import argparse
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, real
 from benchmarks.simulated import DRIFT, WHITE, random_walk
 
@@ -96,7 +96,7 @@ def halves(frame: Frame) -> Iterator[tuple[float, float]]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--draws", type=int, default=100)
     given = parser.parse_args()

@@ -10,7 +10,6 @@ Kinect reads it.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from functools import cache, partial
 
@@ -18,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise import noise
 
 Array = NDArray[np.float64]
@@ -120,9 +120,7 @@ def found(name: str, millimetres: float | None) -> tuple[int, float]:
 
 def main() -> None:
     """Print the table."""
-    argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    ).parse_args()
+    parser_of(__doc__).parse_args()
     print("| surface |", " | ".join(f"{each} mm" for each in MILLIMETRES), "| Kinect |")
     print("|---|" + "---:|" * (len(MILLIMETRES) + 1))
     for name in SURFACES:

@@ -10,12 +10,12 @@ have it raised by more than 100 nats, the most nats, and the most as a share of 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, real, rooms
 
 _MUCH = 100.0  # nats
@@ -30,7 +30,7 @@ def raised(frame: Frame) -> tuple[float, float]:
 
 def main() -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--rooms", type=int, default=20)
     given = parser.parse_args()

@@ -8,13 +8,13 @@ one, and in cubes, which have six; in brackets how many of the six, at IoU 0.5. 
 
 from __future__ import annotations
 
-import argparse
 from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise.metrics.scores import evaluate
 
 Points = NDArray[np.float64]
@@ -58,9 +58,7 @@ def cubes(count: int, sigma: float, turns: int) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--turns", type=int, default=4)
     turns = parser.parse_args().turns
     print("| points | sigma, mm | walls: planes | cubes: planes (true) |\n|---|---|---|---|")

@@ -8,12 +8,11 @@ Their noise is told (white noise and rounding), or estimated; below, the same ro
 
 from __future__ import annotations
 
-import argparse
-
 import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise import scenes
 from planewise.metrics import evaluate
 from planewise.noise import RootSum
@@ -47,9 +46,7 @@ def _means(rows: list[tuple[float, float, float]]) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--rooms", type=int, default=8)
     made = [scenes.room(seed) for seed in range(parser.parse_args().rooms)]
     print("| | points | planes, VOI, F1@.5: told | auto |\n|---|---|---|---|")

@@ -13,7 +13,6 @@ one is of a worker, one of the command, one of all of them.
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import random
@@ -30,6 +29,7 @@ from pathlib import Path
 from PIL import Image
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise import scenes
 from planewise.batch import Batch, DepthFolder, Outcome, Recipe, Store, store_writer
 from planewise.batch.columns import TIMES
@@ -217,9 +217,7 @@ def children(process: int) -> list[int]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--kills", type=int, default=1000)
     parser.add_argument("--frames", type=int, default=300)
     parser.add_argument("--command-kills", type=int, default=0)

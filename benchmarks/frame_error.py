@@ -10,7 +10,6 @@ same from three cells in a row that many pixels apart alone.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
@@ -20,6 +19,7 @@ from unittest.mock import patch
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise.kernels.cells import SIDE
@@ -61,9 +61,7 @@ def told(frame: Frame) -> list[float] | None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--every", action="store_true", help="a row a frame")
     given = parser.parse_args()

@@ -13,7 +13,6 @@ time or memory.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -26,6 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import memory, rivals
+from benchmarks.arguments import parser_of
 from benchmarks.frames import Frame, rooms
 from benchmarks.processes import process
 from benchmarks.reference_work import reference
@@ -127,9 +127,7 @@ def guarded(frame: Frame) -> dict[str, Guarded]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--record", action="store_true", help="keep the numbers as the new record")
     parser.add_argument("--runs", type=int, default=15)
     parser.add_argument("--compile", action="store_true", help="call everything once, no more")

@@ -6,13 +6,13 @@ python -m benchmarks.joint_and_sequential [--data FOLDER] [--rooms 20]
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, real, rooms
 
 _ROUNDING = 1e-9  # of Phi: where both end at the same planes, the last digits may differ
@@ -44,7 +44,7 @@ def table(frames: Iterable[Frame], seeds: int) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--rooms", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=1)

@@ -7,12 +7,12 @@ With --seams: one reading in how many has a wrong label, of those on planes that
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise import cameras
 from planewise.metrics import evaluate
 
@@ -107,9 +107,7 @@ def seam_row(name: str) -> tuple[str, ...]:
 
 def main() -> None:
     """Print a table of the documentation."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--seams", action="store_true")
     if parser.parse_args().seams:
         print("| LiDAR | near a seam, one in | elsewhere |")

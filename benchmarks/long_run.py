@@ -11,7 +11,6 @@ lower Phi is a better segmentation: coplanar surfaces are joined in both.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -23,6 +22,7 @@ from unittest.mock import patch
 
 import numpy as np
 
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 from benchmarks.phi_moves import MOVES, Judge, Move, Solution
@@ -212,9 +212,7 @@ def table(labelled: Iterable[tuple[str, LabelledFrame]], restarts: int, seconds:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--frames", type=int, default=5, help="of each set, at most")
     parser.add_argument("--restarts", type=int, default=60)

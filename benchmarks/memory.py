@@ -7,7 +7,6 @@ What Python and NumPy allocate is seen; arrays that compiled code makes for itse
 
 from __future__ import annotations
 
-import argparse
 import gc
 import json
 import subprocess
@@ -17,6 +16,7 @@ import tracemalloc
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import rooms
 
 _WARM = 3
@@ -31,9 +31,7 @@ def measured(runs: int = 5) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
     frame = next(iter(rooms(1)))

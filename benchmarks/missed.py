@@ -9,11 +9,11 @@ share of the planes found that lie mostly where the truth has none.
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
 
@@ -52,9 +52,7 @@ def judged(each: LabelledFrame) -> tuple[list[Row], list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     given = parser.parse_args()
     print("| set | true planes | n | share | depth, m | cosine | none | unlabelled |")

@@ -9,7 +9,6 @@ least 0.4 steps. Phi: of the run with noise="auto" against that of the run told 
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -17,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise import noise, scenes
 
 SIGMAS = (0.0005, 0.001, 0.002, 0.005, 0.01)
@@ -40,7 +40,7 @@ def cases(seeds: int) -> Iterator[tuple[str, scenes.Scene, noise.Noise, noise.Po
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=4)
     given = parser.parse_args()
     rows: dict[str, list[tuple[float, ...]]] = {}

@@ -10,7 +10,6 @@ size. Last in every cell: planes found, on average.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
@@ -21,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.simulated import DRIFT, STEP, WHITE, random_walk
 from planewise import noise
 from planewise.metrics import evaluate
@@ -258,9 +258,7 @@ def scored(number: int, seed: int) -> Array:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--rooms", type=int, default=8)
     parser.add_argument("--only", default="", help="readings whose name has this in it")
     given = parser.parse_args()

@@ -10,7 +10,6 @@ are told apart.
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, frame_of
 from benchmarks.labelled import CHOOSE
 from planewise.metrics import evaluate
@@ -99,7 +99,7 @@ def table(rows: Rows) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("--frames", type=int, default=35)
     options = parser.parse_args()

@@ -9,13 +9,13 @@ one, both found by the joint search. Prints the paper's Phi of the truth and of 
 
 from __future__ import annotations
 
-import argparse
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise.drawing.overlay import draw_labels
 from planewise.metrics import evaluate
@@ -25,9 +25,7 @@ WIDTH = 400
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--seed", type=int, default=2)
     parser.add_argument("--drift", type=float, default=DRIFT, help="1 / m over 100 pixels")
     parser.add_argument("-o", "--output", type=Path, default=Path("docs"))

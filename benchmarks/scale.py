@@ -8,7 +8,6 @@ and a store whose segments are copies of one, under other ids, is opened as a ru
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
 import tempfile
@@ -17,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.faults import batch_of, fill, write_frames
 from planewise import scenes
 from planewise.batch import Outcome, Recipe, Store
@@ -102,9 +102,7 @@ def held(place: Path, count: int) -> tuple[float, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--written", type=int, default=20_000)
     parser.add_argument("--held", type=int, default=2_500_000)
     given = parser.parse_args()

@@ -8,7 +8,6 @@ planes of one sheet were joined and rings paid together, and now.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from unittest.mock import patch
 
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from planewise.clouds import gaps, model
 from planewise.clouds.cloud import Cloud
 
@@ -101,9 +101,7 @@ def row(name: str, seeds: int) -> tuple[str, ...]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=6)
     seeds = parser.parse_args().seeds
     print("| | points | sigma, mm | true | told, before | now | auto, before | now |")

@@ -17,6 +17,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.methods import compare
 from benchmarks.rivals import METHODS, Method
@@ -28,9 +29,7 @@ from planewise.machine import describe_machine
 
 def parse() -> argparse.Namespace:
     """Read the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--quick", action="store_true", help="leave out what takes seconds a frame")
     parser.add_argument("--runs", type=int, default=21, help="of what is fast")
     parser.add_argument("--json", type=Path, metavar="FILE", help="everything measured")

@@ -10,13 +10,13 @@ angle in degrees between the normals of both, and the standard deviation of the 
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.arguments import parser_of
 from benchmarks.frames import Frame
 from benchmarks.other_sensors import READINGS, Exact, Reading, camera_of
 from benchmarks.rivals import DEFAULT, OPENCV, PAPER, Method
@@ -114,9 +114,7 @@ def measured(method: Method, reading: Reading, rooms: int, count: int, step: flo
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = parser_of(__doc__)
     parser.add_argument("--rooms", type=int, default=6)
     parser.add_argument("--frames", type=int, default=6)
     parser.add_argument("--step", type=float, default=0.0, help="metres that the camera moves")

@@ -21,6 +21,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 import planewise as pw
+from benchmarks.arguments import parser_of
 from benchmarks.building import building
 from benchmarks.processes import peak_memory
 from planewise.stages import recorded
@@ -93,7 +94,7 @@ def search(path: Path, labels: Path, tile_points: int, *, town: bool) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = parser_of(__doc__)
     parser.add_argument("--sizes", type=int, nargs="+", default=[1_000_000, 10_000_000])
     parser.add_argument("--tile-points", type=int, default=4_000_000)
     parser.add_argument("--folder", type=Path, help="where there is room")
