@@ -45,17 +45,17 @@ class Staging:
 
 def move_whole(unfinished: Path, target: Path) -> None:
     """Bring a file to the disk, then into place; `sync_folder` makes its name last."""
-    handle = os.open(unfinished, os.O_RDWR)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    _sync(unfinished, os.O_RDWR)
     unfinished.replace(target)
 
 
 def sync_folder(folder: Path) -> None:
     """Make names in a folder survive a loss of power."""
-    handle = os.open(folder, os.O_RDONLY)
+    _sync(folder, os.O_RDONLY)
+
+
+def _sync(path: Path, flags: int) -> None:
+    handle = os.open(path, flags)
     try:
         os.fsync(handle)
     finally:

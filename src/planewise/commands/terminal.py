@@ -114,8 +114,7 @@ def show_planes(model: PlaneModel) -> None:
     """Print a table of the planes, best first."""
     if not len(model):
         return
-    gap = 2 if _OUT.width >= 90 else 1
-    table = _table(gap)
+    table = _table(_gap())
     for name in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
         table.add_column(name, justify="right", no_wrap=True)
     for rank, plane in enumerate(model.planes, start=1):
@@ -138,8 +137,16 @@ def _short(number: float) -> str:
     return f"{number:z.3f}" if abs(number) < 1000 else f"{number:,.0f}"
 
 
-def _table(gap: int = 2) -> Table:
-    return Table(box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0))
+def _gap() -> int:
+    """Characters between the columns of a wide table."""
+    return 2 if _OUT.width >= 90 else 1
+
+
+def _table(gap: int = 2, title: str | None = None) -> Table:
+    return Table(
+        box=None, pad_edge=False, header_style="bold", padding=(0, gap, 0, 0),
+        title=title, title_justify="left", title_style="bold",
+    )  # fmt: skip
 
 
 def _show(table: Table) -> None:
@@ -260,10 +267,7 @@ def show_checks(checks: Mapping[str, Sequence[Check]]) -> None:
 
 def show_table(title: str, rows: Iterable[tuple[str, ...]], columns: tuple[str, ...]) -> None:
     """Print a table of text; the first column is a name."""
-    table = Table(
-        box=None, pad_edge=False, header_style="bold", title=title, title_justify="left",
-        title_style="bold", padding=(0, 2 if _OUT.width >= 90 else 1, 0, 0),
-    )  # fmt: skip
+    table = _table(_gap(), title)
     for name in columns:
         table.add_column(name, justify="left" if name in (columns[0], "noise") else "right")
     for row in rows:

@@ -19,6 +19,7 @@ The frames of a scene have the indices 0, 1, ... without a gap: the reader count
 from __future__ import annotations
 
 import csv
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -84,9 +85,7 @@ class PlaneRcnnExport(Form):
             part, index = divmod(seen, _FRAMES_A_SCENE)
             name = f"{whole}%part{part}" if part else whole  # no other scene is named so
             self._places[each] = (name, index)
-        expected: dict[str, int] = {}
-        for name, _ in self._places.values():
-            expected[name] = expected.get(name, 0) + 1
+        expected = Counter(name for name, _ in self._places.values())
         self._scenes = {name: _Scene(name, count) for name, count in expected.items()}
         self._names: list[str] = []
 
