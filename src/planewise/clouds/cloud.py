@@ -262,10 +262,8 @@ def summed(
     louder: float = 1.0,
 ) -> tuple[NDArray[np.int64], Keys, NDArray[np.float32], Array, Array]:
     """Starts, keys, local points, moments and variances of the cubes of sorted points (`Cloud`)."""
-    starts = np.empty(len(order.keys) + 1, np.int64)
-    n = cloud_keys.run_starts(order.keys, SHIFT, starts)
-    starts = starts[: n + 1].copy()
-    starts[n] = len(order.keys)
+    starts = order.starts(SHIFT)
+    n = len(starts) - 1
     cubes = order.keys[starts[:-1]] >> np.uint64(SHIFT)
     local = np.empty((len(order.keys), 3), np.float32)
     nodes = np.empty((n, ROW))

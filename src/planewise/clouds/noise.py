@@ -49,9 +49,7 @@ _HELD = 7.0  # points in an occupied cube of the middle level, on average
 _FINER, _LEVELS = 3, 9  # levels below that one, and all of them
 _START = 0.4  # quantile of the variances, from which to go on
 _ROUGH = 3.0  # standard deviations of chi^2: a cube that is rougher is on an edge
-_ENOUGH = (
-    30.0  # degrees of freedom of a cube that count: large cubes are many points, but few places
-)
+_ENOUGH = 30.0  # degrees of freedom of a cube that count: a large one is many points in one place
 _STEPS, _TOLERANCE = 40, 1e-3
 _GRIDS, _MANY = 8, 100_000  # grids that a cloud of few points is laid into; points that need one
 _MOST = 300_000  # points that stand for a cloud
@@ -294,10 +292,8 @@ def _grids(
 
 def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]:
     """Flat cubes of every level (`kernels.flat_cubes`)."""
-    starts = np.empty(len(order.keys) + 1, np.int64)
-    n = cloud_keys.run_starts(order.keys, 0, starts)
-    starts = starts[: n + 1].copy()
-    starts[n] = len(order.keys)
+    starts = order.starts(0)
+    n = len(starts) - 1
     local, nodes = np.empty((len(order.keys), 3), np.float32), np.empty((n, ROW))
     keys, seen_from, grid = order.keys[starts[:-1]], np.empty((0, 3)), order.grid
     cloud_cells.local_points(

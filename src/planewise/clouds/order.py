@@ -88,6 +88,13 @@ class Order:
     rows: NDArray[np.uint32]
     grid: Grid
 
+    def starts(self, shift: int) -> NDArray[np.int64]:
+        """Where runs of keys equal above `shift` bits begin, and where the last one ends."""
+        starts = np.empty(len(self.keys) + 1, np.int64)
+        runs = kernels.run_starts(self.keys, shift, starts)
+        starts[runs] = len(self.keys)
+        return starts[: runs + 1].copy()
+
 
 def extent_of(points: NDArray[np.floating], workers: int) -> tuple[Array, Array, int]:
     """Least and largest coordinates of the finite points, and how many there are."""
