@@ -293,7 +293,9 @@ class Blocks:
         self.constant = float(np.log(2 * np.pi * self.white / resolution**2))
 
     def add_up(self) -> Blocks:
-        """Write them."""
+        """Write them, if they are not yet."""
+        if self.factor.size:
+            return self
         sectors = self._frame.sectors
         tiles.sum_blocks(self.of_cells, self.white, self.constant, self.moments)
         means = np.empty((3, self.moments.shape[1]))
@@ -323,12 +325,12 @@ def groups_of(
 ) -> Groups:
     """Groups of a frame; arguments as of `ledger`, planes: the number of planes in sectors, N K.
 
-    blocks: those of the frame, if they were added up before.
+    blocks: those of the frame, if they were made before.
     """
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
     readings = np.zeros(planes + 1, np.int64)
-    blocks = blocks or Blocks(frame, cells, resolution, workspace).add_up()
+    blocks = (blocks or Blocks(frame, cells, resolution, workspace)).add_up()
     moments, label, first = _groups(frame, blocks, labels, readings, workspace)
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (

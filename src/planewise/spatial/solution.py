@@ -113,15 +113,12 @@ def solve(
                 significance=significance,
             )
         with stage("ledger"), workspace.stage():
-            blocks.add_up()
             return judge(cells, found)
     white = cells is not None and cells.bends_more_than_told
-    todo = [blocks.add_up]
 
     def meanwhile() -> None:
         with stage("ledger"):
-            while todo:
-                todo.pop()()
+            blocks.add_up()
 
     def look(cells: Cells | None) -> SpatialSolution:
         found = segment(
@@ -133,7 +130,6 @@ def solve(
             meanwhile=meanwhile,
         )
         with stage("ledger"), workspace.stage():
-            meanwhile()  # where there was nothing to segment
             return judge(cells, found)
 
     first = look(cells)
@@ -172,7 +168,7 @@ def judged(
     workspace : Workspace
         Memory to work in.
     blocks : Blocks, optional
-        Of the frame, if they were added up before.
+        Of the frame, if they were made before.
     join : bool
         Make those planes one that turn out to be (`spatial.joining`).
     refit : bool
