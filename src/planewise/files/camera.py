@@ -25,6 +25,7 @@ REGION = "x_offset", "y_offset", "width", "height"
 """What ROS says of the region of a sensor that is read."""
 
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
+_FOUR = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))  # intrinsics, each by the names it has
 
 NOISE_HELP = (
     "0.005 or 5mm (the same at every depth), 1% (of the depth), a formula in z such as "
@@ -324,7 +325,7 @@ def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
         raise PlanewiseError(f"has a camera with skew ({skew}), which is not supported")
     matrix = first_of(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
     if matrix is None or (isinstance(matrix, dict) and "data" not in matrix):
-        numbers = [first_of(values, *names) for names in (("fx",), ("fy",), *_CENTRES)]
+        numbers = [first_of(values, *names) for names in _FOUR]
         if any(number is None for number in numbers):
             raise PlanewiseError(
                 "states no intrinsics; expected K, camera_matrix, intrinsic_matrix, intrinsics, "
@@ -365,6 +366,3 @@ def _pixels(value: Any) -> int | None:
     if size.size != 1 or not 1 <= size[0] < 1 << 31 or size[0] % 1:
         raise PlanewiseError(f"states a size of {value!r}; expected a whole number of pixels")
     return int(size[0])
-
-
-_CENTRES = (("cx", "ppx"), ("cy", "ppy"))

@@ -131,7 +131,6 @@ def write_gallery(
         Which of the frames that are done or failed; ``None`` means all.
     source : StoredSource, optional
         What the planes are drawn over; ``None`` means where the store says that it was.
-
     report : callable, optional
         Is told, again and again, how many frames are on the page.
 
