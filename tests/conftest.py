@@ -7,9 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from hypothesis import settings
+from PIL import Image
 
 import planewise as pw
-from planewise import compilation
+from planewise import compilation, scenes
 
 # How long an example takes is not what it tests, and machines are busy. Where others wait for the
 # verdict, examples are the same in every run.
@@ -65,6 +66,27 @@ def real_frames():
 def camera():
     """Camera of a small image, 48 x 64."""
     return pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Three faces that stand out of a wall, 120 x 160."""
+    return scenes.corner(size=(120, 160))
+
+
+@pytest.fixture(scope="module")
+def model(scene):
+    """What is found in it."""
+    return pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+
+
+@pytest.fixture
+def depth(tmp_path, scene):
+    """Its depth as a file, in a folder of its own."""
+    path = tmp_path / "in" / "depth.png"
+    path.parent.mkdir()
+    Image.fromarray(scene.depth).save(path)
+    return path
 
 
 def render(planes, camera, shape):

@@ -17,7 +17,6 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 import planewise as pw
-from planewise import scenes
 from planewise.commands import terminal
 from planewise.commands.app import command_line
 from planewise.metrics.confidence import Interval
@@ -28,19 +27,6 @@ CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
 INTERRUPTED = "error: interrupted; nothing was left half-written"
 with_signals = pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return scenes.corner(size=(120, 160))
-
-
-@pytest.fixture
-def depth(tmp_path, scene):
-    path = tmp_path / "in" / "depth.png"
-    path.parent.mkdir()
-    Image.fromarray(scene.depth).save(path)
-    return path
 
 
 @pytest.fixture

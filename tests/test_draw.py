@@ -5,7 +5,6 @@ import pytest
 from PIL import Image, ImageDraw
 
 import planewise as pw
-from planewise import scenes
 from planewise.drawing.axes import CHOSEN, LINE
 from planewise.drawing.curve import draw_curve
 from planewise.drawing.overlay import (
@@ -19,16 +18,6 @@ from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
 from planewise.files.colour import read_colour
 from planewise.results.image import depth_in_metres
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return scenes.corner(size=(120, 160))
-
-
-@pytest.fixture(scope="module")
-def model(scene):
-    return pw.detect_planes(scene.depth, scene.camera, scene.sensor)
 
 
 def test_small_images_are_magnified_and_planes_have_their_colours(scene, model):

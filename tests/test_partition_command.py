@@ -9,23 +9,9 @@ import pytest
 from PIL import Image
 
 import planewise as pw
-from planewise import scenes
 from planewise.results.partition import read_partition
 from tests.command import run
 from tests.test_cli import ARGUMENTS
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return scenes.corner(size=(120, 160))
-
-
-@pytest.fixture
-def depth(tmp_path, scene):
-    path = tmp_path / "in" / "depth.png"
-    path.parent.mkdir()
-    Image.fromarray(scene.depth).save(path)
-    return path
 
 
 def options_of(out):

@@ -12,23 +12,12 @@ import pytest
 from PIL import Image
 
 import planewise as pw
-from planewise import scenes
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.results.image import FILES, depth_in_metres, write_results
 from planewise.results.planes_json import SCHEMA_FILE, SCHEMA_VERSION
 from planewise.whole_files import output_folder, parent_folder
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "planes-json.md"
-
-
-@pytest.fixture(scope="module")
-def scene():
-    return scenes.corner(size=(120, 160))
-
-
-@pytest.fixture(scope="module")
-def model(scene):
-    return pw.detect_planes(scene.depth, scene.camera, scene.sensor)
 
 
 def write(folder, scene, model, **options):
