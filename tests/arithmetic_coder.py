@@ -109,8 +109,9 @@ class Model:
         self.corner = self.upper[x + 1]
 
 
-def encode(labels, there, planes):
-    coder, model = Encoder(), Model(labels.shape, planes)
+def seen(labels, there, planes):
+    """What the model expects of every pixel, its place in that, the other labels and its own."""
+    model = Model(labels.shape, planes)
     for y in range(labels.shape[0]):
         model.row()
         for x in range(labels.shape[1]):
@@ -120,28 +121,25 @@ def encode(labels, there, planes):
             sizes, others = model.look(x)
             label = int(labels[y, x])
             symbol = model.order.index(label) if label in model.order else len(model.order)
-            coder.put(sum(sizes[:symbol]), sizes[symbol], sum(sizes))
-            if symbol == len(model.order):
-                coder.put(others.index(label), 1, len(others))
+            yield sizes, symbol, others, label
             model.saw(x, label)
+
+
+def encode(labels, there, planes):
+    coder = Encoder()
+    for sizes, symbol, others, label in seen(labels, there, planes):
+        coder.put(sum(sizes[:symbol]), sizes[symbol], sum(sizes))
+        if label in others:
+            coder.put(others.index(label), 1, len(others))
     return coder.finish()
 
 
 def length(labels, there, planes):
     """Nats of a label image in the model, no coder's rounding."""
-    model, total = Model(labels.shape, planes), 0.0
-    for y in range(labels.shape[0]):
-        model.row()
-        for x in range(labels.shape[1]):
-            if not there[y, x]:
-                model.skip(x)
-                continue
-            sizes, others = model.look(x)
-            label = int(labels[y, x])
-            known = label in model.order
-            total += math.log(sum(sizes) / sizes[model.order.index(label) if known else -1])
-            total += 0.0 if known else math.log(len(others))
-            model.saw(x, label)
+    total = 0.0
+    for sizes, symbol, others, label in seen(labels, there, planes):
+        total += math.log(sum(sizes) / sizes[symbol])
+        total += math.log(len(others)) if label in others else 0.0
     return total
 
 

@@ -98,6 +98,14 @@ def render(planes, camera, shape):
     return depths.min(axis=0), depths.argmin(axis=0) + 1
 
 
+def quilt(rng, shape, planes, pieces=5):
+    """Labels 0 ... planes - 1 of some random convex pieces of an image."""
+    seeds = rng.uniform(0, shape, (pieces, 2))
+    place = np.indices(shape).reshape(2, 1, -1)
+    nearest = np.linalg.norm(place - seeds.T[:, :, None], axis=0).argmin(axis=0)
+    return (nearest % planes).reshape(shape)
+
+
 @pytest.fixture
 def roof(camera):
     """Two planes that meet like a roof: depth, true planes, true labels, noise 2 mm."""

@@ -9,6 +9,7 @@ from planewise.kernels.cells import COUNT, UNIT
 from planewise.spatial.cells import SIDE
 
 from . import label_oracles as oracles
+from .conftest import quilt
 
 SIGMA = 1e-3
 PLANES = np.array([[0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]])
@@ -30,14 +31,6 @@ def readings(rng, planes, label, holes=0.0):
     p[rng.random(label.shape) < holes] = 0
     w = t[..., 0] + t[..., 1] * x + t[..., 2] * y + rng.normal(0, SIGMA, label.shape)
     return np.where(p > 0, w, 0).astype(np.float32), p, x, y
-
-
-def quilt(rng, shape, planes, pieces=5):
-    """Labels 0 ... planes - 1 of some random convex pieces of an image."""
-    seeds = rng.uniform(0, shape, (pieces, 2))
-    place = np.indices(shape).reshape(2, 1, -1)
-    nearest = np.linalg.norm(place - seeds.T[:, :, None], axis=0).argmin(axis=0)
-    return (nearest % planes).reshape(shape)
 
 
 def by_depth(rng, w, low, high):

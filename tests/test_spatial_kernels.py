@@ -9,6 +9,7 @@ from planewise.kernels import borders, cells, forms, gaps, segments, squares
 from planewise.spatial.segments import Segments
 
 from . import spatial_oracles as oracles
+from .conftest import quilt
 
 MERGING = {"white": 1.0, "split": 40.0, "hopeless": 25.0, "filled": 0.5}
 SIGMA = 1e-3
@@ -72,14 +73,6 @@ def segment_rows(units, offset, tilt):
 
 
 PLANES = np.array([[0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]])
-
-
-def quilt(rng, shape, planes, pieces=5):
-    """Labels 0 ... planes - 1 of some random convex pieces of an image."""
-    seeds = rng.uniform(0, shape, (pieces, 2))
-    place = np.indices(shape).reshape(2, 1, -1)
-    nearest = np.linalg.norm(place - seeds.T[:, :, None], axis=0).argmin(axis=0)
-    return (nearest % planes).reshape(shape)
 
 
 # Cells
