@@ -39,6 +39,11 @@ class Segment:
         return self.name.rpartition("-")[0]
 
     @property
+    def number(self) -> int:
+        """Its number among those of its writer."""
+        return int(self.name.rpartition("-")[2])
+
+    @property
     def journal(self) -> Path:
         """File of records."""
         return self.store / "journal" / (self.name + _JOURNAL)

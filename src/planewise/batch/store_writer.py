@@ -98,7 +98,7 @@ class StoreWriter:
         list(self._syncs.map(sync_folder, folders))
         self._journal.add([outcome.record for outcome, _ in group])
         if self._journal.count >= _FRAMES_A_SEGMENT:
-            self._seal(self._next_segment())
+            self._seal(self._segment(self._segment_open.number + 1))
 
     def _make_folder(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,16 +115,12 @@ class StoreWriter:
             if segment.frames_file.exists():
                 segment.seal(self._staging)
         if last is None or last.frames_file.exists():
-            number = 1 if last is None else int(last.name.rpartition("-")[2]) + 1
-            last = self._segment(number)
+            last = self._segment(1 if last is None else last.number + 1)
         self._segment_open = last
         return Journal(last.journal)
 
     def _segment(self, number: int) -> Segment:
         return Segment(self._store, f"{self._writer}-{number:06}")
-
-    def _next_segment(self) -> Segment:
-        return self._segment(int(self._segment_open.name.rpartition("-")[2]) + 1)
 
     def _seal(self, following: Segment | None) -> None:
         self._segment_open.seal(self._staging)
