@@ -204,8 +204,7 @@ def cloud_of(
     low, high, count = extent_of(points, workers)
     if count < 3:
         return None
-    seen_from = np.zeros(3) if origin is None else origin
-    centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
+    centre, reach, typical = grid_about(points, low, high, sensor, sigma, origin)
     side = side_for(points, centre, reach, THICK * louder * typical, held, workers)
     order = order_of(points, Grid.reaching(centre, reach, side / (1 << FINER)), workers)
     if len(order.keys) < 3:
@@ -227,10 +226,10 @@ def grid_about(
     high: Array,
     sensor: Sensor,
     sigma: Array | None,
-    origin: Array,
+    origin: Array | None,
 ) -> tuple[Array, float, float]:
     """Middle and reach of the grid of points between low and high, and their typical sigma."""
-    typical = _typical(points, sensor, sigma, origin)
+    typical = _typical(points, sensor, sigma, np.zeros(3) if origin is None else origin)
     farthest = max(
         sensor.range, float(1 << (cloud_keys.LEVELS - 1)) * THICK * typical / (1 << FINER)
     )

@@ -81,9 +81,7 @@ def tiled_cloud(
     low, high, count = extent_in_blocks(points, workers, disk)
     if count < 3:
         return None
-    seen_from = np.zeros(3) if origin is None else origin
-    centre, reach, typical = grid_about(points, low, high, sensor, sigma, seen_from)
-
+    centre, reach, typical = grid_about(points, low, high, sensor, sigma, origin)
     side = side_for(points, centre, reach, THICK * louder * typical, POINTS, workers, disk)
     grid = Grid.reaching(centre, reach, side / (1 << FINER))
 
