@@ -16,12 +16,7 @@ from numpy.typing import NDArray
 from planewise.arguments import checked_scale
 from planewise.camera import Camera
 from planewise.commands import terminal
-from planewise.commands.command_line import (
-    check_output,
-    read_size,
-    reported,
-    sensor_of,
-)
+from planewise.commands.command_line import check_output, read_size, reported, sensor_of
 from planewise.commands.shared_options import (
     CameraName,
     DepthScale,

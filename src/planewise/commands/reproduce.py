@@ -11,9 +11,7 @@ import typer
 
 from planewise.commands import terminal
 from planewise.commands.command_line import read_size, reported
-from planewise.commands.shared_options import (
-    optional,
-)
+from planewise.commands.shared_options import optional
 from planewise.errors import PlanewiseError
 from planewise.whole_files import output_folder
 
