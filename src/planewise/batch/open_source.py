@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planewise import datasets
 from planewise.batch.source import DepthFolder, Source
 from planewise.camera import PinholeCamera
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import PointDataset
-from planewise.datasets.opening import accepted, holds_depth_images, reader_of
+from planewise.datasets.opening import holds_depth_images, open_offered, reader_of
+from planewise.datasets.ros import TOPICS
 from planewise.errors import PlanewiseError
 from planewise.files.depth import is_depth_file
 from planewise.sensor import Sensor
@@ -22,6 +22,8 @@ def open_source(
     *,
     camera: PinholeCamera | None = None,
     depth_scale: float | None = None,
+    topic: str | None = None,
+    camera_topic: str | None = None,
     pictures: bool = False,
 ) -> Source:
     """Open frames of any kind.
@@ -36,6 +38,8 @@ def open_source(
         For kinds of dataset that do not state one.
     depth_scale : float, optional
         Metres per unit, likewise.
+    topic, camera_topic : str, optional
+        Of a bag: those of its depth images and of their CameraInfo.
     pictures : bool
         Read the pictures of a dataset, too.
 
@@ -43,17 +47,21 @@ def open_source(
     ------
     PlanewiseError
         If it is of no known kind, cannot be used, holds points, or frames whose names are no text.
+    ValueError
+        If a topic is given for what is no bag.
     """
     path = Path(path)
     reader = reader_of(path) if kind is None and path.exists() else None
+    recipe = {"camera": camera, "depth_scale": depth_scale}  # is used whatever the kind states
+    given = recipe | dict(zip(TOPICS, (topic, camera_topic), strict=True))
     if kind is None and reader is None and holds_depth_images(path):
+        for name in TOPICS:
+            if given[name] is not None:
+                raise ValueError(f"{name} is no option of a folder of depth images")
         return _storable(DepthFolder(path))
     if reader is ArchiveFolder:
         _check_alone(path)
-    given: dict[str, object] = {"camera": camera, "depth_scale": depth_scale}
-    if reader is not None:
-        given = accepted(reader, given)
-    opened = datasets.open(path, kind, **given)
+    opened = open_offered(path, kind, given, list(recipe))
     if isinstance(opened, PointDataset):
         raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")
     return _storable(opened if pictures else opened.without_pictures())

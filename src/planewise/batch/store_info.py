@@ -12,6 +12,7 @@ from planewise._version import __version__
 from planewise.batch.columns import SCHEMA_VERSION
 from planewise.batch.frame_work import Recipe
 from planewise.batch.source import Source
+from planewise.datasets.ros import TOPICS, topics_of
 from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
 from planewise.machine import versions
@@ -41,6 +42,7 @@ def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
             "path": _path_of(source),
             "frames": len(source.ids),
             "ids_sha256": ids.hexdigest(),
+            **topics_of(source),
         },
         "sensor": recipe.sensor.describe(),
         "versions": versions(_PACKAGES),
@@ -107,9 +109,13 @@ def check_same(store: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -
         Which says what differs.
     """
     here = json.loads(json.dumps(here))  # where tuples are lists, as there
-    if there["made_with"] == here["made_with"]:
-        return
     found: list[str] = []
+    for key in TOPICS:
+        if key in there["source"]:
+            old, new = (_words(info["source"].get(key)) for info in (there, here))
+            found += _differences(key, old, new)
+    if not found and there["made_with"] == here["made_with"]:
+        return
     for key in here["made_with"]:
         old, new = there["made_with"].get(key), here["made_with"][key]
         if key == "sensor" and there[key] != here[key]:
@@ -129,6 +135,10 @@ def _differences(name: str, there: Any, here: Any) -> Iterator[str]:
     elif there != here:
         said = name.removeprefix("options.")
         yield f"{_ASKED.get(said, said)} is {_short(there)} there, {_short(here)} here"
+
+
+def _words(names: list[str] | None) -> str | None:
+    return None if names is None else ", ".join(names)
 
 
 def _short(value: Any) -> str:

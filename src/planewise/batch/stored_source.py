@@ -15,7 +15,8 @@ from planewise.batch.open_source import open_source
 from planewise.batch.source import DepthFolder, Source, SourceFrame
 from planewise.batch.store import Store, StoredFrame
 from planewise.camera import Camera, PinholeCamera
-from planewise.datasets.opening import READERS, accepted
+from planewise.datasets.opening import READERS
+from planewise.datasets.ros import TOPICS
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.lidar import is_spherical, spherical_camera
 
@@ -108,7 +109,16 @@ def _open(info: Mapping[str, Any], path: Path | None) -> Source:
         return DepthFolder(path)
     reader = next((each for each in READERS if each.__name__ == recorded["kind"]), None)
     camera = None if made["camera"] is None else _described(made["camera"])
-    given: dict[str, Any] = {"camera": camera, "depth_scale": made["depth_scale"]}
-    if reader is None:
-        return open_source(path, pictures=True, **given)
-    return open_source(path, reader.kind, pictures=True, **accepted(reader, given))
+    topics = {
+        name: names[0]
+        for name in TOPICS
+        if len(names := recorded.get(name, ())) == 1  # where several: each bag's only one
+    }
+    return open_source(
+        path,
+        None if reader is None else reader.kind,
+        camera=camera if isinstance(camera, PinholeCamera) else None,
+        depth_scale=made["depth_scale"],
+        pictures=True,
+        **topics,
+    )

@@ -25,6 +25,7 @@ from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
 from planewise.commands.shared_options import (
     CameraInstead,
+    CameraTopic,
     Confidence,
     DepthScale,
     Every,
@@ -41,6 +42,7 @@ from planewise.commands.shared_options import (
     SamModel,
     SearchName,
     Seed,
+    Topic,
     optional,
 )
 from planewise.errors import NO_ROOM, PlanewiseError
@@ -85,7 +87,9 @@ def batch(
         ),
     ],
     kind: Kind = None,
+    topic: Topic = None,
     camera: CameraInstead = None,
+    camera_topic: CameraTopic = None,
     sensor: Annotated[
         str | None,
         optional("As for detect. Default: the dataset's, or the preset of the camera's name."),
@@ -157,6 +161,8 @@ def batch(
             kind,
             camera=known_camera if isinstance(known_camera, PinholeCamera) else None,
             depth_scale=depth_scale,
+            topic=topic,
+            camera_topic=camera_topic,
             pictures=partition is not None,
         )
         if (

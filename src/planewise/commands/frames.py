@@ -15,7 +15,9 @@ from planewise.commands.command_line import reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.shared_options import (
     CameraInstead,
+    CameraTopic,
     Kind,
+    Topic,
     optional,
 )
 from planewise.errors import MissingExtraError, PlanewiseError
@@ -40,7 +42,8 @@ def frames(
     depth_scale: Annotated[
         float | None, optional("Metres per unit of integer depth, instead of the dataset's.")
     ] = None,
-    topic: Annotated[str | None, optional("Topic of a bag, where it has several.")] = None,
+    topic: Topic = None,
+    camera_topic: CameraTopic = None,
     check: Annotated[
         bool, typer.Option("--check", help="Read every frame, and report those that are damaged.")
     ] = False,
@@ -51,7 +54,14 @@ def frames(
         from planewise import datasets
 
         known = None if camera is None else read_camera(camera)
-        dataset = datasets.open(data, kind, camera=known, depth_scale=depth_scale, topic=topic)
+        dataset = datasets.open(
+            data,
+            kind,
+            camera=known,
+            depth_scale=depth_scale,
+            topic=topic,
+            camera_topic=camera_topic,
+        )
         parts = getattr(dataset, "parts", {})
         known_as = counted(len(parts), "dataset") if parts else dataset.holds
         terminal.say(f"{dataset.kind}: {known_as}")

@@ -66,6 +66,10 @@ DepthScale = Annotated[
 Kind = Annotated[
     str | None, optional("Kind of dataset. Default: whichever the contents look like.")
 ]
+Topic = Annotated[str | None, optional("Topic of a bag, where it has several.")]
+CameraTopic = Annotated[
+    str | None, optional("Topic of a bag's CameraInfo, where it is not beside the images.")
+]
 MaxPlanes = Annotated[
     int | None,
     optional("Largest number of planes. Default: none; paper's objective 64, sequential 8."),

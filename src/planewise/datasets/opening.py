@@ -26,6 +26,7 @@ from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.depth import is_depth_file
+from planewise.wording import counted
 
 Reader = type[Dataset] | type[PointDataset]
 Part = Dataset | PointDataset | str
@@ -80,6 +81,13 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     ValueError
         If the kind has no such option.
     """
+    return open_offered(path, kind, options, ())
+
+
+def open_offered(
+    path: str | Path, kind: str | None, options: Mapping[str, Any], offered: Sequence[str]
+) -> Dataset | PointDataset:
+    """Like `open`; of options named in `offered` those are left out that the kind has not."""
     path = Path(path)
     if not path.exists():
         raise PlanewiseError(f"data: there is no file or folder {path}")
@@ -87,14 +95,17 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
         path = path.resolve()  # messages want a name
     given = {name: value for name, value in options.items() if value is not None}
     if kind is not None:
-        return _opened_as(_named(kind), path, given)
+        return _opened_as(_named(kind), path, given, offered)
     reader = reader_of(path)
     if reader is not None:
-        return _opened(reader, path, given)
+        return _opened(reader, path, given, offered)
     parts = _parts(path, given, _DEEPEST)
-    if parts:
-        if unknown := given.keys() - {name for each in READERS for name in _options_of(each)}:
-            raise ValueError(f"{min(unknown)} is no option of any kind of dataset")
+    opened = [type(part) for part in parts.values() if not isinstance(part, str)]
+    if opened:
+        known = {name for each in opened for name in _options_of(each)}
+        if unknown := given.keys() - known - set(offered):
+            kinds = _words(sorted({each.kind for each in opened}))
+            raise ValueError(f"{min(unknown)} is no option of what {path} holds: {kinds}")
         return _collected(path, parts)
     if path.is_file() and is_depth_file(path):
         raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")
@@ -105,6 +116,12 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     images = path / "depth" if (path / "depth").is_dir() else path
     if holds_depth_images(images):
         raise _without_camera(path, images)
+    if parts:
+        name, why = next(iter(parts.items()))
+        raise PlanewiseError(
+            f"data: {path} holds {counted(len(parts), 'dataset')}, none of which can be opened; "
+            f"{name}: {str(why).removeprefix('data: ')}"
+        )
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))
     raise PlanewiseError(
         f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"
@@ -129,31 +146,30 @@ def _without_camera(path: Path, images: Path) -> PlanewiseError:
     )
 
 
-def accepted(reader: Reader, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of the options that a reader has."""
-    return {name: given[name] for name in _options_of(reader) if name in given}
-
-
 def _options_of(reader: Reader) -> list[str]:
     """Names of a reader's options: what it has beside the path."""
     return list(inspect.signature(reader).parameters)[1:]
 
 
-def _opened(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
+def _opened(
+    reader: Reader, path: Path, given: Mapping[str, Any], offered: Sequence[str]
+) -> Dataset | PointDataset:
     known = _options_of(reader)
-    unknown = [name for name in given if name not in known]
+    unknown = [name for name in given if name not in known and name not in offered]
     if unknown:
         raise ValueError(
             f"{unknown[0]} is no option of the kind {reader.kind!r}; it has {_words(known)}"
         )
     make: Callable[..., Dataset | PointDataset] = reader
-    return make(path, **given)
+    return make(path, **{name: given[name] for name in known if name in given})
 
 
-def _opened_as(reader: Reader, path: Path, given: Mapping[str, Any]) -> Dataset | PointDataset:
+def _opened_as(
+    reader: Reader, path: Path, given: Mapping[str, Any], offered: Sequence[str]
+) -> Dataset | PointDataset:
     """Open what was called by a kind; where it does not look like it, errors say so."""
     try:
-        return _opened(reader, path, given)
+        return _opened(reader, path, given, offered)
     except MissingExtraError:
         raise
     except (PlanewiseError, OSError) as error:
@@ -181,7 +197,7 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
         try:
             reader = reader_of(inside(root, path.name))
             if reader is not None:
-                found[path.name] = _opened(reader, path, accepted(reader, given))
+                found[path.name] = _opened(reader, path, given, list(given))
             elif holds_depth_images(path / "depth"):
                 raise _without_camera(path, path / "depth")
         except MissingExtraError:
@@ -192,7 +208,7 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
         if reader is None and deep > 1 and path.is_dir():
             below = _parts(path, given, deep - 1)
             found |= {f"{path.name}{BETWEEN}{name}": part for name, part in below.items()}
-    return found if any(not isinstance(part, str) for part in found.values()) else {}
+    return found
 
 
 def _collected(path: Path, parts: Mapping[str, Part]) -> Dataset | PointDataset:

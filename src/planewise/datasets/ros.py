@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.bags import Bag, Topic, is_bag
+from planewise.datasets.collection import Collection
 from planewise.datasets.frames import Dataset, DatasetFrame, PointDataset, PointFrame, numbered
 from planewise.datasets.ros_messages import (
     MILLIMETRE,
@@ -22,6 +23,9 @@ _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CAMERA = "sensor_msgs/msg/CameraInfo"
 _POINTS = "sensor_msgs/msg/PointCloud2"
 _COMPRESSED = ("/compressedDepth", "/compressed")
+
+TOPICS = ("topic", "camera_topic")
+"""Options of `RosDepth` that say what is read of a bag."""
 
 
 class RosDepth(Dataset):
@@ -58,9 +62,13 @@ class RosDepth(Dataset):
         depth_scale: float = MILLIMETRE,
     ) -> None:
         self.path, self.depth_scale = Path(path), depth_scale
+        self.camera_topic: str | None = None
         with Bag(self.path) as bag:
             chosen = _depth_topic(bag) if topic is None else _checked(bag, topic, _IMAGES)
-            self.camera = camera or _camera(bag, chosen, camera_topic)
+            if camera is None:
+                self.camera_topic = _camera_topic(bag, chosen, camera_topic)
+                camera = _camera(bag, chosen, self.camera_topic)
+            self.camera = camera
             self.topic = Topic(self.path, chosen, bag.index(chosen))
         super().__init__(self.path.name, numbered(len(self.topic)))
 
@@ -118,6 +126,16 @@ class RosPoints(PointDataset):
         return PointFrame(id=frame, points=points, intensity=intensity, timestamp=seconds(message))
 
 
+def topics_of(dataset: object) -> dict[str, list[str]]:
+    """Topics that depth and cameras are of, by the names of the options; none but for bags."""
+    parts = dataset.parts.values() if isinstance(dataset, Collection) else [dataset]
+    bags = [part for part in parts if isinstance(part, RosDepth)]
+    topics = {bag.topic.name for bag in bags}
+    cameras = {bag.camera_topic for bag in bags if bag.camera_topic is not None}
+    found = zip(TOPICS, (topics, cameras), strict=True)
+    return {option: sorted(names) for option, names in found if names}
+
+
 def _depth_topics(bag: Bag) -> list[str]:
     """Topics whose first image is depth; of an image sent in two ways the uncompressed one."""
     images = [name for name, kind in bag.types.items() if kind in _IMAGES]
@@ -146,7 +164,7 @@ def _only(bag: Bag, found: list[str], what: str, hint: str = "") -> str:
         return found[0]
     if found:
         raise PlanewiseError(
-            f"data: the bag has several topics of {what}; give the topic: {', '.join(found)}"
+            f"data: the bag has several topics of {what}; give one (--topic): {', '.join(found)}"
         )
     raise PlanewiseError(f"data: the bag has no topic of {what}; it has {_listed(bag)}{hint}")
 
@@ -169,7 +187,7 @@ def _plain(topic: str) -> str:
     return topic.removesuffix(ending)
 
 
-def _camera(bag: Bag, topic: str, given: str | None) -> PinholeCamera:
+def _camera_topic(bag: Bag, topic: str, given: str | None) -> str:
     cameras = [name for name, kind in bag.types.items() if kind == _CAMERA]
     beside = _plain(topic).rpartition("/")[0] + "/camera_info"
     name = given or (beside if beside in cameras else None)
@@ -177,9 +195,13 @@ def _camera(bag: Bag, topic: str, given: str | None) -> PinholeCamera:
         name = cameras[0]
     if name not in cameras:
         raise PlanewiseError(
-            f"camera: the bag has no CameraInfo {name or beside}; give the camera or its topic: "
-            f"{', '.join(cameras) or 'there is none'}"
+            f"camera: the bag has no CameraInfo {name or beside}; give the camera (--camera) or "
+            f"its topic (--camera-topic): {', '.join(cameras) or 'there is none'}"
         )
+    return str(name)
+
+
+def _camera(bag: Bag, topic: str, name: str) -> PinholeCamera:
     message: Any = bag.first(name)
     if message is None:
         raise PlanewiseError(f"camera: {name} has no message; give the camera")

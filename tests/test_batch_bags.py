@@ -1,0 +1,125 @@
+"""Stores made from bags: which topic they are of, and what does not go together."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from benchmarks.faults import InOrder
+
+from planewise.batch import Store, open_source
+from planewise.errors import PlanewiseError
+
+from .bag_files import DEPTH, INFO, START, frames, write_bag
+from .command import run
+from .dataset_files import FRAMES, units
+
+OTHER, OTHER_INFO = "/other/depth/image_raw", "/other/depth/camera_info"
+SENSOR = ("--sensor", "kinect-v1")
+
+
+def two_cameras(messages):
+    yield from frames(messages)
+    yield from list(frames(messages, OTHER))[:2]
+    yield INFO, START, messages.info()
+    yield OTHER_INFO, START, messages.info(fx=55.0)
+
+
+@pytest.fixture
+def bag(tmp_path):
+    return write_bag(tmp_path / "run", "bag", two_cameras)
+
+
+@pytest.fixture(autouse=True)
+def _here(monkeypatch):
+    """Have frames done in this process."""
+    monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: InOrder())
+
+
+def test_the_topic_of_a_store_is_chosen_kept_and_held_to(bag, tmp_path):
+    store = tmp_path / "store"
+    code, _, errors = run("batch", bag, "-o", store, *SENSOR)
+    assert code == 2
+    assert f"several topics of depth images; give one (--topic): {DEPTH}, {OTHER}" in errors
+    assert not store.exists()
+    arguments = ("batch", bag, "-o", store, *SENSOR, "--topic", OTHER)
+    assert run(*arguments, "--limit", 1)[::2] == (0, "")
+    source = json.loads((store / "store.json").read_text())["source"]
+    assert (source["topic"], source["camera_topic"]) == ([OTHER], [OTHER_INFO])
+    code, _, errors = run(*arguments[:-1], DEPTH)
+    assert code == 2
+    assert f'made with other options: topic is "{OTHER}" there, "{DEPTH}" here' in errors
+    code, _, errors = run(*arguments, "--camera-topic", INFO)
+    assert code == 2
+    assert f'camera_topic is "{OTHER_INFO}" there, "{INFO}" here' in errors
+    assert run(*arguments)[0] == 0
+    assert [Store(store)[each].row["fx"] for each in Store(store).ids] == [55, 55]
+    code, out, errors = run("view", store, "-o", tmp_path / "page.html")
+    assert (code, errors) == (0, "")  # drawn over the depth of the same topic
+    assert "2 frames" in out
+
+
+def test_the_only_topic_may_be_named_or_not(tmp_path):
+    def contents(messages):
+        yield from frames(messages)
+        yield INFO, START, messages.info()
+
+    bag = write_bag(tmp_path / "run", "bag", contents)
+    arguments = ("batch", bag, "-o", tmp_path / "store", *SENSOR)
+    assert run(*arguments)[0] == 0
+    code, out, _ = run(*arguments, "--topic", DEPTH)
+    assert (code, "nothing to do" in out) == (0, True)
+
+
+def test_topics_that_are_not_there_are_told_with_those_that_are(bag, tmp_path):
+    for command in (("batch", bag, "-o", tmp_path / "store", *SENSOR), ("frames", bag)):
+        code, _, errors = run(*command, "--topic", "/depth")
+        assert code == 2
+        assert errors.startswith("error: data: /depth is no topic of ")
+        assert f"{OTHER} (sensor_msgs/msg/Image)" in errors
+        code, _, errors = run(*command, "--topic", OTHER, "--camera-topic", "/info")
+        assert code == 2
+        assert f"(--camera-topic): {INFO}, {OTHER_INFO}" in errors
+    assert not (tmp_path / "store").exists()
+
+
+def test_the_topic_holds_for_all_bags_of_a_folder(tmp_path):
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    for name in ("a", "b"):
+        write_bag(folder / name, "bag", two_cameras)
+    code, _, errors = run("frames", folder)
+    assert code == 2
+    assert "holds 2 datasets, none of which can be opened; a.bag: the bag has several" in errors
+    assert "--topic" in errors
+    source = open_source(folder, topic=OTHER)
+    assert [source[each].camera.fx for each in source.ids] == [55] * 4
+
+
+def test_topics_of_what_is_no_bag_are_refused(tmp_path):
+    (tmp_path / "alone").mkdir()
+    np.save(tmp_path / "alone" / "0.npy", units(FRAMES[0], 0.001))
+    for name in ("a", "b"):
+        shutil.copytree(tmp_path / "alone", tmp_path / "many" / name / "depth")
+        camera = '{"fx": 50, "fy": 50, "cx": 31, "cy": 23, "depth_scale": 0.001}'
+        (tmp_path / "many" / name / "camera.json").write_text(camera)
+    for path, kind in (("alone", None), ("many/a", None), ("many/a", "folder"), ("many", None)):
+        with pytest.raises(ValueError, match=r"^topic is no option of"):
+            open_source(tmp_path / path, kind, topic=DEPTH)
+
+
+def test_camera_and_unit_are_for_datasets_of_a_kind_that_is_named_too(tmp_path):
+    np.savez(tmp_path / "0.npz", depth=units(FRAMES[0], 0.001), K=[50, 50, 31, 23])
+    for kind in (None, "archives"):
+        assert len(open_source(tmp_path, kind, depth_scale=0.002).ids) == 1
+
+
+def test_a_damaged_bag_further_down_is_a_frame_that_cannot_be_read(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir(parents=True)
+        bag = write_bag(tmp_path / name / "run", "bag", two_cameras)
+    bag.write_bytes(bag.read_bytes()[:2000])
+    source = open_source(tmp_path, topic=DEPTH)
+    assert source.ids[3:] == ("b--run.bag",)
+    with pytest.raises(PlanewiseError, match=r"run\.bag cannot be opened"):
+        source["b--run.bag"]
