@@ -15,6 +15,7 @@ from laspy import VLR
 from laspy.vlrs.vlrlist import VLRList
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
+from pye57 import libe57
 from pypcd4 import Encoding
 from pypcd4 import PointCloud as OtherCloud
 
@@ -530,6 +531,69 @@ def test_e57_points_marked_as_invalid_are_left_out(tmp_path, points):
     e57_file(tmp_path / "a.e57", [(data, (1, 0, 0, 0), (0, 0, 0))])
     assert open_cloud(tmp_path / "a.e57").count is None
     assert_allclose(in_blocks(tmp_path / "a.e57").points, points[np.arange(500) % 5 > 0])
+
+
+def spherical_e57(path, scans):
+    """Write scans of range and angles, which pye57 itself does not: floats, or steps of 1e-6."""
+
+    def structure(parent, name, **values):
+        node = libe57.StructureNode(image)
+        parent.set(name, node)
+        for key, value in values.items():
+            node.set(key, libe57.FloatNode(image, float(value)))
+        return node
+
+    with pye57.E57(str(path), mode="w") as file:
+        image = file.image_file
+        for data, pose in scans:
+            scan = libe57.StructureNode(image)
+            scan.set("guid", libe57.StringNode(image, "{scan}"))
+            if pose is not None:
+                node = structure(scan, "pose")
+                structure(node, "rotation", **dict(zip("wxyz", pose[0], strict=True)))
+                structure(node, "translation", **dict(zip("xyz", pose[1], strict=True)))
+            kinds, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
+            for name, column in data.items():
+                if name == "sphericalAzimuth":
+                    kind = libe57.ScaledIntegerNode(image, 0, -4_000_000, 4_000_000, 1e-6, 0.0)
+                elif column.dtype == np.int8:
+                    kind = libe57.IntegerNode(image, 0, 0, 2)
+                else:
+                    kind = libe57.FloatNode(image, 0.0)
+                kinds.set(name, kind)
+                size = len(column)
+                buffers.append(libe57.SourceDestBuffer(image, name, column, size, True, True))
+            vector = libe57.VectorNode(image, True)
+            points = libe57.CompressedVectorNode(image, kinds, vector)
+            scan.set("points", points)
+            file.data3d.append(scan)
+            writer = points.writer(buffers)
+            writer.write(size)
+            writer.close()
+
+
+def test_e57_of_range_and_angles(tmp_path, points):
+    flat = np.hypot(points[:, 0], points[:, 1])
+    polar = {
+        "sphericalRange": np.linalg.norm(points, axis=1),
+        "sphericalAzimuth": np.arctan2(points[:, 1], points[:, 0]),
+        "sphericalElevation": np.arctan2(points[:, 2], flat),
+    }
+    marked = polar | {"sphericalInvalidState": (np.arange(500) % 5 % 3).astype(np.int8)}
+    half, turn = np.sqrt(0.5), np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    path = tmp_path / "a.e57"
+    spherical_e57(path, [(marked, ((half, 0, 0, half), UTM)), (polar, ((1, 0, 0, 0), FURTHER))])
+    cloud = in_blocks(path)
+    valid = points[np.arange(500) % 5 % 3 == 0]
+    assert np.abs(cloud.points).max() < 200
+    assert_allclose(cloud.points[:200], valid @ turn.T + (UTM - cloud.offset), atol=5e-6)
+    assert_allclose(cloud.points[200:], points + (FURTHER - cloud.offset), atol=5e-6)
+    assert_array_equal(cloud.scan, np.repeat([0, 1], (200, 500)))
+    assert_allclose(cloud.origins + cloud.offset, [UTM, FURTHER])
+    other = pye57.E57(str(path)).read_scan(0, ignore_missing_fields=True)
+    assert_allclose(cloud.coordinates[:200, 0], other["cartesianX"], atol=1e-8)
+    spherical_e57(path, [(polar, None)])
+    assert_allclose(in_blocks(path).points, points, atol=5e-6)
 
 
 @pytest.mark.parametrize("ending", [".ply", ".xyz", ".npy"])
