@@ -39,6 +39,11 @@ def safe_name(frame: str, ending: str) -> str:
     return "/".join([*map(_short, parts), _short(name) + ending])
 
 
+def label_path(frame: str) -> str:
+    """Path of a frame's label image, relative to the store."""
+    return f"labels/{safe_name(frame, '.png')}"
+
+
 def _escaped(part: str) -> str:
     return _PLAIN.sub(lambda found: "".join(f"%{byte:02X}" for byte in _bytes(found[0])), part)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planewise.arguments import checked_scale
 from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
-from planewise.batch.frame_names import safe_name
+from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame
 from planewise.camera import Camera, PinholeCamera, checked_camera
@@ -157,7 +157,7 @@ class FrameWork:
         detected = time.perf_counter()
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
-            name = f"labels/{safe_name(frame, '.png')}"
+            name = label_path(frame)
             label_file = (name, png_of_labels(model.labels))
         else:
             rle = encode_labels(model.labels, len(model))

@@ -6,7 +6,7 @@ import json
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,9 @@ import numpy as np
 
 from planewise.batch.columns import DONE, FAILED
 from planewise.batch.engine import Engine
+from planewise.batch.frame_names import label_path
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
+from planewise.batch.label_png import has_its_end
 from planewise.batch.lock import beside, lock_files, locked, writer_name
 from planewise.batch.segments import FOLDERS, Segment, segments_of
 from planewise.batch.source import Selection, Source
@@ -29,6 +31,8 @@ from planewise.whole_files import parent_folder, remove_empty
 from planewise.wording import counted
 
 _UNFINISHED = ".unfinished-"
+_DAMAGED = "damaged"  # status of a frame whose label image is lost
+_SAME = ("planes", "fx", "fy", "cx", "cy", "distortion", "camera", "depth_scale", "fingerprint")
 _LOOKED_AT = 5  # frames of a store that is gone on with, whether they are what they were
 
 
@@ -44,12 +48,15 @@ class Plan:
         Of those, what the store holds already, and what failed before and is not tried again.
     to_do : list of (int, str)
         Number and id of the others.
+    damaged : frozenset of str
+        Of those to do, what is in the store but for its label image, which is missing or cut short.
     """
 
     selected: int
     done: int
     failed: int
     to_do: list[tuple[int, str]]
+    damaged: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,18 +104,30 @@ class Batch:
         PlanewiseError
             If the store cannot be used: made with other options, or from another source.
         """
-        return self._plan(compared=True)
+        return self._plan(readings=True, labels=True)
 
-    def _plan(self, *, compared: bool) -> Plan:
-        """Say what there is to do; `compared`: with readings held against the store's."""
+    def _plan(self, *, readings: bool, labels: bool) -> Plan:
+        """Say what there is to do; readings are held against the store's, labels looked for."""
         arrow()
         selected = self.selection.of(self.source.ids)
-        statuses = self._statuses(compared=compared)
+        statuses = self._statuses(compared=readings)
+        damaged: set[str] = set()
+        if labels and self.recipe.labels == "png":
+            stored = (frame for _, frame in selected if statuses.get(frame) == DONE)
+            folder = Path(self.store)
+            damaged = {each for each in stored if not has_its_end(folder / label_path(each))}
+            statuses |= dict.fromkeys(damaged, _DAMAGED)
         left_out = {DONE} if self.retry_failed else {DONE, FAILED}
         done = sum(statuses.get(frame) == DONE for _, frame in selected)
         failed = sum(statuses.get(frame) in left_out - {DONE} for _, frame in selected)
         to_do = [each for each in selected if statuses.get(each[1]) not in left_out]
-        return Plan(selected=len(selected), done=done, failed=failed, to_do=to_do)
+        return Plan(
+            selected=len(selected),
+            done=done,
+            failed=failed,
+            to_do=to_do,
+            damaged=frozenset(damaged),
+        )
 
     @contextmanager
     def started(self, engine: Engine) -> Iterator[Run]:
@@ -123,7 +142,7 @@ class Batch:
         OSError
             If there is no room.
         """
-        self.plan()
+        self._plan(readings=True, labels=False)
         folder = Path(self.store)
         new = not (folder / STORE_FILE).exists()
         with parent_folder(folder):
@@ -144,9 +163,10 @@ class Batch:
             try:
                 self._begin(folder, staging)
                 # Once more, now that nobody else can change it.
-                plan = self._plan(compared=False)
+                plan = self._plan(readings=False, labels=True)
+                stored = Store(folder)
                 with opened(folder, writer, staging) as store:
-                    yield Run(FrameWork(self.source, self.recipe), plan, store, engine)
+                    yield Run(FrameWork(self.source, self.recipe), plan, stored, store, engine)
             finally:
                 staging.close()
 
@@ -220,6 +240,7 @@ class Run:
 
     _work: FrameWork
     plan: Plan
+    _stored: Store
     _store: StoreWriter
     _engine: Engine
 
@@ -238,10 +259,26 @@ class Run:
             for outcome in outcomes:
                 if outcome.fatal:
                     raise PlanewiseError(outcome.fatal)
-                self._store.add(outcome)
+                if outcome.frame in self.plan.damaged:
+                    outcome = self._mended(outcome)
+                else:
+                    self._store.add(outcome)
                 yield outcome
         finally:
             outcomes.close()
+
+    def _mended(self, outcome: Outcome) -> Outcome:
+        """Store the label image of a frame that has lost it; its rows stay, whatever happens."""
+        reason = outcome.reason
+        if not reason:
+            now, there = json.loads(outcome.record)["frame"], self._stored[outcome.frame].row
+            if all(now.get(name) == there[name] for name in _SAME):
+                self._store.add(replace(outcome, record=b""))
+                return outcome
+            reason = "its readings, camera or planes are no longer those of the store"
+        return replace(
+            outcome, reason=f"its label image is lost, and cannot be made again: {reason}"
+        )
 
 
 def _check_empty(folder: Path) -> None:

@@ -18,6 +18,7 @@ from planewise.batch.columns import FAILED, FRAMES, PLANES
 from planewise.batch.journal import line_of, read_records
 from planewise.batch.staging import Staging, sync_folder
 from planewise.batch.tables import arrow, parquet_of, read_table, tables_of
+from planewise.errors import MissingExtraError, PlanewiseError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,16 +59,29 @@ class Segment:
         """Parquet file of planes."""
         return self.store / "planes" / (self.name + _PARQUET)
 
+    @property
+    def remedy(self) -> str:
+        """What to do where its Parquet is damaged; its label images are written again, too."""
+        return (
+            f"once {self.name}{_PARQUET} of frames/ and planes/ is deleted, the 'planewise batch' "
+            "that made the store does its frames again"
+        )
+
     def tables(
         self, frames: Sequence[str] = tuple(FRAMES), planes: Sequence[str] = tuple(PLANES)
     ) -> tuple[pa.Table, pa.Table]:
         """Frames and planes, or some columns of them."""
         records = read_records(self.journal)  # first: once its Parquet is there, it goes
         if self.frames_file.exists():
-            return (
-                read_table(self.frames_file, frames),
-                read_table(self.planes_file, planes) if planes else arrow().table({}),
-            )
+            try:
+                return (
+                    read_table(self.frames_file, frames),
+                    read_table(self.planes_file, planes) if planes else arrow().table({}),
+                )
+            except MissingExtraError:
+                raise
+            except PlanewiseError as error:
+                raise PlanewiseError(f"{error}; {self.remedy}") from None
         found, on_them = tables_of(records)
         return found.select(list(frames)), on_them.select(list(planes))
 

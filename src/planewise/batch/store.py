@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.batch.columns import DONE, FAILED, FRAMES, PLANES
-from planewise.batch.frame_names import safe_name
+from planewise.batch.frame_names import label_path
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.store_info import read_info
 from planewise.batch.tables import arrow, schema_of
@@ -29,6 +29,7 @@ from planewise.wording import counted
 if TYPE_CHECKING:
     import pyarrow as pa
 
+_MENDED = "; {}the 'planewise batch' that made the store makes it again"
 _PARAMETERS = ("normal_x", "normal_y", "normal_z", "distance")
 
 
@@ -69,6 +70,7 @@ class StoredFrame:
                 raise PlanewiseError(
                     f"store: frame {self.id}: its label file is of another frame: {labels.shape} "
                     f"with labels up to {labels.max(initial=0)}, in place of {size} and {planes}"
+                    f"{_MENDED.format('once it is deleted, ')}"
                 )
             return labels
         labels = np.zeros((self.row["height"], self.row["width"]), np.uint16)
@@ -211,7 +213,9 @@ class Store:
         of_frames = arrow().compute.sum(frames.filter(done)["planes"]).as_py() or 0
         if of_frames != len(planes):
             held = f"it holds {counted(len(planes), 'plane')} in place of {of_frames:,}"
-            raise PlanewiseError(f"store: {segment.planes_file} is damaged: {held}")
+            raise PlanewiseError(
+                f"store: {segment.planes_file} is damaged: {held}; {segment.remedy}"
+            )
         first = 0  # planes lie in the order of their frames
         for row in frames.to_pylist():
             if row["status"] == DONE:
@@ -228,9 +232,10 @@ class Store:
         except MissingExtraError:
             raise
         except PlanewiseError as error:
-            raise PlanewiseError(f"store: frame {frame}: {error}") from None
+            first = "once it is deleted, " if self.label_file(frame).exists() else ""
+            raise PlanewiseError(f"store: frame {frame}: {error}{_MENDED.format(first)}") from None
         return labels.astype(np.uint16)
 
     def label_file(self, frame: str) -> Path:
         """Path of a frame's label image, where the store has such files."""
-        return self.path / "labels" / safe_name(frame, ".png")
+        return self.path / label_path(frame)

@@ -44,6 +44,8 @@ class StoreWriter:
     def add(self, outcome: Outcome) -> None:
         """Take a frame; it is in the store some `_SECONDS_A_GROUP` later.
 
+        One without a record has its rows there, and only its label image is replaced.
+
         Raises
         ------
         OSError
@@ -96,7 +98,7 @@ class StoreWriter:
             self._make_folder(folder)
         list(self._syncs.map(lambda move: move_whole(*move), moves))
         list(self._syncs.map(sync_folder, folders))
-        self._journal.add([outcome.record for outcome, _ in group])
+        self._journal.add([outcome.record for outcome, _ in group if outcome.record])
         if self._journal.count >= _FRAMES_A_SEGMENT:
             self._seal(self._segment(self._segment_open.number + 1))
 

@@ -86,5 +86,7 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
         )
     except FileNotFoundError:
         raise PlanewiseError(f"store: {path} is missing") from None
-    except pa.ArrowInvalid as error:
+    except (pa.ArrowException, OSError) as error:
+        if getattr(error, "errno", None) is not None:  # the system's: may not be read, and so on
+            raise
         raise PlanewiseError(f"store: {path} is damaged ({in_one_line(error)})") from None

@@ -12,7 +12,7 @@ from planewise import threads
 from planewise.arguments import checked_scale
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
-from planewise.commands.batch_progress import Progress, show_forecast, show_result
+from planewise.commands.batch_progress import Progress, show_damaged, show_forecast, show_result
 from planewise.commands.command_line import (
     check_seed,
     of_samples,
@@ -253,6 +253,7 @@ def _run(job: Batch, engine: Engine) -> None:
     try:
         with job.started(engine) as run:
             plan = run.plan
+            show_damaged(plan)
             progress = Progress(plan, job.recipe.camera)
             with progress:
                 for outcome in run:

@@ -163,6 +163,16 @@ def show_result(progress: Progress, store: Path) -> None:
         terminal.warning(f"{counted(failed, 'frame')} failed; --retry-failed tries again")
 
 
+def show_damaged(plan: Plan) -> None:
+    """Say which frames of a store have lost their label images."""
+    if plan.damaged:
+        terminal.notice(
+            f"missing or cut short, and to be made again: "
+            f"{counted(len(plan.damaged), 'label image')} of the store, such as that of the frame "
+            f"{min(plan.damaged)}"
+        )
+
+
 def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: int) -> None:
     """Print what a run would do, by the frames that were tried."""
     terminal.say(
@@ -170,6 +180,7 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
         f"{plan.selected:,} selected, {plan.done:,} in the store, {plan.failed:,} failed before, "
         f"{len(plan.to_do):,} to do"
     )
+    show_damaged(plan)
     recipe = batch.recipe
     camera = "of each frame" if recipe.camera is None else recipe.camera.describe()
     for name, each in (
