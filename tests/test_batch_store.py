@@ -24,7 +24,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import scenes
-from planewise.batch import Batch, LocalEngine, Recipe, Selection, Store, store_writer
+from planewise.batch import Batch, LocalEngine, Recipe, Selection, Store, open_source, store_writer
 from planewise.batch.columns import FRAMES, PLANES
 from planewise.batch.frame_names import safe_name
 from planewise.batch.frame_work import FrameWork
@@ -41,6 +41,7 @@ from planewise.commands.scoring import Scoring
 from planewise.errors import PlanewiseError
 from planewise.files.depth import DepthFile
 from tests.batch_sources import Renamed
+from tests.dataset_files import write_generic
 
 COUNT = 12
 
@@ -570,6 +571,25 @@ def test_other_readings_are_noticed_in_the_last_frame_too(changing):
     Image.fromarray(depth).save(last)
     with pytest.raises(PlanewiseError, match="other readings"):
         batch.plan()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [("fx", 60, "another camera"), ("depth_scale", 0.001, "another unit of depth")],
+)
+def test_another_camera_or_unit_that_the_dataset_states_is_noticed(tmp_path, name, value, told):
+    folder = write_generic(tmp_path / "frames")
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options())
+    start = Selection(limit=1)
+    begun = Batch(
+        source=open_source(folder), store=tmp_path / "store", recipe=recipe, selection=start
+    )
+    fill(begun)
+    begun.plan()
+    camera = json.loads((folder / "camera.json").read_text())
+    (folder / "camera.json").write_text(json.dumps(camera | {name: value}))
+    with pytest.raises(PlanewiseError, match=f"frame view 0 of frames has {told} than the one"):
+        Batch(source=open_source(folder), store=tmp_path / "store", recipe=recipe).plan()
 
 
 def test_a_label_file_of_another_frame_costs_its_frame(full, tmp_path):

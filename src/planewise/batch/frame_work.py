@@ -161,7 +161,7 @@ class FrameWork:
             label_file = (name, png_of_labels(model.labels))
         else:
             rle = encode_labels(model.labels, len(model))
-        row = _frame_row(number, frame, seen, detector, model) | {"labels": name}
+        row = _frame_row(number, frame, seen, self.recipe, model) | {"labels": name}
         planes = [
             _plane_row(frame, label, plane, None if rle is None else rle[label - 1])
             for label, plane in enumerate(model.planes, start=1)
@@ -210,6 +210,17 @@ def failure(number: int, frame: str, reason: str) -> Outcome:
     return Outcome(number=number, frame=frame, record=record, reason=reason)
 
 
+def identity(seen: SourceFrame, recipe: Recipe) -> dict[str, Any]:
+    """Columns that tell whether a frame is still what it was: readings, their unit, the camera."""
+    camera = recipe.camera or seen.camera
+    scale = seen.depth_scale if recipe.depth_scale is None else recipe.depth_scale
+    return {
+        "fingerprint": fingerprint(seen.depth),
+        "depth_scale": None if seen.depth.dtype.kind == "f" else scale or recipe.sensor.resolution,
+        **({} if camera is None else _camera_columns(camera)),
+    }
+
+
 def fingerprint(depth: NDArray[Any]) -> str:
     """Hash of readings, by which it shows that a frame is no longer what it was."""
     hashed = hashlib.sha256(f"{depth.dtype.str}{depth.shape}".encode())
@@ -226,11 +237,8 @@ def _one_line(error: Exception) -> str:
 
 
 def _frame_row(
-    number: int, frame: str, seen: SourceFrame, detector: Detector, model: PlaneModel
+    number: int, frame: str, seen: SourceFrame, recipe: Recipe, model: PlaneModel
 ) -> dict[str, Any]:
-    scale = None
-    if seen.depth.dtype.kind != "f":
-        scale = detector.depth_scale or detector.sensor.resolution
     noise = model.settings.get("noise")
     return {
         "frame": frame,
@@ -243,11 +251,9 @@ def _frame_row(
         "information": float(model.information),
         "curve": [number_or_none(each) for each in model.curve],
         "note": model.note,
-        **_camera_columns(detector.camera),
-        "depth_scale": scale,
+        **identity(seen, recipe),
         "timestamp": getattr(seen, "timestamp", None),
         "noise": None if noise is None else json.dumps(noise),
-        "fingerprint": fingerprint(seen.depth),
     }
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from planewise.batch.columns import DONE, FAILED
 from planewise.batch.engine import Engine
 from planewise.batch.frame_names import label_path
-from planewise.batch.frame_work import FrameWork, Outcome, Recipe, fingerprint
+from planewise.batch.frame_work import FrameWork, Outcome, Recipe, identity
 from planewise.batch.label_png import has_its_end
 from planewise.batch.lock import beside, lock_files, locked, writer_name
 from planewise.batch.segments import FOLDERS, Segment, segments_of
@@ -32,7 +32,11 @@ from planewise.wording import counted
 
 _UNFINISHED = ".unfinished-"
 _DAMAGED = "damaged"  # status of a frame whose label image is lost
-_SAME = ("planes", "fx", "fy", "cx", "cy", "distortion", "camera", "depth_scale", "fingerprint")
+_TOLD = {  # columns by which a frame shows that it is not what it was
+    "fingerprint": "other readings",
+    "depth_scale": "another unit of depth",
+    **dict.fromkeys(("fx", "fy", "cx", "cy", "distortion", "camera"), "another camera"),
+}
 _LOOKED_AT = 5  # frames of a store that is gone on with, whether they are what they were
 
 
@@ -200,14 +204,16 @@ class Batch:
         places = np.linspace(0, len(store.ids) - 1, min(_LOOKED_AT, len(store.ids)))
         for frame in (store.ids[round(place)] for place in places.tolist()):
             try:
-                now = fingerprint(self.source[frame].depth)
+                now = identity(self.source[frame], self.recipe)
             except (ValueError, OSError):
                 continue
-            if now != store[frame].row["fingerprint"]:
-                raise PlanewiseError(
-                    f"store: the frame {frame} of {self.source.name} has other readings than the "
-                    f"one that {self.store} was made from"
-                )
+            there = store[frame].row
+            for name, other in _TOLD.items():
+                if now.get(name) != there[name]:
+                    raise PlanewiseError(
+                        f"store: the frame {frame} of {self.source.name} has {other} than the one "
+                        f"that {self.store} was made from; give a new folder"
+                    )
 
     def _begin(self, folder: Path, staging: Staging) -> None:
         for name in FOLDERS:
@@ -272,7 +278,7 @@ class Run:
         reason = outcome.reason
         if not reason:
             now, there = json.loads(outcome.record)["frame"], self._stored[outcome.frame].row
-            if all(now.get(name) == there[name] for name in _SAME):
+            if all(now.get(name) == there[name] for name in ("planes", *_TOLD)):
                 self._store.add(replace(outcome, record=b""))
                 return outcome
             reason = "its readings, camera or planes are no longer those of the store"
