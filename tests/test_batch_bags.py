@@ -12,7 +12,7 @@ from planewise.errors import PlanewiseError
 
 from .bag_files import DEPTH, INFO, START, frames, write_bag
 from .command import run
-from .dataset_files import FRAMES, units
+from .dataset_files import FRAMES, units, write_generic
 
 OTHER, OTHER_INFO = "/other/depth/image_raw", "/other/depth/camera_info"
 SENSOR = ("--sensor", "kinect-v1")
@@ -106,6 +106,27 @@ def test_topics_of_what_is_no_bag_are_refused(tmp_path):
     for path, kind in (("alone", None), ("many/a", None), ("many/a", "folder"), ("many", None)):
         with pytest.raises(ValueError, match=r"^topic is no option of"):
             open_source(tmp_path / path, kind, topic=DEPTH)
+
+
+def test_a_topic_that_one_of_several_datasets_lacks_costs_its_frames(tmp_path):
+    write_generic(tmp_path / "a")
+    write_bag(tmp_path / "run", "bag", two_cameras)
+    source = open_source(tmp_path, topic="/depth")
+    assert source.ids == ("a--view 0", "a--view 1", "a--view 2", "run.bag")
+    with pytest.raises(PlanewiseError, match=r"/depth is no topic of"):
+        source["run.bag"]
+
+
+def test_options_are_called_as_they_are_typed(bag, tmp_path):
+    camera = ("--camera", "50,52,31,24.5", "--camera-topic", INFO)
+    code, _, errors = run("frames", bag, "--topic", DEPTH, *camera)
+    assert (code, errors) == (
+        2,
+        "error: --camera-topic is not needed with a camera; give one of them ",
+    )
+    code, _, errors = run("frames", write_generic(tmp_path / "a"), "--topic", DEPTH)
+    assert code == 2
+    assert errors.startswith("error: --topic is no option of the kind 'folder'")
 
 
 def test_camera_and_unit_are_for_datasets_of_a_kind_that_is_named_too(tmp_path):

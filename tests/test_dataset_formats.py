@@ -226,7 +226,7 @@ def test_any_folder_with_a_camera(tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"depth_scale": 0}, "depth_scale must be a positive number"),
+        ({"depth_scale": 0}, r"^camera.json: depth_scale must be a positive number"),
         ({"depth_scale": "1mm"}, "depth_scale must be a positive number"),
         ({"sensor": "kinect-v9"}, "sensor: "),
         ({"sensor": 3}, "must name one of kinect"),
@@ -238,6 +238,16 @@ def test_any_folder_with_a_camera(tmp_path):
 def test_what_a_camera_file_must_say(tmp_path, more, message):
     with pytest.raises(PlanewiseError, match=message):
         datasets.open(files.write_generic(tmp_path / "data", **more))
+
+
+@pytest.mark.parametrize(("write", "name"), [("tum", "depth.txt"), ("generic", "camera.json")])
+def test_a_mark_that_editors_put_before_a_text_is_passed_over(tmp_path, write, name):
+    root = getattr(files, f"write_{write}")(tmp_path / "data")
+    plain = datasets.open(root)
+    (root / name).write_bytes(b"\xef\xbb\xbf" + (root / name).read_bytes())
+    marked = datasets.open(root)
+    assert marked.ids == plain.ids
+    assert marked[0].camera == plain[0].camera
 
 
 def test_integer_depth_without_unit_is_refused_with_the_frame(tmp_path):

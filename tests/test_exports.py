@@ -338,6 +338,12 @@ def test_a_folder_with_other_files_is_left_alone(made, tmp_path):
     assert [each.name for each in tmp_path.iterdir()] == ["file"]
 
 
+def test_an_export_is_no_part_of_the_store(own, made):
+    with pytest.raises(PlanewiseError, match="new is in the store; choose another folder"):
+        all_of(Store(own), PngExport, own / "labels" / "new")
+    assert not (own / "labels" / "new").exists()
+
+
 def test_without_the_source_scenes_cannot_be_made(own, made, tmp_path):
     path = own / "store.json"
     info = json.loads(path.read_text())

@@ -34,8 +34,8 @@ _BAR = 30  # characters of the longest bar
 _WIDEST = 1000  # characters of a line of a table
 _VALUE = re.compile(r"\b(depth_scale|objective|search) ?= ?'?([\w.]+)'?")
 _NAME = re.compile(
-    r"^(depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
-    r"|reassign|significance)(?= (must|needs|goes|is|with) )"
+    r"^(camera_topic|depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
+    r"|reassign|significance|topic)(?= (must|needs|goes|is|with) )"
 )
 
 

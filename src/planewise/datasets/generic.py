@@ -49,13 +49,14 @@ class GenericFolder(PictureFolder):
         root = Path(folder)
         path = inside(root, CAMERA)
         values = _stated(path) if path.is_file() else {}
-        scale = values.get("depth_scale") if depth_scale is None else depth_scale
         self.sensor = _sensor_of(values.get("sensor"))
         super().__init__(
             root,
             depth_and_colour(root, ("rgb", "color", "image")),
             read_camera(str(path)) if camera is None else camera,
-            _scale_of(scale),
+            _scale_of(values.get("depth_scale"))
+            if depth_scale is None
+            else checked_scale(depth_scale),
         )
 
     @classmethod
@@ -65,11 +66,11 @@ class GenericFolder(PictureFolder):
 
 
 def _scale_of(value: Any) -> float | None:
-    """Metres per unit as a positive number, or ``None`` where it is not stated."""
+    """Metres per unit as the file states it, a positive number; ``None`` where it does not."""
     try:
         return checked_scale(value)
     except ValueError as error:
-        raise PlanewiseError(str(error)) from None
+        raise PlanewiseError(f"{CAMERA}: {error}") from None
 
 
 def _stated(path: Path) -> Mapping[str, Any]:

@@ -102,10 +102,12 @@ def open_offered(
     parts = _parts(path, given, _DEEPEST)
     opened = [type(part) for part in parts.values() if not isinstance(part, str)]
     if opened:
-        known = {name for each in opened for name in _options_of(each)}
+        # What could not be opened may be of any kind.
+        kinds = opened if len(opened) == len(parts) else READERS
+        known = {name for each in kinds for name in _options_of(each)}
         if unknown := given.keys() - known - set(offered):
-            kinds = _words(sorted({each.kind for each in opened}))
-            raise ValueError(f"{min(unknown)} is no option of what {path} holds: {kinds}")
+            held = _words(sorted({each.kind for each in opened}))
+            raise ValueError(f"{min(unknown)} is no option of what {path} holds: {held}")
         return _collected(path, parts)
     if path.is_file() and is_depth_file(path):
         raise PlanewiseError(f"data: {path} is one depth image, no dataset; give its folder")

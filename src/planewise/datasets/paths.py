@@ -64,7 +64,7 @@ def text_of(root: Path, name: str) -> str:
     if path.stat().st_size > LARGEST_TEXT:
         raise PlanewiseError(f"{name} is too large to be a list of frames")
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError:
         raise PlanewiseError(f"{name} is damaged: it is no text") from None
 

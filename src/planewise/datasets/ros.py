@@ -63,6 +63,8 @@ class RosDepth(Dataset):
     ) -> None:
         self.path, self.depth_scale = Path(path), depth_scale
         self.camera_topic: str | None = None
+        if camera is not None and camera_topic is not None:
+            raise ValueError("camera_topic is not needed with a camera; give one of them")
         with Bag(self.path) as bag:
             chosen = _depth_topic(bag) if topic is None else _checked(bag, topic, _IMAGES)
             if camera is None:

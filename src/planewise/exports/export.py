@@ -69,6 +69,8 @@ def export(
             raise PlanewiseError(f"{source.missing}; give --source")
     if pictures and not form.places_pictures:
         raise PlanewiseError("pictures: to take them or not is a choice of the format coco alone")
+    if output.resolve().is_relative_to(store.path.resolve()):
+        raise PlanewiseError(f"output: {output} is in the store; choose another folder")
     if output.is_dir() and any(output.iterdir()):
         raise PlanewiseError(f"output: the folder {output} is not empty; give a new one")
     written, reason = 0, ""

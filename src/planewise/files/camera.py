@@ -249,7 +249,7 @@ def read_mapping(path: Path) -> Mapping[str, Any]:
     if path.stat().st_size > _MAX_BYTES:
         raise PlanewiseError("is too large to be a calibration file")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
     except UnicodeDecodeError:
         raise PlanewiseError("is not a text file; expected JSON or YAML") from None
     try:
