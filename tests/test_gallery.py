@@ -15,7 +15,7 @@ from PIL import Image
 import planewise as pw
 from planewise import scenes
 from planewise.batch import Selection, Store
-from planewise.batch.stored_source import StoredSource
+from planewise.batch.stored_source import StoredSource, metres
 from planewise.drawing.overlay import draw_small
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
@@ -167,6 +167,21 @@ def test_without_pictures_planes_are_drawn_over_the_depth(tmp_path):
     record, picture = found["room 0"]
     assert record["over"] == "its depth"
     assert len(np.unique(np.asarray(decoded(picture)).reshape(-1, 3), axis=0)) > 100  # shaded
+
+
+@pytest.mark.parametrize("far", [1e10, 3.4e38, np.inf])
+def test_depth_that_a_renderer_writes_for_no_surface_is_none(tmp_path, far):
+    room = scenes.room(0, size=SIZE)
+    depth = (0.001 * room.depth).astype(np.float32)
+    depth[:20, :20] = far
+    camera = [room.camera.fx, room.camera.fy, room.camera.cx, room.camera.cy]
+    (tmp_path / "frames").mkdir()
+    np.savez(tmp_path / "frames" / "room.npz", depth=depth, K=camera)
+    store = make_folder_store(tmp_path / "frames", tmp_path / "store")
+    source = StoredSource(store)
+    shown = thumbnail_of(store["room"], source)  # without a warning
+    assert np.asarray(Image.open(io.BytesIO(shown.webp)))[:16, :16].max() < 10
+    assert np.isnan(metres(store["room"], source[store["room"]])[:20, :20]).all()
 
 
 def test_a_picture_of_another_view_is_left_out(tmp_path):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import MOST_LENGTH
 from planewise.batch.frame_work import fingerprint
 from planewise.batch.open_source import open_source
 from planewise.batch.source import DepthFolder, Source, SourceFrame
@@ -78,7 +79,8 @@ def metres(frame: StoredFrame, seen: SourceFrame) -> NDArray[np.float64]:
     scale = frame.row["depth_scale"]
     depth = np.asarray(seen.depth * (1.0 if scale is None else scale), np.float64)
     with np.errstate(invalid="ignore"):
-        return np.where(np.isfinite(depth) & (depth > 0), depth, np.nan)
+        # Renderers write huge numbers where there is no surface.
+        return np.where((depth > 0) & (depth <= MOST_LENGTH), depth, np.nan)
 
 
 def camera_of(frame: StoredFrame) -> Camera | None:

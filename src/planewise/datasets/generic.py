@@ -49,14 +49,15 @@ class GenericFolder(PictureFolder):
         root = Path(folder)
         path = inside(root, CAMERA)
         values = _stated(path) if path.is_file() else {}
+        scale = checked_scale(depth_scale)
+        if scale is None:
+            scale = _scale_of(values.get("depth_scale"))
         self.sensor = _sensor_of(values.get("sensor"))
         super().__init__(
             root,
             depth_and_colour(root, ("rgb", "color", "image")),
             read_camera(str(path)) if camera is None else camera,
-            _scale_of(values.get("depth_scale"))
-            if depth_scale is None
-            else checked_scale(depth_scale),
+            scale,
         )
 
     @classmethod
