@@ -11,7 +11,10 @@ import planewise as pw
 from planewise import noise, scenes
 from planewise.drawing.noise import draw_noise
 
+from . import bag_files
+from .bag_files import write_bag
 from .command import run
+from .dataset_files import write_generic
 
 CAMERA = ("--camera", "250,250,160,120")
 
@@ -135,9 +138,45 @@ def test_a_file_that_is_given_twice_is_read_once(frames, tmp_path, monkeypatch):
     assert "4 of 4 frames used" in text
 
 
+def test_datasets_tell_camera_and_unit(tmp_path):
+    data = write_generic(tmp_path / "data")
+    files = (data / "depth", "--camera", "50,52,31,24.5", "--depth-scale", "0.0005")
+    code, _, errors = run("calibrate", *files, "-o", tmp_path / "files.json")
+    assert (code, errors) == (0, "")
+    code, out, errors = run("calibrate", data, "-o", tmp_path / "data.json")
+    assert (code, errors) == (0, "")
+    assert "3 of 3 frames used" in out
+    assert (tmp_path / "data.json").read_text() == (tmp_path / "files.json").read_text()
+    (data / "depth" / "view 1.png").write_bytes(b"none")
+    code, out, errors = run("calibrate", data, data, "-o", tmp_path / "data.json")
+    assert code == 2
+    assert errors.startswith("error: data, frame view 1: depth: view 1.png")
+    assert "2 of 3 frames used" in out
+
+
+def test_one_camera_of_a_bag_is_calibrated(tmp_path):
+    other = "/other/depth/image_raw"
+
+    def contents(messages):
+        yield from bag_files.frames(messages)
+        yield from bag_files.frames(messages, other, metres=True)
+        yield bag_files.INFO, bag_files.START, messages.info()
+
+    bag, sensor = write_bag(tmp_path / "run", "bag", contents), tmp_path / "sensor.json"
+    code, _, errors = run("calibrate", bag, "-o", sensor)
+    assert code == 2
+    assert f"give one (--topic): {bag_files.DEPTH}, {other}" in errors
+    assert not sensor.exists()
+    topics = ("--topic", other, "--camera-topic", bag_files.INFO)
+    code, out, errors = run("calibrate", bag, *topics, "-o", sensor)
+    assert (code, errors) == (0, "")
+    assert "3 of 3 frames used" in out
+
+
 BAD = {
     "no such file": (("none.png",), "there is no file or folder"),
-    "no frame": (("empty",), "no depth files"),
+    "no frame": (("empty",), "empty is an empty folder"),
+    "topic of what is no bag": (("wall.png", *CAMERA, "--topic", "/depth"), "no dataset"),
     "no camera": (("wall.png",), "give --camera"),
     "no noise in it": (("void.npy", *CAMERA), "flat cells"),
     "picture of another kind": (

@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from planewise.arguments import checked_scale
+from planewise.camera import Camera, PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.command_line import check_output, check_seed, preset_of, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.shared_options import (
     CameraName,
+    CameraTopic,
     DepthScale,
     MaxDepth,
     Resolution,
+    Topic,
     optional,
 )
 from planewise.errors import PlanewiseError
@@ -30,8 +34,8 @@ from planewise.whole_files import written_whole
 from planewise.wording import counted
 
 if TYPE_CHECKING:
+    from planewise.batch.source import SourceFrame
     from planewise.calibration.cells import NoiseCells
-    from planewise.camera import Camera
 
 _MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
 
@@ -40,7 +44,9 @@ def calibrate(
     frames: Annotated[
         list[Path],
         typer.Argument(
-            metavar="FRAMES", show_default=False, help="Depth images, or folders of them."
+            metavar="FRAMES",
+            show_default=False,
+            help="Depth images, folders of them, or datasets that 'planewise frames' knows.",
         ),
     ],
     output: Annotated[
@@ -50,6 +56,8 @@ def calibrate(
         ),
     ],
     camera: CameraName = None,
+    topic: Topic = None,
+    camera_topic: CameraTopic = None,
     sensor: Annotated[
         str | None,
         optional(
@@ -72,12 +80,12 @@ def calibrate(
     with reported():
         checked_scale(depth_scale)
         check_seed(seed)
-        paths = _thinned(_depth_files(frames))
-        inputs = (*paths, camera, sensor)
+        known = None if camera is None else read_camera(camera)
+        found = _thinned(_frames(frames, known, depth_scale, topic, camera_topic))
+        inputs = (*frames, *(each.path for each in found), camera, sensor)
         check_output(output, ".json", inputs)
         if picture is not None:
             check_output(picture, ".png", inputs, "picture")
-        known = None if camera is None else read_camera(camera)
         name = sensor or preset_of(camera)
         base = read_sensor(name, max_depth=max_depth, resolution=resolution)
 
@@ -87,7 +95,7 @@ def calibrate(
         job = _Reading(base, known, depth_scale, FrameSizes(known))
         cells: list[NoiseCells] = []
         failed = 0
-        for result in terminal.progress(job.run(paths), len(paths)):
+        for result in terminal.progress(job.run(found), len(found)):
             if isinstance(result, str):
                 failed += 1
                 terminal.error(result)
@@ -95,7 +103,7 @@ def calibrate(
                 cells.append(result)
         if not cells:
             raise typer.Exit(FAILED)
-        found = pooled(cells, base, seed)
+        noise = pooled(cells, base, seed)
         output.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as files:  # both or neither
             if picture is not None:
@@ -103,14 +111,23 @@ def calibrate(
                 from planewise.results.image import write_image
 
                 known_noise = base.noise if name is not None and callable(base.noise) else None
-                drawn = draw_noise(found, known_noise, name or "")
+                drawn = draw_noise(noise, known_noise, name or "")
                 picture.parent.mkdir(parents=True, exist_ok=True)
                 write_image(files.enter_context(written_whole(picture)), drawn)
-            save(found.sensor(base), output, calibration=describe_calibration(found))
-        terminal.show_noise(found, base if name is not None else None)
-        terminal.say(f"{len(cells)} of {counted(len(paths), 'frame')} used, sensor in {output}")
+            save(noise.sensor(base), output, calibration=describe_calibration(noise))
+        terminal.show_noise(noise, base if name is not None else None)
+        terminal.say(f"{len(cells)} of {counted(len(found), 'frame')} used, sensor in {output}")
         if failed:
             raise typer.Exit(FAILED)
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """A frame that is yet to be read, of a file or of a dataset."""
+
+    name: str
+    path: Path
+    read: Callable[[], SourceFrame]
 
 
 @dataclass(frozen=True)
@@ -122,20 +139,20 @@ class _Reading:
     depth_scale: float | None
     sizes: FrameSizes
 
-    def run(self, paths: list[Path]) -> Iterator[NoiseCells | str]:
+    def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
-        for path in paths:
+        for each in frames:
             try:
-                yield self._cells(path)
+                yield self._cells(each)
             except (ValueError, OSError) as error:
-                yield f"{path.name}: {error}"
+                yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 
-    def _cells(self, path: Path) -> NoiseCells:
+    def _cells(self, given: _Frame) -> NoiseCells:
         from planewise.calibration.bins import FEWEST
         from planewise.calibration.estimate import cells_of_frame, too_few
 
-        frame = read_depth(path)
-        self.sizes.see(path.name, frame.depth.shape)
+        frame = given.read()
+        self.sizes.see(given.name, frame.depth.shape)
         camera = self.camera or frame.camera
         if camera is None:
             raise no_camera("the file")
@@ -150,21 +167,45 @@ class _Reading:
         return cells
 
 
-def _depth_files(given: list[Path]) -> list[Path]:
-    """Files as given, folders as the depth files in them; each file once."""
-    files: dict[Path, Path] = {}
+def _frames(
+    given: list[Path],
+    camera: Camera | None,
+    depth_scale: float | None,
+    topic: str | None,
+    camera_topic: str | None,
+) -> list[_Frame]:
+    """Files as given, folders as the depth files in them, datasets as their frames; each once."""
+    from planewise.batch.open_source import open_source
+    from planewise.datasets.archives import ArchiveFolder
+    from planewise.datasets.opening import holds_depth_images, reader_of
+
+    frames: dict[tuple[Path, str], _Frame] = {}
     for path in given:
         if not path.exists():
             raise PlanewiseError(f"frames: there is no file or folder {path}")
-        for each in list_depth_files(path) if path.is_dir() else [path]:
-            files.setdefault(each.resolve(), each)
-    return list(files.values())
+        files = path.is_file() or holds_depth_images(path)
+        if files and reader_of(path) in (None, ArchiveFolder) and topic is camera_topic is None:
+            for each in list_depth_files(path) if path.is_dir() else [path]:
+                read = partial(read_depth, each)
+                frames.setdefault((each.resolve(), ""), _Frame(each.name, each, read))
+            continue
+        source = open_source(
+            path,
+            camera=camera if isinstance(camera, PinholeCamera) else None,
+            depth_scale=depth_scale,
+            topic=topic,
+            camera_topic=camera_topic,
+        )
+        for frame in source.ids:
+            name, read_one = f"{source.name}, frame {frame}", partial(source.__getitem__, frame)
+            frames.setdefault((path.resolve(), frame), _Frame(name, path, read_one))
+    return list(frames.values())
 
 
-def _thinned(paths: list[Path]) -> list[Path]:
+def _thinned(frames: list[_Frame]) -> list[_Frame]:
     """At most 300 of the frames, evenly spaced."""
-    count = len(paths)
+    count = len(frames)
     if count <= _MOST_FRAMES:
-        return paths
+        return frames
     terminal.notice(f"{_MOST_FRAMES} of {count} frames are taken, evenly spaced")
-    return [paths[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
+    return [frames[k * count // _MOST_FRAMES] for k in range(_MOST_FRAMES)]
