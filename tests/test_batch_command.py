@@ -145,6 +145,22 @@ def test_other_frames_are_refused(frames, store, tmp_path):
 
 
 @pytest.mark.usefixtures("here")
+def test_a_unit_that_nobody_states_is_told_once(frames, store, tmp_path):
+    lidar = (*CAMERA[:2], "--sensor", "velodyne-hdl64e")
+    said = "in units of 2 mm, the sensor's resolution; if they are millimetres"
+    errors = run("batch", frames, "-o", store, *lidar)[2]
+    assert f"warning: frame 00000: whole numbers are taken {said}" in errors
+    assert errors.count(said) == 1
+    assert run("batch", frames, "-o", tmp_path / "b", *lidar, "--dry-run")[2].count(said) == 1
+    scale = ("--depth-scale", "0.001")
+    assert said not in run("batch", frames, "-o", tmp_path / "b", *lidar, *scale)[2]
+    metres = tmp_path / "metres"
+    metres.mkdir()
+    np.save(metres / "0.npy", 0.001 * np.asarray(Image.open(frames / "00000.png")))
+    assert said not in run("batch", metres, "-o", tmp_path / "c", *lidar)[2]
+
+
+@pytest.mark.usefixtures("here")
 def test_frames_out_of_range_are_counted(frames, store):
     Image.fromarray(np.zeros((60, 80), np.uint16)).save(frames / "00001.png")  # holds no reading
     code, text, errors = run("batch", frames, "-o", store, *CAMERA, "--depth-scale", 1)

@@ -22,6 +22,7 @@ from planewise.commands.app import command_line
 from planewise.metrics.confidence import Interval
 from planewise.results.image import FILES
 from tests.command import run, run_python
+from tests.dataset_files import write_sens, write_tum
 
 CAMERA = "125,125,80,60"
 ARGUMENTS = ("--camera", CAMERA, "--sensor", "kinect-v1", "--noise", "5mm")
@@ -433,6 +434,15 @@ def test_frames_of_the_same_name_keep_apart(depth, out, scene):
     np.save(depth.with_suffix(".npy"), scene.depth)
     assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
     assert sorted(path.name for path in out.iterdir()) == ["depth.npy", "depth.png"]
+
+
+def test_a_dataset_is_for_batch(tmp_path, out):
+    for data in (write_tum(tmp_path / "tum"), write_sens(tmp_path / "scan.sens")):
+        code, _, errors = run("detect", data, "--camera", "nyu", "-o", out)
+        assert code == 2
+        assert "is a dataset of the kind '" in errors
+        assert errors.endswith("'; 'planewise batch' takes it ")
+        assert not out.exists()
 
 
 def test_folder_without_frames(tmp_path, out):

@@ -98,6 +98,9 @@ class Outcome:
         Pixels with a depth, be it out of the sensor's range.
     out_of_range : bool
         Whether more than half of what the frame holds is outside the sensor's range.
+    unit_told : bool
+        Whether the unit of its readings is known, be it that they are metres; else they were taken
+        in units of the sensor's resolution.
     reason : str
         Why it failed; empty if it did not.
     fatal : str
@@ -114,6 +117,7 @@ class Outcome:
     shape: tuple[int, int] = (0, 0)
     present: int = 0
     out_of_range: bool = False
+    unit_told: bool = True
     reason: str = ""
     fatal: str = ""
     milliseconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -178,6 +182,7 @@ class FrameWork:
             shape=observed.shape,
             present=observed.image.present,
             out_of_range=2 * observed.count < observed.image.present,
+            unit_told=detector.depth_scale is not None or seen.depth.dtype.kind == "f",
             milliseconds=times,
         )
 

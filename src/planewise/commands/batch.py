@@ -254,7 +254,7 @@ def _run(job: Batch, engine: Engine) -> None:
         with job.started(engine) as run:
             plan = run.plan
             show_damaged(plan)
-            progress = Progress(plan, job.recipe.camera)
+            progress = Progress(plan, job.recipe)
             with progress:
                 for outcome in run:
                     progress.count(outcome)

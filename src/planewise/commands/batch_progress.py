@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 
 from planewise.commands import terminal
+from planewise.commands.command_line import unusual_unit
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.wording import counted
 
 if TYPE_CHECKING:
     from rich import progress as bars
 
-    from planewise.batch import Batch, Outcome, Plan
-    from planewise.camera import Camera
+    from planewise.batch import Batch, Outcome, Plan, Recipe
 
 _SHOWN_FAILURES = 20
 _SECONDS_A_LINE = 30.0  # where there is no terminal to draw a bar on
@@ -32,8 +32,8 @@ class Progress:
     ----------
     plan : Plan
         What is to be done.
-    camera : Camera, optional
-        Of all frames.
+    recipe : Recipe
+        What is done with every frame.
 
     Attributes
     ----------
@@ -45,10 +45,11 @@ class Progress:
         To read, detect and encode, summed over frames that were done.
     """
 
-    def __init__(self, plan: Plan, camera: Camera | None) -> None:
+    def __init__(self, plan: Plan, recipe: Recipe) -> None:
         self.plan, self.total = plan, len(plan.to_do)
         self.done = self.failed = self.planes = self.empty = self.out_of_range = 0
-        self._sizes = FrameSizes(camera)
+        self._sizes = FrameSizes(recipe.camera)
+        self._unit = unusual_unit(recipe.sensor.resolution)
         self.milliseconds = np.zeros(3)
         self._start = self._last_line = time.monotonic()
         self._bar: bars.Progress | None = None
@@ -83,6 +84,9 @@ class Progress:
             self.planes += outcome.planes
             self.empty += not outcome.present
             self._sizes.see(f"frame {outcome.frame}", outcome.shape)
+            if self._unit and not outcome.unit_told:
+                terminal.warning(f"frame {outcome.frame}: {self._unit}")
+                self._unit = ""  # once is enough
             self.out_of_range += outcome.out_of_range
             self.milliseconds += outcome.milliseconds
         self._show()
@@ -194,6 +198,9 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
         if outcome.reason:
             terminal.error(f"frame {outcome.frame}: {outcome.reason}")
     good = [each for each in tried if not each.reason]
+    unit = unusual_unit(recipe.sensor.resolution)
+    if unit and not all(each.unit_told for each in good):
+        terminal.warning(unit)
     if good:
         _show_costs(good, len(plan.to_do), workers)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 import re
 from collections.abc import Iterable, Iterator
@@ -23,6 +24,8 @@ from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
     from planewise.partition import Partitioner
+
+_MILLIMETRE = 0.001  # metres
 
 
 class _OnStderr(logging.Handler):
@@ -155,3 +158,13 @@ def partition_of(
             f"{partition}"
         )
     return None, Path(partition)
+
+
+def unusual_unit(unit: float) -> str:
+    """What is to be said where whole numbers are read in units of a sensor's resolution."""
+    if math.isclose(unit, _MILLIMETRE):
+        return ""
+    return (
+        f"whole numbers are taken in units of {1000 * unit:g} mm, the sensor's resolution; "
+        "if they are millimetres, say so (depth_scale = 0.001)"
+    )

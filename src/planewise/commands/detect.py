@@ -40,7 +40,7 @@ from planewise.commands.shared_options import (
 )
 from planewise.errors import PlanewiseError
 from planewise.files.camera import NOISE_HELP, read_camera
-from planewise.files.depth import list_depth_files
+from planewise.files.depth import is_depth_file, list_depth_files
 from planewise.whole_files import parent_folder
 from planewise.wording import counted
 
@@ -132,6 +132,7 @@ def detect(
         check_seed(seed)
         if not depth.exists():
             raise PlanewiseError(f"depth: there is no file or folder {depth}")
+        _refuse_dataset(depth)
         if rgb is not None and not rgb.exists():
             raise PlanewiseError(f"rgb: there is no file {rgb}")
         known_camera = None if camera is None else read_camera(camera)
@@ -170,6 +171,18 @@ def detect(
         terminal.show_summary(done.model, done.seconds, done.folder)
         for warning in filter(None, (done.out_of_range, done.unit)):
             terminal.warning(warning)
+
+
+def _refuse_dataset(path: Path) -> None:
+    """Say what takes a dataset, where there is no depth image that could be read."""
+    if any(map(is_depth_file, path.iterdir() if path.is_dir() else [path])):
+        return
+    from planewise.datasets.opening import reader_of
+
+    if reader := reader_of(path):
+        raise PlanewiseError(
+            f"depth: {path} is a dataset of the kind {reader.kind!r}; 'planewise batch' takes it"
+        )
 
 
 def _detect_folder(job: Job, folder: Path, output: Path) -> None:

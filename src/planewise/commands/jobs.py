@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.camera import Camera
-from planewise.commands.command_line import check_kept
+from planewise.commands.command_line import check_kept, unusual_unit
 from planewise.errors import PlanewiseError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
@@ -27,8 +26,6 @@ from planewise.whole_files import output_folder
 if TYPE_CHECKING:
     from planewise.model import PlaneModel
     from planewise.options import Options
-
-_MILLIMETRE = 0.001  # metres
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +111,7 @@ class Job:
             raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         told = scale is not None or frame.depth.dtype.kind == "f"
-        unit = "" if told else _unusual_unit(self.sensor.resolution)
+        unit = "" if told else unusual_unit(self.sensor.resolution)
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
@@ -219,13 +216,3 @@ def find_planes(
     seconds = time.perf_counter() - started
     beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
     return model, seconds, "" if beyond in model.note else beyond
-
-
-def _unusual_unit(unit: float) -> str:
-    """What is to be said where whole numbers are read in units of a sensor's resolution."""
-    if math.isclose(unit, _MILLIMETRE):
-        return ""
-    return (
-        f"whole numbers are taken in units of {1000 * unit:g} mm, the sensor's resolution; "
-        "if they are millimetres, say so (depth_scale = 0.001)"
-    )
