@@ -10,7 +10,7 @@ from benchmarks.faults import InOrder
 from planewise.batch import Store, open_source
 from planewise.errors import PlanewiseError
 
-from .bag_files import DEPTH, INFO, START, frames, write_bag
+from .bag_files import DEPTH, INFO, POINTS, START, frames, write_bag
 from .command import run
 from .dataset_files import FRAMES, units, write_generic
 
@@ -81,6 +81,19 @@ def test_topics_that_are_not_there_are_told_with_those_that_are(bag, tmp_path):
         assert code == 2
         assert f"(--camera-topic): {INFO}, {OTHER_INFO}" in errors
     assert not (tmp_path / "store").exists()
+
+
+def test_frames_says_which_topics_it_took(tmp_path):
+    def contents(messages):
+        yield from frames(messages)
+        yield "/rgb/camera_info", START, messages.info()  # the only one, though not beside them
+        yield POINTS, START, messages.cloud(0)
+
+    bag = write_bag(tmp_path / "run", "bag", contents)
+    assert f" topic: {DEPTH} camera topic: /rgb/camera_info " in run("frames", bag)[1]
+    out = run("frames", bag, "--camera", "50,52,31,24.5")[1]
+    assert (f"topic: {DEPTH} " in out, "camera topic" in out) == (True, False)
+    assert f" topic: {POINTS} " in run("frames", bag, "--kind", "ros-points")[1]
 
 
 def test_the_topic_holds_for_all_bags_of_a_folder(tmp_path):

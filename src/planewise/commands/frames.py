@@ -52,6 +52,7 @@ def frames(
     with reported():
         checked_scale(depth_scale)
         from planewise import datasets
+        from planewise.datasets.ros import topics_of
 
         known = None if camera is None else read_camera(camera)
         dataset = datasets.open(
@@ -67,6 +68,8 @@ def frames(
         terminal.say(f"{dataset.kind}: {known_as}")
         some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
         terminal.say(f"{counted(len(dataset), 'frame')}: {some}")
+        for option, names in topics_of(dataset).items():
+            terminal.say(f"{option.replace('_', ' ')}: {', '.join(names)}")
         _show_first(dataset.without_pictures(), quiet=check)
         if check and _damaged(dataset):
             raise typer.Exit(FAILED)

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.bags import Bag, Topic, is_bag
-from planewise.datasets.collection import Collection
+from planewise.datasets.collection import Collection, PointCollection
 from planewise.datasets.frames import Dataset, DatasetFrame, PointDataset, PointFrame, numbered
 from planewise.datasets.ros_messages import (
     MILLIMETRE,
@@ -129,11 +129,12 @@ class RosPoints(PointDataset):
 
 
 def topics_of(dataset: object) -> dict[str, list[str]]:
-    """Topics that depth and cameras are of, by the names of the options; none but for bags."""
-    parts = dataset.parts.values() if isinstance(dataset, Collection) else [dataset]
-    bags = [part for part in parts if isinstance(part, RosDepth)]
-    topics = {bag.topic.name for bag in bags}
-    cameras = {bag.camera_topic for bag in bags if bag.camera_topic is not None}
+    """Topics that frames and their cameras are of, by the names of the options; only for bags."""
+    parts: list[object] = [dataset]
+    if isinstance(dataset, Collection | PointCollection):
+        parts = list(dataset.parts.values())
+    topics = {part.topic.name for part in parts if isinstance(part, RosDepth | RosPoints)}
+    cameras = {part.camera_topic or "" for part in parts if isinstance(part, RosDepth)} - {""}
     found = zip(TOPICS, (topics, cameras), strict=True)
     return {option: sorted(names) for option, names in found if names}
 
