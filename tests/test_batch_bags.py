@@ -105,6 +105,9 @@ def test_the_topic_holds_for_all_bags_of_a_folder(tmp_path):
     assert code == 2
     assert "holds 2 datasets, none of which can be opened; a.bag: the bag has several" in errors
     assert "--topic" in errors
+    code, _, errors = run("frames", folder, "--topic", "/depth")
+    assert code == 2
+    assert "a.bag: /depth is no topic of" in errors
     source = open_source(folder, topic=OTHER)
     assert [source[each].camera.fx for each in source.ids] == [55] * 4
 

@@ -120,8 +120,9 @@ def open_offered(
         raise _without_camera(path, images)
     if parts:
         name, why = next(iter(parts.items()))
+        all_of_them = "none of which can" if len(parts) > 1 else "which cannot"
         raise PlanewiseError(
-            f"data: {path} holds {counted(len(parts), 'dataset')}, none of which can be opened; "
+            f"data: {path} holds {counted(len(parts), 'dataset')}, {all_of_them} be opened; "
             f"{name}: {str(why).removeprefix('data: ')}"
         )
     looked = "; ".join(f"{each.kind} = {each.holds}" for each in (*READERS, Collection))

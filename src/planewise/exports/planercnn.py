@@ -19,6 +19,7 @@ The frames of a scene have the indices 0, 1, ... without a gap: the reader count
 from __future__ import annotations
 
 import csv
+import logging
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -36,8 +37,11 @@ from planewise.datasets.collection import BETWEEN
 from planewise.errors import PlanewiseError, needs
 from planewise.exports.form import Form
 from planewise.results.image import write_image
+from planewise.wording import counted
 
 Array = NDArray[np.float64]
+
+_LOG = logging.getLogger("planewise")
 
 _FRAMES_A_SCENE = 2000  # the training counts frames of a scene up to 9,999, planes up to 167,770
 _MOST_PLANES = 167_770
@@ -65,6 +69,7 @@ class _Scene:
     written: list[int] = field(default_factory=list)
     planes: list[Array] = field(default_factory=list)
     count: int = 0
+    lost: int = 0  # frames without a pose
 
 
 class PlaneRcnnExport(Form):
@@ -98,7 +103,8 @@ class PlaneRcnnExport(Form):
         depth = np.nan_to_num(np.round(1000 * metres(frame, seen)))
         depth[depth > _FARTHEST] = 0
         scene.camera = scene.camera or _camera(frame)
-        pose = _pose(seen)
+        known = _pose(seen)
+        pose = np.eye(4) if known is None else known  # then the world is the camera's own
         colour_file, depth_file, pose_file, labels_file = (
             self._file(name, each, index) for each in _FILES
         )
@@ -109,6 +115,7 @@ class PlaneRcnnExport(Form):
         scene.planes.append(nearest_points(planes, pose))
         scene.count += len(planes)
         scene.written.append(index)
+        scene.lost += known is None
         self._handled(scene)
 
     def left_out(self, frame: StoredFrame) -> None:
@@ -161,6 +168,11 @@ class PlaneRcnnExport(Form):
         text = "".join(f"{key} = {value}\n" for key, value in lines.items())
         self.path(f"{at}/{scene.name}.txt").write_text(text, encoding="ascii")
         self._names.append(scene.name)
+        if 0 < scene.lost < count:
+            _LOG.warning(
+                f"scene {scene.name}: the poses of {scene.lost:,} of {counted(count, 'frame')} are "
+                "not known and are the identity, as if they were taken at the world's origin"
+            )
         scene.planes = []
 
     def _file(self, scene: str, name: str, index: int) -> Path:
@@ -199,10 +211,10 @@ def _camera(frame: StoredFrame) -> tuple[float, ...]:
     return tuple(frame.row[each] for each in _CAMERA)
 
 
-def _pose(seen: SourceFrame) -> Array:
-    """Pose of a frame; where it is not known, the world is the camera's own."""
+def _pose(seen: SourceFrame) -> Array | None:
+    """Pose of a frame, where it is known."""
     pose = getattr(seen, "pose", None)
-    return np.eye(4) if pose is None or not np.isfinite(pose).all() else np.asarray(pose)
+    return None if pose is None or not np.isfinite(pose).all() else np.asarray(pose)
 
 
 def _colours(labels: NDArray[np.uint16], before: int) -> NDArray[np.uint8]:
