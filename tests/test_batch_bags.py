@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from benchmarks.faults import InOrder
 
+from planewise import scenes
 from planewise.batch import Store, open_source
 from planewise.errors import PlanewiseError
 
@@ -57,6 +58,27 @@ def test_the_topic_of_a_store_is_chosen_kept_and_held_to(bag, tmp_path):
     code, out, errors = run("view", store, "-o", tmp_path / "page.html")
     assert (code, errors) == (0, "")  # drawn over the depth of the same topic
     assert "2 frames" in out
+
+
+def test_range_images_of_a_lidar_take_its_camera(tmp_path):
+    street, topic = scenes.street(0), "/ouster/range_image"
+
+    def contents(messages):
+        ranges = np.round(street.depth * (street.sensor.resolution / 0.004)).astype(np.uint16)
+        message = messages.image(0, ranges)
+        message.encoding = "mono16"  # and no CameraInfo: both as the maker's driver has it
+        yield topic, START, message
+
+    bag, camera = write_bag(tmp_path / "run", "bag", contents), tmp_path / "lidar.json"
+    camera.write_text(json.dumps(street.camera.describe()))
+    options = ("--topic", topic, "--camera", camera, "--depth-scale", "0.004")
+    code, out, _ = run("frames", bag, *options)
+    assert (code, "elevation 16.6 ... -16.6 (64), columns 1024" in out) == (0, True)
+    assert run("batch", bag, "-o", tmp_path / "store", *options, "--sensor", "ouster-os1")[0] == 0
+    found = Store(tmp_path / "store")["000000"].planes
+    assert len(found) > 9
+    assert np.abs(found[:, 2]).max() > 0.99  # the ground
+    assert run("view", tmp_path / "store", "-o", tmp_path / "page.html")[::2] == (0, "")
 
 
 def test_the_only_topic_may_be_named_or_not(tmp_path):

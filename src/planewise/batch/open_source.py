@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from planewise.batch.source import DepthFolder, Source
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import PointDataset
 from planewise.datasets.opening import holds_depth_images, open_offered, reader_of
@@ -20,7 +20,7 @@ def open_source(
     path: str | Path,
     kind: str | None = None,
     *,
-    camera: PinholeCamera | None = None,
+    camera: Camera | None = None,
     depth_scale: float | None = None,
     topic: str | None = None,
     camera_topic: str | None = None,
@@ -34,7 +34,7 @@ def open_source(
         A folder of depth images, or what `planewise.datasets.open` opens.
     kind : str, optional
         Of dataset; ``None`` means whichever the contents look like.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         For kinds of dataset that do not state one.
     depth_scale : float, optional
         Metres per unit, likewise.

@@ -119,7 +119,7 @@ def _open(info: Mapping[str, Any], path: Path | None) -> Source:
     return open_source(
         path,
         None if reader is None else reader.kind,
-        camera=camera if isinstance(camera, PinholeCamera) else None,
+        camera=camera,
         depth_scale=made["depth_scale"],
         pictures=True,
         **topics,

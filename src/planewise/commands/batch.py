@@ -10,7 +10,6 @@ import typer
 
 from planewise import threads
 from planewise.arguments import checked_scale
-from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.batch_progress import Progress, show_damaged, show_forecast, show_result
 from planewise.commands.command_line import (
@@ -159,7 +158,7 @@ def batch(
         frames = open_source(
             source,
             kind,
-            camera=known_camera if isinstance(known_camera, PinholeCamera) else None,
+            camera=known_camera,
             depth_scale=depth_scale,
             topic=topic,
             camera_topic=camera_topic,

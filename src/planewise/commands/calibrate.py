@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from planewise.arguments import checked_scale
-from planewise.camera import Camera, PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.command_line import check_output, check_seed, preset_of, reported
 from planewise.commands.exit_codes import FAILED
@@ -36,6 +35,7 @@ from planewise.wording import counted
 if TYPE_CHECKING:
     from planewise.batch.source import SourceFrame
     from planewise.calibration.cells import NoiseCells
+    from planewise.camera import Camera
 
 _MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
 
@@ -191,7 +191,7 @@ def _frames(
             continue
         source = open_source(
             path,
-            camera=camera if isinstance(camera, PinholeCamera) else None,
+            camera=camera,
             depth_scale=depth_scale,
             topic=topic,
             camera_topic=camera_topic,

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from planewise.datasets import Dataset, DatasetFrame, PointDataset, PointFrame
 
 _FIRST = 3  # ids that are shown
+_LISTED = 16  # numbers of a camera; no distortion has more
 
 
 def frames(
@@ -89,7 +90,7 @@ def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
         terminal.say(f"first frame: {counted(len(first.points), 'point')}")
         return
     height, width = first.depth.shape
-    camera = ", ".join(f"{name} {value}" for name, value in first.camera.describe().items())
+    camera = ", ".join(f"{name} {_short(each)}" for name, each in first.camera.describe().items())
     terminal.say(f"camera: {camera}")
     sensor = getattr(dataset, "sensor", None)
     presets = [name for name, each in sensors.PRESETS.items() if each == sensor]  # some are equal
@@ -105,6 +106,13 @@ def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
         first.camera.check((height, width))
     except ValueError as error:
         terminal.warning(str(error))
+
+
+def _short(value: object) -> object:
+    """Of long lists, such as a LiDAR's beams, the ends and the length."""
+    if isinstance(value, list | tuple) and len(value) > _LISTED:
+        return f"{value[0]} ... {value[-1]} ({len(value)})"
+    return value
 
 
 def _damaged(dataset: Dataset | PointDataset) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, ClassVar
 
-from planewise.camera import PinholeCamera
+from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.bags import Bag, Topic, is_bag
 from planewise.datasets.collection import Collection, PointCollection
 from planewise.datasets.frames import Dataset, DatasetFrame, PointDataset, PointFrame, numbered
@@ -43,7 +43,7 @@ class RosDepth(Dataset):
         Of the images; ``None`` means the only one with depth.
     camera_topic : str, optional
         Of the CameraInfo, where it is not beside them.
-    camera : PinholeCamera, optional
+    camera : Camera, optional
         Instead of a CameraInfo.
     depth_scale : float
         Metres per unit of integer depth.
@@ -58,7 +58,7 @@ class RosDepth(Dataset):
         *,
         topic: str | None = None,
         camera_topic: str | None = None,
-        camera: PinholeCamera | None = None,
+        camera: Camera | None = None,
         depth_scale: float = MILLIMETRE,
     ) -> None:
         self.path, self.depth_scale = Path(path), depth_scale
