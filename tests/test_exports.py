@@ -218,6 +218,15 @@ def test_scans_with_poses_go_into_one_world(tmp_path, caplog):
     assert seen >= 4
 
 
+@pytest.mark.parametrize("bent", [0.0, 0.1])
+def test_distortion_that_scenes_cannot_state_is_told(tmp_path, caplog, bent):
+    dataset_files.write_generic(tmp_path / "data", distortion=[bent, 0, 0, 0])
+    store = make_store(open_source(tmp_path / "data"), tmp_path / "store")
+    all_of(store, FORMATS["planercnn"], tmp_path / "out", source=StoredSource(store))
+    told = [each for each in caplog.messages if "lens of 3 frames has a distortion" in each]
+    assert len(told) == bool(bent)
+
+
 def test_long_scenes_are_cut(made, tmp_path, monkeypatch):
     monkeypatch.setattr("planewise.exports.planercnn._FRAMES_A_SCENE", 2)
     store = Store(made / "png")

@@ -93,6 +93,7 @@ class PlaneRcnnExport(Form):
         expected = Counter(name for name, _ in self._places.values())
         self._scenes = {name: _Scene(name, count) for name, count in expected.items()}
         self._names: list[str] = []
+        self._bent = 0  # frames through a lens with distortion
 
     def add(self, frame: StoredFrame, seen: SourceFrame | None) -> None:
         """See `Form`."""
@@ -116,6 +117,7 @@ class PlaneRcnnExport(Form):
         scene.count += len(planes)
         scene.written.append(index)
         scene.lost += known is None
+        self._bent += any(frame.row["distortion"] or ())
         self._handled(scene)
 
     def left_out(self, frame: StoredFrame) -> None:
@@ -132,6 +134,11 @@ class PlaneRcnnExport(Form):
         for frame, (name, index) in self._places.items():
             if index in now[name]:
                 rows.writerow((name, now[name][index], frame))
+        if self._bent:
+            _LOG.warning(
+                f"the lens of {counted(self._bent, 'frame')} has a distortion, which the format "
+                "does not state and its reader takes for none: pixels are where the lens put them"
+            )
 
     @staticmethod
     def _check(scene: _Scene, frame: StoredFrame, seen: SourceFrame) -> None:
