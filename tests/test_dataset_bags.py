@@ -166,6 +166,21 @@ def test_the_topic_is_asked_for_where_there_are_several(tmp_path):
     assert len(datasets.open(path, "ros-points")) == 1
 
 
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        ({"topic": [DEPTH]}, "topic must be a string, got "),
+        ({"camera_topic": 7}, "camera_topic must be a string, got 7"),
+        ({"camera": "nyu"}, "camera must "),
+        ({"depth_scale": -1}, "depth_scale must be a positive number"),
+    ],
+)
+def test_options_of_another_kind_are_refused(tmp_path, option, message):
+    path = write_bag(tmp_path / "run", "bag", everything)
+    with pytest.raises(ValueError, match=f"^{message}"):
+        datasets.open(path, **option)
+
+
 def test_a_camera_is_asked_for_where_there_is_none(tmp_path):
     path = write_bag(tmp_path / "run", "bag", frames)
     with pytest.raises(PlanewiseError, match=f"has no CameraInfo {INFO}; give the camera"):

@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from planewise.arguments import checked_scale
+from planewise.camera import checked_camera
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.collection import BETWEEN, Collection, PointCollection
 from planewise.datasets.frames import Dataset, PointDataset
@@ -19,7 +21,7 @@ from planewise.datasets.nyu import NyuFolder, NyuLabelled
 from planewise.datasets.nyu_raw import NyuRaw
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.redwood import RedwoodFolder
-from planewise.datasets.ros import RosDepth, RosPoints
+from planewise.datasets.ros import TOPICS, RosDepth, RosPoints
 from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
@@ -79,7 +81,7 @@ def open(path: str | Path, kind: str | None = None, **options: Any) -> Dataset |
     PlanewiseError
         If it is of no known kind (the message lists them), or cannot be used.
     ValueError
-        If the kind has no such option.
+        If the kind has no such option, or it takes no such value.
     """
     return open_offered(path, kind, options, ())
 
@@ -94,6 +96,7 @@ def open_offered(
     if path.name in ("", ".."):
         path = path.resolve()  # messages want a name
     given = {name: value for name, value in options.items() if value is not None}
+    _check(given)
     if kind is not None:
         return _opened_as(_named(kind), path, given, offered)
     reader = reader_of(path)
@@ -129,6 +132,16 @@ def open_offered(
     raise PlanewiseError(
         f"data: {path} ({_contents(path)}) is no dataset of a known kind; looked for {looked}"
     )
+
+
+def _check(given: Mapping[str, Any]) -> None:
+    """Refuse values that no reader takes, before something is read by them."""
+    if "camera" in given:
+        checked_camera(given["camera"])
+    checked_scale(given.get("depth_scale"))
+    for name in TOPICS:
+        if not isinstance(given.get(name, ""), str):
+            raise ValueError(f"{name} must be a string, got {given[name]!r}")
 
 
 def reader_of(path: Path) -> Reader | None:
