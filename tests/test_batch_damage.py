@@ -1,5 +1,6 @@
 """Stores of which files were lost or cut short: what batch does again, and what readers say."""
 
+import json
 import shutil
 
 import numpy as np
@@ -150,6 +151,27 @@ def test_damaged_tables_are_told_with_what_to_do(made, here, table, how):
     tally = Tally()
     compare(Store(here / "store"), Store(made / "store"), tally)
     assert (tally.lost, tally.double, tally.corrupt) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("name", ["made_with", "source", "sensor", "versions", "made_with.options",
+                                  "made_with.camera", "source.path", "source.frames"])  # fmt: skip
+def test_a_damaged_description_is_told(here, tmp_path, name):
+    *parts, key = name.split(".")
+    path = here / "store" / "store.json"
+    whole = json.loads(path.read_text())
+    for other in ("missing", 3.5, [7]):
+        info = json.loads(json.dumps(whole))
+        place = info[parts[0]] if parts else info
+        place[key] = other
+        if other == "missing":
+            del place[key]
+        path.write_text(json.dumps(info))
+        with pytest.raises(PlanewiseError, match=rf"json is damaged: it lacks {name}, or has"):
+            Store(here / "store")
+        assert batch(here)[0] == 2
+    whole["source"]["topic"] = [3]
+    path.write_text(json.dumps(whole))
+    assert run("view", here / "store", "-o", tmp_path / "page.html")[0] == 2
 
 
 def test_the_end_of_a_label_image(tmp_path):

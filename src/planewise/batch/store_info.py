@@ -22,6 +22,25 @@ from planewise.sensor_files import describe_exactly
 
 SCHEMA = "planewise/store"
 
+_PARTS: dict[str, dict[str, Any]] = {
+    "made_with": {
+        "options": dict,
+        "sensor": dict,
+        "camera": dict | None,
+        "depth_scale": float | int | None,
+        "labels": str,
+    },
+    "source": {
+        "name": str,
+        "kind": str,
+        "path": str | None,
+        "frames": int,
+        "ids_sha256": str,
+    },
+    "sensor": {},
+    "versions": {},
+}
+
 _NAMED = 4  # differences that a message lists
 _ASKED = {"rng": "seed"}  # what users call an option
 _PACKAGES = ("pillow", "pyarrow", "ray")
@@ -97,7 +116,24 @@ def read_info(store: Path) -> dict[str, Any]:
             f"store: {store} has layout {info.get('schema_version')}, this program reads "
             f"{SCHEMA_VERSION}"
         )
+    if damaged := _damaged(info):
+        raise PlanewiseError(f"store: {path} is damaged: it lacks {damaged}, or has it otherwise")
     return info
+
+
+def _damaged(info: Mapping[str, Any]) -> str:
+    """What is missing of a store's description, or is of another kind; empty if nothing is."""
+    for part, keys in _PARTS.items():
+        if not isinstance(info.get(part), dict):
+            return part
+        for key, kind in keys.items():
+            if not isinstance(info[part].get(key, ()), kind):  # () is of none of them
+                return f"{part}.{key}"
+    for key in TOPICS:
+        names = info["source"].get(key, [])
+        if not (isinstance(names, list) and all(isinstance(each, str) for each in names)):
+            return f"source.{key}"
+    return ""
 
 
 def check_same(store: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
