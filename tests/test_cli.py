@@ -489,7 +489,8 @@ def test_library_warnings_go_to_stderr(depth, out, monkeypatch, started):
     monkeypatch.delenv("PLANEWISE_COMPILES_FOR_ANOTHER", raising=False)
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert code == 0
-    assert started == [[sys.executable, "-P", "-m", "planewise.warm_up", "ledger", "labelling"]]
+    parts = "describing", "valuing", "labelling", "surfaces"
+    assert started == [[sys.executable, "-P", "-m", "planewise.warm_up", *parts]]
     assert "compiling" in errors
     assert "ms, compiling included, files in" in text
     assert "compiling for this machine" not in text

@@ -36,7 +36,7 @@ _TELLING: dict[Loops, str] = {  # modules, or loops, that nothing else needs
 }
 _BLAS = "scipy.linalg.cython_blas"
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
-_PARTS = "ledger", "labelling", "merging"  # of `warm_up`
+_PARTS = ("describing", "valuing"), ("labelling", "surfaces"), ("merging",)  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []
 _said: set[bool] = set()  # whether of clouds; to see an image and to search it is one wait
 
@@ -68,7 +68,7 @@ def _times(files: Iterable[Path], cloud: bool) -> list[float]:
 def announce(loops: Loops) -> None:
     """Say once, before the wait, that these loops have to be compiled, and have other cores help.
 
-    Up to three processes compile the loops of a spatial search's later stages; where none can be
+    Up to five processes compile the loops of a spatial search's later stages; where none can be
     started, or their work is not done in time, this one does it all.
     """
     cloud = loops in ("cloud", "points")
@@ -85,11 +85,13 @@ def announce(loops: Loops) -> None:
     if loops not in ("paper", "points") and _is_interpreter() and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
-        most = 1 if parent_process() else len(_PARTS)  # it may be one of many that compile
+        idle = available() - 1
+        if parent_process():  # it may be one of many that compile
+            idle = min(idle, 1)
         # It imports from where this process does, and from the current folder only if this does.
         paths = os.pathsep.join(each for each in sys.path if each)
         with contextlib.suppress(OSError):
-            for share in _shares(min(available() - 1, most), cloud):
+            for share in _shares(idle, cloud):
                 helper = subprocess.Popen(
                     [sys.executable, "-P", "-m", *share],
                     stdin=subprocess.DEVNULL,
@@ -133,9 +135,14 @@ def _shares(idle: int, cloud: bool) -> list[list[str]]:
     """Modules, and their arguments, that help on so many more cores."""
     if cloud:
         return [["planewise.clouds.warm_up"]][:idle]
-    if idle == 1:
-        return [["planewise.warm_up", *_PARTS[:2]]]
-    return [["planewise.warm_up", part] for part in _PARTS[:idle]]
+    each = [part for parts in _PARTS for part in parts]
+    if idle == 1:  # meanwhile the call compiles the rest
+        shares = [each[:-1]]
+    elif idle < len(each):
+        shares = [list(parts) for parts in _PARTS[:idle]]
+    else:
+        shares = [[part] for part in each]
+    return [["planewise.warm_up", *parts] for parts in shares]
 
 
 def confirm(*, cloud: bool = False) -> None:

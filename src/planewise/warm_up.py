@@ -1,9 +1,9 @@
 """Compile the loops of the later stages in processes of their own, while the first ones are.
 
-``python -m planewise.warm_up ledger labelling`` is what `compilation.announce` starts, or a process
-for each of these and for ``merging`` where there are more cores; what they compile is found in
-Numba's cache by the time the call that waits gets there. They begin with the last stage, so that a
-single one and the call meet, whichever is faster.
+``python -m planewise.warm_up describing valuing labelling surfaces`` is what `compilation.announce`
+starts, or several such processes where there are more cores; what they compile is found in Numba's
+cache by the time the call that waits gets there. They begin with the last stage, so that a single
+one and the call meet, whichever is faster.
 """
 
 from __future__ import annotations
@@ -97,19 +97,23 @@ def _valley() -> _Valley:
     return _Valley(frame, _cells(rows[of_unit]), labels, rows, of_unit)
 
 
-def ledger() -> None:
-    """Describe the planes, the last stage, and value them, the one before."""
+def describing() -> None:
+    """Describe the planes, the last stage."""
     valley = _valley()
-    frame, cells, labels = valley.frame, valley.cells, valley.labels
+    frame, table, labels = valley.frame, valley.frame.table, valley.labels
     area, place = _CAMERA.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
     rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
-    table = frame.table
     in_space(
         _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.per_metre, 1.0, 1.0,
         np.eye(3), rows, covariances,
     )  # fmt: skip
     describe_image(frame, area, _PLANES, rows, covariances, labels, place)
 
+
+def valuing() -> None:
+    """Say what planes are worth, the stage before."""
+    valley = _valley()
+    frame, cells, labels = valley.frame, valley.cells, valley.labels
     groups = groups_of(frame, cells, labels, 2, *_LIMITS, (0.002, 0.002))
     found = Segmentation(np.tile(np.eye(3), (2, 1, 1)), labels, np.ones(2), _PLANES)
     before = groups.data(_PLANES)
@@ -120,11 +124,20 @@ def ledger() -> None:
 
 
 def labelling() -> None:
-    """Label pixels, and before that join segments through gaps, and look for curved surfaces."""
+    """Label pixels."""
     valley = _valley()
-    rows, cells, both = valley.rows, valley.cells, np.arange(2)
+    cells, both = valley.cells, np.arange(2)
     limits: Any = SimpleNamespace(range=_LIMITS[0], resolution=_LIMITS[1])
-    label_planes(valley.frame, cells, valley.of_unit, both, rows[None], both, limits)
+    label_planes(valley.frame, cells, valley.of_unit, both, valley.rows[None], both, limits)
+
+
+def surfaces() -> None:
+    """Join segments through gaps, and before that look for curved ones; the last loop first.
+
+    Here a single process and the call meet, and in the same order both would compile the same.
+    """
+    valley = _valley()
+    rows, cells = valley.rows, valley.cells
     segments = Segments(
         rows=rows,
         forms=np.ones((2, FORM)),
@@ -135,7 +148,15 @@ def labelling() -> None:
         of_unit=valley.of_unit,
     )
     join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), valley.frame.sectors)
-    _surfaces(rows)
+    ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
+    pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
+    of_unit, at, how = np.arange(2, dtype=np.int32), np.zeros(1, np.int32), np.zeros(1, np.int8)
+    quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
+    leave_out(pairs, states, curved, curved)
+    spread(border, pairs, points, states, curved)
+    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
+    find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
+    meet(ends, ends, rows, quadrics, 1.0, how)
 
 
 def merging() -> None:
@@ -151,22 +172,6 @@ def merging() -> None:
         np.empty(ints, np.int32), np.empty(floats),
     )  # fmt: skip
     merged(cells, valley.frame.sectors, 1.0, Workspace())
-
-
-def _surfaces(rows: NDArray[np.float64]) -> None:
-    """Two segments side by side, as if one of them were bent; the last loop first.
-
-    Here the two processes meet, and in the same order both would compile the same loops.
-    """
-    ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
-    pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
-    of_unit, at, how = np.arange(2, dtype=np.int32), np.zeros(1, np.int32), np.zeros(1, np.int8)
-    quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
-    leave_out(pairs, states, curved, curved)
-    spread(border, pairs, points, states, curved)
-    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
-    find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
-    meet(ends, ends, rows, quadrics, 1.0, how)
 
 
 def _row(plane: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -196,7 +201,7 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
     )
 
 
-_PARTS = {part.__name__: part for part in (ledger, labelling, merging)}
+_PARTS = {part.__name__: part for part in (describing, valuing, labelling, surfaces, merging)}
 
 
 def later_stages(parts: Iterable[str] = tuple(_PARTS)) -> None:
