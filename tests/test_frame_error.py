@@ -156,6 +156,22 @@ def test_what_lies_across_edges_is_not_taken_for_drift():
         assert_allclose(found, drift, rtol=0.25, atol=0.25)
 
 
+@pytest.mark.parametrize("quiet", [0, 5])
+def test_a_few_triples_that_happen_to_lie_in_line_are_no_sign_of_no_drift(quiet):
+    """Where all others err by a thousand times what cells do by themselves, or cross an edge."""
+    rng, n, drift = np.random.default_rng(1), 400, 1e6
+    own, added = np.full(n, 1.0), np.full(n, 1.0)
+    off = rng.normal(0, np.sqrt(1 + drift), n)
+    off[n // 2 :] *= 1e3
+    off[:quiet] = 0.0
+    limits = 1e-3, 1e9, 24
+    args = 0.5 / frame_error._WITHIN, frame_error._MEDIAN_CHI2_1, frame_error._WIDEST
+    factor = kernels.bisect(off**2, own, added, *args, frame_error._TELLING, *limits)
+    assert_allclose(factor, drift, rtol=0.3)
+    if quiet:  # they are all that is left at small factors
+        assert kernels.bisect(off**2, own, added, *args, 0.0, *limits) == 0.0
+
+
 def told(z, sensor):
     """Error of a depth image in metres against a sensor's description, and the drift of that."""
     camera = pw.PinholeCamera(fx=525, fy=525, cx=z.shape[1] / 2, cy=z.shape[0] / 2)

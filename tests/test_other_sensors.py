@@ -179,7 +179,7 @@ def test_what_no_factor_explains_is_told():
     assert frame_error._bisect(square, own, nothing, *args) == np.inf
     factor = frame_error._bisect(square, own, own, *args)
     assert_allclose(factor, 4.0 / frame_error._MEDIAN_CHI2_1 - 1, rtol=0.01)
-    limits = (np.inf, *frame_error._BISECTED, frame_error._BISECTIONS)
+    limits = (np.inf, frame_error._TELLING, *frame_error._BISECTED, frame_error._BISECTIONS)
     assert bisect(square, own, own, *args, *limits) == factor
 
 

@@ -216,11 +216,11 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
 
 
 @in_order
-def bisect(square, own, added, share, reference, widest, low, high, steps):  # type: ignore[no-untyped-def]
+def bisect(square, own, added, share, reference, widest, least, low, high, steps):  # type: ignore[no-untyped-def]
     """The factor at which a quantile of square / (own + factor added) is the reference.
 
-    `share` says which quantile, of those that are not above `widest`. 0 where it is smaller even at
-    `low`.
+    `share` says which quantile, of those that are not above `widest`; a factor at which these are
+    a smaller share of all than `least` is too small. 0 where the quantile is smaller even at `low`.
     """
     for step in range(steps + 1):
         factor = np.sqrt(low * high) if step else low
@@ -229,7 +229,7 @@ def bisect(square, own, added, share, reference, widest, low, high, steps):  # t
             variance = own[i] + factor * added[i]
             below += square[i] <= reference * variance
             among += square[i] <= widest * variance
-        if below <= int(share * among):
+        if among < least * square.size or below <= int(share * among):
             low = factor
         elif step == 0:
             return 0.0

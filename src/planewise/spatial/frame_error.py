@@ -38,6 +38,7 @@ _ROUGHEST = 0.1  # of its depth: no sensor's reading errs by more
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
+_TELLING = 0.1  # of the triples: an error that leaves fewer within three deviations is larger
 _LAG = 2  # cells from the middle of three in a row to the others
 _MANY = 2000  # cells of which some can stand for all
 _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
@@ -370,8 +371,10 @@ def _bisect(
 ) -> float:
     """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0.
 
-    Of those up to `widest`; infinite where none explains the rest.
+    Of those up to `widest`, which have to be a tenth of all: where the error is much larger than
+    `own`, hardly any are at small factors, and these by chance. Infinite where none explains the
+    rest.
     """
-    limits = (*_BISECTED, _BISECTIONS)
+    limits = (_TELLING, *_BISECTED, _BISECTIONS)
     factor = float(kernels.bisect(square, own, added, share, reference, widest, *limits))
     return factor if factor < _BEYOND * _BISECTED[1] else math.inf
