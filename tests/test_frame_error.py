@@ -246,6 +246,23 @@ def test_planes_are_taken_for_as_rough_as_four_cells_of_five(rough):
     assert_allclose((error.seen, error.white), (half, most), rtol=0.05)
 
 
+@pytest.mark.parametrize("seed", [200, 202, 204])
+@pytest.mark.parametrize("sensor", [pw.sensors.REALSENSE_D435, pw.sensors.STRUCTURE])
+def test_a_description_that_is_too_large_by_more_near_than_far_is_met_as_well(sensor, seed):
+    """The noise does not depend on depth, the described one grows with its square.
+
+    Blocks cross edges more often than their cells do. Where by how much a frame is quieter than
+    described is spread over a decade, that moved the median of blocks as smooth error would.
+    """
+    room = scenes.room(seed, sigma=0.001)
+    error, _ = told(room.depth, sensor)
+    assert error.white < 0.1
+    quiet = 0.001 * room.depth
+    smooth = random_walk(quiet.shape, 0.004, seed)  # of which larger cells show more
+    error, _ = told(quiet * (1 - quiet * smooth), sensor)
+    assert error.white == 1.0
+
+
 @pytest.mark.parametrize(("step", "most"), [(0.015, 2.0), (0.1, 1.0)])
 def test_edges_are_not_taken_for_noise(step, most):
     """Steps across two cells of five: at most twice what half of the cells show, if not clear."""

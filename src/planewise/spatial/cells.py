@@ -175,7 +175,7 @@ def cells_of(
     rough = white_of_rough(seen, lone, freedom) if frame.sectors.count == 1 else seen
     white = max(rough, 1.0)  # no frame is trusted to err less than a sensor that was measured
     if rough < 1.0 and not (frame.known or frame.estimated):
-        white = white_of_quiet(seen, blocks, together, frame.table, frame.resolution)
+        white = white_of_quiet(blocks, together, misfits, frame.table, frame.resolution)
 
     filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
     most = shape[0] * shape[1]

@@ -155,26 +155,32 @@ def white_of_rough(seen: float, misfits: Array, freedom: Array | int) -> float:
 
 
 def white_of_quiet(
-    seen: float, moments: Array, misfits: Array, table: ErrorTable, resolution: float
+    moments: Array, misfits: Array, of_cells: Array, table: ErrorTable, resolution: float
 ) -> float:
     """White variance against a description of more than the frame shows.
 
     Data sheets state limits, and then the frame is right; but readings that were smoothed show less
-    than they err, and then it is not. Smooth error shows more in larger cells, white error as much.
-    moments (rows, 11, columns), misfits (rows, columns): of blocks of 2 x 2 cells, of which each
-    shows `seen`. At least rounding is there.
+    than they err, and then it is not. Smooth error shows more in larger cells, white error as much:
+    each block is held against its own cells, for by how much a description is too large may differ
+    with depth. moments (rows, 11, columns), misfits (rows, columns): of blocks of 2 x 2 cells;
+    of_cells: misfits of the cells. At least rounding is there.
     """
     moments, misfits = moments[::2, :, ::2], misfits[::2, ::2]  # a quarter stands for all
-    whole = moments[:, COUNT] == 4 * SIDE * SIDE
-    if np.count_nonzero(whole) < _FEWEST:
+    row, column = np.nonzero(moments[:, COUNT] == 4 * SIDE * SIDE)
+    if len(row) < _FEWEST:
         return 1.0
-    larger = _against_chi2(misfits[whole], 4 * SIDE * SIDE - 3)
-    if larger > _AS_MUCH * seen:
+    together = misfits[row, column]
+    apart = np.zeros(len(row))
+    for down, right in np.ndindex(2, 2):
+        apart += of_cells[4 * row + down, 4 * column + right]
+    freedom = 4 * SIDE * SIDE - 3
+    more = together * (4 * (SIDE * SIDE - 3)) > _AS_MUCH * freedom * apart
+    if 2 * np.count_nonzero(more) > len(row):
         return 1.0
-    w = float(np.median(moments[:, 6][whole] / moments[:, 0][whole]))
+    w = float(np.median(moments[row, 6, column] / moments[row, 0, column]))
     white, _, _, step = table.at(w)
     rounding = max(step, w**4 * resolution**2 / 12) / (white + step)
-    return min(max(larger, rounding), 1.0)
+    return min(max(_against_chi2(together, freedom), rounding), 1.0)
 
 
 def _against_chi2(
