@@ -58,12 +58,9 @@ class Workspace:
         finally:
             self._in_use.release()
 
-    @contextmanager
-    def stage(self) -> Iterator[None]:
+    def stage(self) -> _Stage:
         """What `empty` hands out until the end of the block is free after it."""
-        lent = self._lent
-        yield
-        self._lent = lent
+        return _Stage(self)
 
     def kept(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the frame, with arbitrary content.
@@ -73,14 +70,15 @@ class Workspace:
         shape, dtype
             As of `numpy.empty`; dtype a class such as `numpy.int32`.
         """
-        start = self._kept
-        self._kept += _size(shape, dtype)
-        return self._part(start, shape, dtype)
+        kind, start = _KINDS[dtype], self._kept
+        self._kept += _size(shape, kind.itemsize)
+        return self._part(start, shape, kind)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
-        self._lent += _size(shape, dtype)
-        return self._part(self._held - self._lent, shape, dtype)
+        kind = _KINDS[dtype]
+        self._lent += _size(shape, kind.itemsize)
+        return self._part(self._held - self._lent, shape, kind)
 
     def copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return a copy that lasts as long as the stage."""
@@ -93,7 +91,7 @@ class Workspace:
         """Memory held."""
         return self._held
 
-    def _part(self, start: int, shape: int | tuple[int, ...], dtype: Type) -> NDArray[Any]:
+    def _part(self, start: int, shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         used = self._kept + self._lent
         if used > self._held:
             self._most = max(self._most, used)
@@ -101,12 +99,34 @@ class Workspace:
         return np.ndarray(shape, dtype, self._memory, start)
 
 
-_BYTES: dict[Type, int] = {}  # of an item
+class _Stage:
+    """A block at the end of which a workspace takes back what it lent since."""
+
+    __slots__ = ("lent", "workspace")
+
+    def __init__(self, workspace: Workspace) -> None:
+        self.workspace = workspace
+
+    def __enter__(self) -> None:
+        self.lent = self.workspace._lent
+
+    def __exit__(self, *_: object) -> None:
+        self.workspace._lent = self.lent
 
 
-def _size(shape: int | tuple[int, ...], dtype: Type) -> int:
+class _Kinds(dict[Type, np.dtype[Any]]):
+    """What NumPy makes of a class, which it would look up for every array."""
+
+    def __missing__(self, kind: Type) -> np.dtype[Any]:
+        self[kind] = np.dtype(kind)
+        return self[kind]
+
+
+_KINDS = _Kinds()
+
+
+def _size(shape: int | tuple[int, ...], item: int) -> int:
     """Bytes of an array, in whole lines of the cache."""
-    item = _BYTES.get(dtype) or _BYTES.setdefault(dtype, np.dtype(dtype).itemsize)
     size = item * (shape if isinstance(shape, int) else math.prod(shape))
     return -(-size // _ALIGNED) * _ALIGNED
 
