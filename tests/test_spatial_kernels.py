@@ -344,14 +344,17 @@ def agglomerated(
     rows, drift = rows.copy(), drift.copy()
     home = np.zeros(len(rows), np.int32) if home is None else home
     turns = np.eye(3)[None, None] if turns is None else turns
-    of, root = forms_of(rows, drift), np.empty(len(rows), np.int32)
+    of, (roots, segment) = forms_of(rows, drift), np.empty((2, len(rows)), np.int32)
     sides = sum(1 for _ in oracles.sides(grid)) + wraps * len(grid)
     ints, floats = segments.room(sides, len(rows))
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
     sectors = home, turns, wraps
-    segments.agglomerate(
-        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, tails, root, *work
-    )
+    found = segments.agglomerate(
+        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, tails, roots,
+        segment, *work,
+    )  # fmt: skip
+    root = roots[segment]
+    assert_array_equal(roots[:found], np.unique(root))
     assert_allclose(of[root], forms_of(rows, drift)[root], rtol=1e-12)
     return root, rows
 
@@ -405,7 +408,8 @@ def test_only_roots_are_kept():
     root[root < 0] = rng.choice(ids, (root < 0).sum())
     arrays = rows, of, drift, offset_prior, slope_prior, np.arange(n, dtype=np.int32)
     of_unit = rng.integers(n, size=3 * n).astype(np.int32)
-    kept = Segments(*arrays, of_unit).kept(root.astype(np.int32))
+    segment = np.searchsorted(ids, root).astype(np.int32)
+    kept = Segments(*arrays, of_unit).kept(ids.astype(np.int32), segment)
     assert_array_equal(ids[kept.of_unit], root[of_unit])
     names = ("rows", "forms", "drift", "offset_prior", "slope_prior", "home")
     for name, old in zip(names, arrays, strict=True):
@@ -513,10 +517,12 @@ def test_find_planes(seed):
     slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
     of_rows, home = forms_of(rows, drift), np.zeros(12, np.int32)
     segments = rows[None], of_rows[None], home, slope_prior, 0.3
-    gaps.find_planes(*segments, np.array([0, 1, 0]), plane)  # the last is part of the first
-    expected = oracles.find_planes(rows[[0, 1, *range(3, 12)]], drift[1:], slope_prior, 0.3, 2)
+    owner, first = np.array([0, 0, 2]), np.empty(3, int)  # the second is part of the first
+    assert gaps.find_planes(*segments, owner, plane, first) == 2
+    assert_array_equal((*owner, *first[:2]), (0, 0, 1, 0, 2))
+    expected = oracles.find_planes(rows[[0, *range(2, 12)]], drift[1:], slope_prior, 0.3, 2)
     assert_array_equal(plane, expected)
-    gaps.find_planes(*segments, np.arange(3), plane)
+    assert gaps.find_planes(*segments, np.arange(3), plane, first) == 3
     assert_array_equal(plane, oracles.find_planes(rows, drift, slope_prior, 0.3, 3))
     there = np.isin(of[3:], of[:3])
     assert (plane[~there] == -1).all()

@@ -60,11 +60,9 @@ def test_wild_readings_are_those_of_the_oracle(seed, kind):
         close = np.abs(near - z[a, b]) <= within[0] * z[a, b]
         assert (close & (near >= LIMITS[0])).sum() - 1 >= 4
 
-    some = np.zeros(z.shape, bool)
+    some = np.zeros((4, z.shape[1]), bool)
     mark_wild(z, *LIMITS, *within, 5, some)
-    assert_array_equal(some[::5], found[::5])
-    some[::5] = False
-    assert not some.any()
+    assert_array_equal(some, found[::5])
 
 
 def spoiled(scene, share, seed=0):

@@ -169,7 +169,7 @@ def merging() -> None:
     agglomerate(
         grid, np.ones((2, *grid.shape)), (0.0, 0.0, 1.0), rows, forms, cells.drift.copy(),
         cells.offset_prior, cells.slope_prior, home, turns, False, 1.0, 1.0, 4.0, home.copy(),
-        np.empty(ints, np.int32), np.empty(floats),
+        home.copy(), np.empty(ints, np.int32), np.empty(floats),
     )  # fmt: skip
     merged(cells, valley.frame.sectors, 1.0, Workspace())
 

@@ -43,11 +43,12 @@ def wild_readings(values: NDArray[Any], low: float, high: float) -> NDArray[np.b
     left, out = values, None
     for _ in range(_PASSES):
         within = _within(left, low, high)
-        found = np.zeros(values.shape, np.bool_)
+        some = np.zeros((-(-values.shape[0] // _STRIDE), values.shape[1]), np.bool_)
         wider = within if out is not None else tuple(_FAR * each for each in within)
-        seen, few = kernels.mark_wild(left, low, high, *wider, _STRIDE, found)
+        seen, few = kernels.mark_wild(left, low, high, *wider, _STRIDE, some)
         if few <= _MATERIAL * seen:
             break
+        found = np.zeros(values.shape, np.bool_)
         kernels.mark_wild(left, low, high, *within, 1, found)
         left = np.where(found, values.dtype.type(0), left)
         out = found if out is None else out | found

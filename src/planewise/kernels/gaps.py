@@ -73,23 +73,33 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
 
 
 @compiled
-def find_planes(segments, forms, home, slope_prior, gap_offset, owner, plane):  # type: ignore[no-untyped-def]
+def find_planes(segments, forms, home, slope_prior, gap_offset, owner, plane, first):  # type: ignore[no-untyped-def]
     """Plane that each segment is part of which is on none yet.
 
     As `join_through_gaps`, which wrote owner (n,): planes are those of the first n segments that
     own themselves. What is joined changes neither the planes nor what else joins them. Writes plane
-    (m,): the one that saves most for each of the other m segments, -1 where none saves anything.
+    (m,): the one that saves most for each of the other m segments, -1 where none saves anything;
+    and first (n,): the segment that is each plane. There and in owner, which becomes the plane of
+    each, they are numbered. Returns how many there are.
     """
     n, planes = owner.size, 0
     for i in range(n):
-        planes += owner[i] == i
+        if owner[i] == i:
+            first[planes] = i
+            planes += 1
     naming = np.log(planes)
     for k in range(plane.size):
         plane[k] = -1
         most = 0.0
-        for i in range(n):
-            if owner[i] != i:
-                continue
-            gain, _ = _saved(segments, forms, home, slope_prior, gap_offset, naming, i, n + k)
+        for j in range(planes):
+            gain, _ = _saved(
+                segments, forms, home, slope_prior, gap_offset, naming, first[j], n + k
+            )
             if gain > most:
-                most, plane[k] = gain, i
+                most, plane[k] = gain, j
+    for j in range(planes):
+        for i in range(first[j] + 1, n):
+            if owner[i] == first[j]:
+                owner[i] = j
+        owner[first[j]] = j
+    return planes

@@ -38,8 +38,9 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
     """Label of all readings of every cell and of every block, NONE or SEVERAL.
 
     labels (H, W) uint16, p (H, W) float32. Writes cell (rows, columns) and block, a third as large;
-    works in work (6, 9 * columns of block) uint16.
+    works in work (6, 9 * columns of block) uint16. Returns how many cells and blocks have SEVERAL.
     """
+    several_cells = several_blocks = 0
     height, width = labels.shape
     rows, columns = cell.shape
     wide = block.shape[1]
@@ -71,10 +72,13 @@ def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
             for j in range(columns):
                 one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
                 out[j] = NONE if low[j] > high[j] else one
+                several_cells += out[j] == SEVERAL
         thirds(lows, highs, low[:wide], high[:wide])
         for j in range(wide):
             one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
             block[i, j] = NONE if low[j] > high[j] else one
+            several_blocks += block[i, j] == SEVERAL
+    return several_cells, several_blocks
 
 
 @compiled

@@ -227,7 +227,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
     most,
     longest,
     tails,
-    root,
+    roots,
+    segment,
     ints,
     floats,
 ):
@@ -241,8 +242,9 @@ def agglomerate(  # type: ignore[no-untyped-def]
     nats that a merge saves there. segments, their forms and drift are changed in place: the row of
     a root holds its whole segment. home (n,): the sector in whose coordinates each is; turns (K, K,
     3, 3): what `turn_row` takes from the first to the second; wraps: whether the last column is
-    beside the first; most, longest: as `_share_left` takes them, tails as `tempered`. Writes the
-    root of every segment. ints, floats: room to work in, `room` of so many sides and segments.
+    beside the first; most, longest: as `_share_left` takes them, tails as `tempered`. Writes roots
+    (n,), as many as it returns, and segment (n,): which of these each has become part of. ints,
+    floats: room to work in, `room` of so many sides and segments.
 
     Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
     one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
@@ -266,7 +268,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
 
     # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
-        root[u] = u
+        segment[u] = u
     clear(keys, place[:edges])
     size, gains = np.intp(0), np.empty(_BATCH)
     for start in range(0, edges, _BATCH):
@@ -309,7 +311,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
                 segments[v, e] = moved_row[e]
         _join(segments, forms, drift, u, v, misfit[edge])
         version[u] += version[v] + 1
-        root[v] = u
+        segment[v] = u
         alive[edge] = 0
         degree[u] -= 1
         # The edges of v become u's; where both had one to the same neighbour they become one.
@@ -338,7 +340,15 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     degree[u] += 1
                     append_half(u, half, head, tail, following)
             half = after
-    write_roots(root)
+    write_roots(segment)
+    found = 0
+    for u in range(count):
+        if segment[u] == u:
+            roots[found], seen[u] = u, found
+            found += 1
+    for u in range(count):
+        segment[u] = seen[segment[u]]
+    return found
 
 
 @compiled

@@ -55,8 +55,8 @@ def mark_wild(  # type: ignore[no-untyped-def]
 
     z (H, W): depth in any unit, of which low <= z <= high are readings. Another agrees if it
     is no farther off than this `share` of the reading, or than so many `widths` of the narrowest
-    half of those about. Every so many rows are looked at. Writes
-    wild (H, W); returns how many readings were looked at, and how many of them are wild.
+    half of those about. Every so many rows are looked at. Writes wild (rows looked at, W), where it
+    is True; returns how many readings were looked at, and how many of them are wild.
     """
     near, about = np.empty(z.shape[1], np.float32), np.empty((2 * REACH + 1) ** 2)
     least, bound = np.float32(low), np.float32(share)
@@ -71,7 +71,7 @@ def mark_wild(  # type: ignore[no-untyped-def]
             if low <= row[j] <= high:
                 seen += 1
                 if near[j] < _ENOUGH and _stands_alone(z, i, j, low, high, share, widths, about):
-                    wild[i, j] = True
+                    wild[i // stride, j] = True
                     found += 1
     return seen, found
 

@@ -64,15 +64,13 @@ def describe_image(
         solid = area[:1, :1].copy() if frame.straight else area[part]  # the same of all pixels
         images = (image[part] for image in (frame.w, frame.x, frame.y))
         plane_sums(
-            labels[part], place, *images, frame.straight, affine, solid, ranked[part],
+            labels[part], place, *images, frame.straight, affine, solid, first, ranked[part],
             both[half], boxes[half],
         )  # fmt: skip
 
     threads.halves(add_up, len(labels))
-    sums, middle = both[0] + both[1], len(labels) // 2
-    boxes[1][both[1, :, 0] > 0, ::2] += middle
-    box = boxes[0]
-    np.minimum(box[:, :2], boxes[1][:, :2], out=box[:, :2])
-    np.maximum(box[:, 2:], boxes[1][:, 2:], out=box[:, 2:])
+    sums, (box, lower) = both[0] + both[1], boxes
+    np.minimum(box[:, :2], lower[:, :2], out=box[:, :2])
+    np.maximum(box[:, 2:], lower[:, 2:], out=box[:, 2:])
     sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
     return planes_of(rows, covariances, sums, box, told), ranked

@@ -24,9 +24,10 @@ def join_through_gaps(
     """Join segments of one plane that do not touch.
 
     First accepted ones, then what is left over and saves anything as part of one of those planes.
-    Returns the segments of all planes, the plane of each, and the rows of the planes, (K, N, 13).
+    Returns the segments that were looked at, the plane of each, -1 for none, and the rows of the
+    planes, (K, N, 13).
     """
-    order = np.argsort(-worth, kind="stable")
+    order = (-worth).argsort(kind="stable")
     paid = accepted[order]
     chosen, rest = order[paid], order[~paid & (worth[order] > 0.0)]
     if not len(chosen):
@@ -37,16 +38,11 @@ def join_through_gaps(
     slope_prior = segments.slope_prior[every]
     rows = sectors.everywhere(segments.rows[every], home)
     forms = _forms(rows, drift)
-    owner, plane = np.empty(len(chosen), np.int64), np.empty(len(rest), np.int64)
+    plane, first = np.empty(len(every), np.int64), np.empty(len(chosen), np.int64)
+    owner, others = plane[: len(chosen)], plane[len(chosen) :]
     gaps.join_through_gaps(rows, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
-    gaps.find_planes(rows, forms, home, slope_prior, _GAP_OFFSET, owner, plane)
-    own, part = owner == np.arange(len(owner)), plane >= 0
-    place = np.cumsum(own) - 1
-    return (
-        np.concatenate((chosen, rest[part])),
-        place[np.concatenate((owner, plane[part]))],
-        rows[:, np.flatnonzero(own)],
-    )
+    found = gaps.find_planes(rows, forms, home, slope_prior, _GAP_OFFSET, owner, others, first)
+    return every, plane, rows[:, first[:found]]
 
 
 def _forms(rows: Array, drift: Array) -> Array:

@@ -248,7 +248,7 @@ def book_of(
     )  # fmt: skip
     curve = np.full(planes + 1, data.total + groups.wild)
     # Planes are taken away from the last on.
-    curve[:planes] += np.cumsum(sectors.summed(leaving[1:])[order][::-1])[::-1]
+    curve[:planes] += sectors.summed(leaving[1:])[order][::-1].cumsum()[::-1]
     curve += np.arange(planes + 1) * plane_information(3, range, resolution)
     curve += mask.lengths(groups.readings, place)[: planes + 1]
     return Ledger(order=order, worth=worth[order], saved=saved[order], curve=curve)
@@ -373,10 +373,9 @@ def _groups(
     cell = workspace.empty(_tiles(labels.shape, kernels.SIDE), np.int32)
     block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
     work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
-    tiles.label_cells(labels, frame.p, cell, block, work)
-    several = int(np.count_nonzero(block == tiles.SEVERAL))
+    mixed, several = tiles.label_cells(labels, frame.p, cell, block, work)
     # Of the cells of a block, each with one label adds at most one group.
-    most = kernels.SIDE**2 * (several + int(np.count_nonzero(cell == tiles.SEVERAL)))
+    most = kernels.SIDE**2 * (several + mixed)
     moments = workspace.empty((tiles.NORM + 1, block.size + most))
     moments[:, : block.size] = blocks.moments
     label = workspace.empty(block.size + most, np.uint16)

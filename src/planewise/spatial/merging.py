@@ -33,6 +33,7 @@ _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
 _WHOLE = 64.0  # pixels of a cell whose error is its own
+_SHARES = (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER  # by the pixels of a unit
 _TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
 _ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
@@ -68,9 +69,9 @@ def merged(
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
     price, longest = _merge_border(segments.rows, cells.error, cost)
     ints, floats = loops.room(beside.sides, len(segments.rows))
-    root = np.empty(len(segments.rows), np.int32)
+    roots, segment = np.empty((2, len(segments.rows)), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
-        loops.agglomerate(
+        found = loops.agglomerate(
             segments.of_cell(beside.grid, workspace),
             beside.discords,
             price,
@@ -85,11 +86,12 @@ def merged(
             cost,
             longest,
             tails,
-            root,
+            roots,
+            segment,
             workspace.empty(ints, np.int32),
             workspace.empty(floats),
         )
-    return segments.kept(root), beside
+    return segments.kept(roots[:found], segment), beside
 
 
 def _joined_squares(
@@ -110,7 +112,7 @@ def _joined_squares(
         cells.slope_prior,
         cells.rows[:, COUNT],
         _FITTED_AWAY,
-        (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER,
+        _SHARES,
         free,
     )
     root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)

@@ -164,8 +164,7 @@ def segment(
         rows, labels = label_planes(
             frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace
         )
-    kept = owner >= 0
-    total = np.bincount(owner[kept], worth[kept], planes.shape[1])
+    total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]  # -1 is no plane
     return _segmentation(rows, labels, np.asarray(total), frame.sectors)
 
 
@@ -316,10 +315,10 @@ def _accept(
 def _most_significant(
     planes: Array, owner: NDArray[np.int64], worth: Array, most: int
 ) -> tuple[Array, NDArray[np.int64]]:
-    """The planes that save most, and owners with -1 for the others' segments."""
-    total = np.bincount(owner, worth, planes.shape[1])
+    """The planes that save most, and owners with -1 for the others' segments, too."""
+    total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]
     keep = np.sort(np.argsort(-total, kind="stable")[:most])
-    place = np.full(planes.shape[1], -1)
+    place = np.full(planes.shape[1] + 1, -1)  # the last is that of -1
     place[keep] = np.arange(len(keep))
     return planes[:, keep], place[owner]
 

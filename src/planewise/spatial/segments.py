@@ -39,19 +39,16 @@ class Segments:
     home: NDArray[np.int32]
     of_unit: NDArray[np.int32]
 
-    def kept(self, root: NDArray[np.int32]) -> Segments:
-        """Only the roots of segments that were merged."""
-        alive = np.flatnonzero(root == np.arange(root.size, dtype=np.int32))
-        place = np.empty(root.size, np.int32)
-        place[alive] = np.arange(alive.size)
+    def kept(self, roots: NDArray[np.int32], segment: NDArray[np.int32]) -> Segments:
+        """Only those that others were merged into, or none; segment (n,): which of them each is."""
         return Segments(
-            rows=self.rows.take(alive, axis=0),
-            forms=self.forms.take(alive, axis=0),
-            drift=self.drift.take(alive),
-            offset_prior=self.offset_prior.take(alive),
-            slope_prior=self.slope_prior.take(alive),
-            home=self.home.take(alive),
-            of_unit=place.take(root).take(self.of_unit),
+            rows=self.rows.take(roots, axis=0),
+            forms=self.forms.take(roots, axis=0),
+            drift=self.drift.take(roots),
+            offset_prior=self.offset_prior.take(roots),
+            slope_prior=self.slope_prior.take(roots),
+            home=self.home.take(roots),
+            of_unit=segment.take(self.of_unit),
         )
 
     def divided(
