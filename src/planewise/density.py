@@ -21,4 +21,5 @@ def usual_count(readings: NDArray[Any]) -> int:
     """
     sizes = np.bincount(readings.astype(np.intp).reshape(-1), minlength=2)
     sizes[0] = 0
-    return int(np.cumsum(sizes).searchsorted(max(0.5 * sizes.sum(), 1)))
+    so_many = sizes.cumsum()
+    return int(so_many.searchsorted(max((int(so_many[-1]) + 1) // 2, 1)))

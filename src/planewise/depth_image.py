@@ -118,7 +118,7 @@ class DepthImage:
 
         seen = np.zeros(_MOST_UNITS + 1, np.bool_)
         count, present = kernels.mark_levels(values.reshape(-1), low, high, seen)
-        levels = low + np.flatnonzero(seen[low : high + 1])
+        levels = low + seen[low : high + 1].nonzero()[0]
         return cls(
             values=values,
             scale=scale,
@@ -239,7 +239,7 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     from planewise.kernels import images as kernels  # loads Numba
 
     steps = np.empty(levels.size)
-    kernels.running_medians(np.diff(levels), _WINDOW // 2, steps[:-1])
+    kernels.running_medians(levels[1:] - levels[:-1], _WINDOW // 2, steps[:-1])
     steps[-1] = steps[-2]
     return steps
 

@@ -29,5 +29,5 @@ def ranks(kept: NDArray[np.integer] | Sequence[int], count: int) -> NDArray[np.u
     array([0, 2, 0, 0, 1], dtype=uint16)
     """
     out = np.zeros(count + 1, np.uint16)
-    out[np.asarray(kept, np.intp) + 1] = np.arange(1, len(kept) + 1)
+    out[1:][np.asarray(kept, np.intp)] = np.arange(1, len(kept) + 1)
     return out

@@ -223,6 +223,8 @@ class Sectors:
     def places(self, order: NDArray[np.intp], planes: int) -> NDArray[np.uint16]:
         """Rank 1 ... of every label (N K + 1,) by the order of planes; 0 for those left out."""
         place = ranks(order, planes)
+        if self.count == 1:
+            return place
         return np.concatenate((place[:1], self.repeated(place[1:])))
 
     def affine(self, theta: Array) -> Array:

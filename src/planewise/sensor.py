@@ -143,6 +143,9 @@ class Sensor:
         z = np.asarray(z, dtype=np.float64)
         assert callable(self.noise)
         sigma = evaluated("noise", self.noise, z)
+        # Nearly always all of them are large enough for any depth.
+        if sigma.size and sigma.min() >= FINEST * self.max_depth and sigma.max() <= MOST_LENGTH:
+            return sigma
         bad = ~((sigma > 0) & (sigma <= MOST_LENGTH))  # as NaN is
         bad |= sigma < FINEST * np.minimum(z, self.max_depth)  # strays of a cloud are far beyond
         if bad.any():

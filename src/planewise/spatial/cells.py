@@ -210,8 +210,9 @@ def cells_of(
         frame, grid, units, size, whole, planes, (white, seen), segments, workspace
     )
     w, priors = planes[2], workspace.kept((2, found))
-    slope = kernels.UNIT * np.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
-    priors[0], priors[1] = (_OFFSET_PRIOR * w) ** 2, (w * slope) ** 2
+    slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
+    np.square(_OFFSET_PRIOR * w, out=priors[0])
+    np.square(w * slope, out=priors[1])
     return Cells(
         grid=grid,
         moments=moments,
@@ -305,7 +306,7 @@ def _without_shared_error(
     w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
     between = quiet * _SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
-    chance = drifting_by_chance(int(whole.sum()), measured, known=frame.known)
+    chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
     error = FrameError(
         white=white,
         seen=seen,

@@ -81,10 +81,9 @@ def curved_segments(
         all of both.
     """
     every, parts = accepted | doubtful, _parts(cells, segments, sectors)
+    chosen = every[parts.segment]
     quadrics = np.empty((len(parts.rows), kernels.QUADRIC))
-    kernels.quadrics_of(
-        cells.rows, parts.of_unit, parts.rows, parts.drift, every[parts.segment], quadrics
-    )
+    kernels.quadrics_of(cells.rows, parts.of_unit, parts.rows, parts.drift, chosen, quadrics)
     sharp = doubtful.copy()
     if sectors.count == 1:
         sharp &= quadrics[:, kernels.BENT] == FLAT
@@ -95,8 +94,7 @@ def curved_segments(
     how = np.empty(len(ends), np.int8)
     kernels.meet(ends, units, cells.rows, quadrics, UNIT / sectors.mean_focal, how)
     kernels.find_round(
-        ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, every[parts.segment],
-        beside.wraps, how,
+        ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, chosen, beside.wraps, how
     )  # fmt: skip
 
     def surfaces() -> tuple[Pairs, NDArray[np.int8], Chosen]:

@@ -159,19 +159,18 @@ def frame_of(
     )
 
 
-def _parts(parts: ErrorParts, z: Array) -> tuple[Array, Array, Array]:
-    """White, shared and drift at depths z, in metres, checked."""
-    white, shared, drift = (
-        evaluated(f"parts.{name}", getattr(parts, name), z) for name in ("white", "shared", "drift")
-    )
-    every = np.stack((white, shared, drift))
-    sound = (white >= FINEST * z).all() and every.min() >= 0 and every.max() <= MOST_LENGTH
+def _parts(parts: ErrorParts, z: Array) -> Array:
+    """White, shared and drift at depths z, in metres, checked: shape (3, levels)."""
+    every = np.empty((3, z.size))
+    for row, name in zip(every, ("white", "shared", "drift"), strict=True):
+        row[:] = evaluated(f"parts.{name}", getattr(parts, name), z)
+    sound = (every[0] >= FINEST * z).all() and every.min() >= 0 and every.max() <= MOST_LENGTH
     if not sound:  # as NaN is
         raise ValueError(
             "the parts of a sensor's noise must be finite and not negative (metres), and white "
             "positive; they are not at all depths that occur"
         )
-    return white, shared, drift
+    return every
 
 
 def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:

@@ -265,7 +265,7 @@ def drift_factor(
         def told_by(four: bool) -> float | None:
             n = kernels.cells_in_a_row(*of_cells, four, *rows)
             square, own, slow = rows[:, :n]
-            if n < _FEWEST or not slow.any():
+            if n < _FEWEST or not slow.max():
                 return None
             return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
 
@@ -362,7 +362,7 @@ def shared_factors(
     slopes, offsets = workspace.empty((3, 4 * grid.size)), workspace.empty((4, 2 * grid.size))
     n = kernels.neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets)
     square, own, tilted = slopes[:, : 2 * n]
-    if 2 * n < _FEWEST or not tilted.any():
+    if 2 * n < _FEWEST or not tilted.max():
         return 1.0, 1.0
     # Where what is described is next to nothing, the description stands.
     bent = _bisect(square, own, tilted, 0.5, _MEDIAN_CHI2_1)

@@ -52,7 +52,7 @@ def joined(
     nearest, far = np.empty(planes, np.intp), np.empty(planes)
     first = np.ascontiguousarray(found.affine[::count])
     nearest_planes(first, found.information, nearest, far)
-    near = np.flatnonzero(far < _FAR * price)
+    near = (far < _FAR * price).nonzero()[0]
     if not len(near):
         return groups, found, data, None
     more = np.full((planes, planes), np.inf)

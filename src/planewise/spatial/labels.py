@@ -317,7 +317,9 @@ def relabelled(
 
 def _with_none(affine: Array) -> Array:
     """Planes by label: a row of zeros for none before them."""
-    return np.vstack((np.zeros((1, 3)), affine))
+    planes = np.zeros((len(affine) + 1, 3))
+    planes[1:] = affine
+    return planes
 
 
 def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -> Array:

@@ -70,4 +70,5 @@ class Marks:
 
     def hide_beyond(self, sectors: Sectors) -> None:
         """Leave margins without labels again."""
-        self.label[:, sectors.margin + 1] = label_loops.NONE
+        if sectors.margin.size:
+            self.label[:, sectors.margin + 1] = label_loops.NONE

@@ -68,9 +68,11 @@ def neighbours(
     -------
     Neighbours
     """
+    if sectors.count == 1:
+        return Neighbours(grid, discords, sides, False)
     # Cells at the end that are too narrow for planes are left out: only squares reach into them.
     first, last = sectors.start // SIDE, sectors.stop // SIDE
-    if sectors.count == 1 or (first == last).any():
+    if (first == last).any():
         return Neighbours(grid, discords, sides, False)
     columns = np.concatenate([np.arange(*each) for each in zip(first, last, strict=True)])
     grid, across = grid[:, columns], discords[:, :, columns]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +64,10 @@ class SpatialSolution:
     curve: Array
     moves: tuple[Move, ...]
 
-    @property
+    @cached_property
     def best(self) -> int:
         """Number of planes that pay for themselves."""
-        return int(np.argmin(self.curve))
+        return int(self.curve.argmin())
 
     @property
     def bent(self) -> NDArray[np.bool_]:
@@ -205,7 +206,7 @@ def judged(
         found = replace(found, residual_correlation=correlation[0])
     curve = book.curve[: np.count_nonzero(pays) + 1]
     moves = [Move(kind="agglomerate", planes=len(order), information=float(book.curve[-1]))]
-    best = int(np.argmin(curve))
+    best = int(curve.argmin())
     if best < len(order):
         moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
     return SpatialSolution(found, affine, book, curve, tuple(moves))
@@ -228,6 +229,6 @@ def _paying(
         # Phi is lower without some of these, maybe: the last of them by worth.
         order = np.lexsort((data.worth, ~pays))
         book = book_of(groups, data.copy(), mask, range, resolution, order)
-        best = int(np.argmin(book.curve[: np.count_nonzero(pays) + 1]))
+        best = int(book.curve[: np.count_nonzero(pays) + 1].argmin())
         pays[order[best:]] = False
     return pays
