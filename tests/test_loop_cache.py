@@ -69,6 +69,29 @@ def test_loops_can_be_compiled_that_call_what_was_kept(called):
     assert called("spread", "mean") == ([2.0, 2.0], [])
 
 
+COUNT_PARSED = """
+from llvmlite import binding
+parse, sizes = binding.parse_bitcode, []
+
+def counts(bitcode, *rest):
+    sizes.append(len(bitcode))
+    return parse(bitcode, *rest)
+
+binding.parse_bitcode = counts
+import atexit
+atexit.register(lambda: print(*sizes))
+"""
+
+
+def test_a_loop_is_compiled_from_what_is_kept_of_those_it_calls(called, tmp_path):
+    """Else machine code would depend on which process compiled which of them."""
+    call = run_python(
+        COUNT_PARSED + COUNT, "spread", PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "a")
+    )
+    parsed = [int(size) for size in call.stdout.split("\n")[2].split()]
+    assert len(parsed) == 2  # mean and total
+
+
 def test_types_of_variables_are_not_kept(called, tmp_path):
     called("mean")
     kept = b"".join(path.read_bytes() for path in (tmp_path / "kept").glob("**/*.nbc"))

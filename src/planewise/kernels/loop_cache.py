@@ -1,8 +1,9 @@
 """Compiled loops on disk: what Numba keeps of them, loaded in half the time.
 
 A call needs the machine code of a loop alone. Its bitcode, twice as large, is for loops that call
-it, and is parsed when one of these is compiled. What types its variables have, which only
-`inspect_types` prints, is not kept.
+it, and is parsed when one of these is compiled, be it by the process that compiled this one: then
+machine code, whose sums may be taken in any order, is the same whichever process compiled what.
+What types its variables have, which only `inspect_types` prints, is not kept.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ class _MachineCode(CompileResultCacheImpl):
         module = getattr(compiled.library, "_get_module_for_linking", None)
         match whole:
             case ((name, "object", (bytes() as code, bytes() as bitcode)), *others) if module:
-                return ((name, "object", (code, _names_in(module()))), *others), bitcode
+                names = _names_in(module())
+                _link_by(bitcode, compiled.library)
+                return ((name, "object", (code, names)), *others), bitcode
         return whole, None  # of a Numba that has other ways
 
     def rebuild(self, target: Any, kept: tuple[Any, bytes | None]) -> Any:
@@ -39,15 +42,7 @@ class _MachineCode(CompileResultCacheImpl):
         without, bitcode = kept
         out = super().rebuild(target, without)
         if bitcode is not None:
-            library = out.library
-
-            def linked() -> Any:
-                library._shared_module = llvm.parse_bitcode(bitcode)
-                del library._get_module_for_linking  # now it gives that
-                return library._shared_module
-
-            library._shared_module = None  # names alone are never linked
-            library._get_module_for_linking = linked
+            _link_by(bitcode, out.library)
         return out
 
 
@@ -76,6 +71,18 @@ class LoopCache(FunctionCache):
         _LOG.debug("%s is not kept: %s", self, error)
         with contextlib.suppress(OSError):
             Path(self._cache_file._index_path).unlink(missing_ok=True)
+
+
+def _link_by(bitcode: bytes, library: Any) -> None:
+    """Let loops that call those of a library be compiled with this, parsed for the first of them."""
+
+    def linked() -> Any:
+        library._shared_module = llvm.parse_bitcode(bitcode)
+        del library._get_module_for_linking  # now it gives that
+        return library._shared_module
+
+    library._shared_module = None
+    library._get_module_for_linking = linked
 
 
 def _names_in(module: Any) -> bytes:
