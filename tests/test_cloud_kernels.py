@@ -503,6 +503,21 @@ def test_labels_follow_residual_and_surroundings(cloud):
     assert (labels == truth).mean() > 0.95
 
 
+def test_points_of_cells_that_are_on_other_planes_are_counted(cloud):
+    rng = np.random.default_rng(5)
+    label_of, labels = rng.integers(0, 4, len(cloud.cubes)), rng.integers(0, 4, len(cloud.rows))
+    points, half = np.zeros((4, 2), np.int64), len(cloud.cubes) // 2
+    for first, last in ((0, half), (half, len(cloud.cubes))):
+        label_loops.count_lost(
+            labels.astype(np.uint16), cloud.starts, label_of, first, last, points
+        )
+    mine = np.repeat(label_of, np.diff(cloud.starts))
+    for label in (1, 2, 3):
+        there = labels[mine == label]
+        assert_array_equal(points[label], (len(there), ((there != 0) & (there != label)).sum()))
+    assert not points[0].any()
+
+
 def test_groups_are_the_points_of_one_label_in_a_cube(cloud):
     labels = scattered()[1][cloud.rows].astype(np.uint16)
     groups = groups_of(cloud, labels, CloudError(1.5, 0.0))

@@ -5,6 +5,7 @@ import pytest
 
 import planewise as pw
 from planewise.clouds import cells as stage
+from planewise.clouds import model
 from planewise.clouds.cells import cells_of
 from planewise.clouds.cloud import cloud_of
 from planewise.kernels.cloud_rows import AREA, COUNT
@@ -77,3 +78,43 @@ def test_all_faces_of_a_dense_cube_are_found(count, sigma):
     np.add.at(table, (face, found.labels), 1)
     assert (table[:, 1:].max(axis=1) > 0.85 * table.sum(axis=1)).all()
     assert found.information == min(found.curve)
+
+
+@pytest.mark.parametrize("tile", [None, 50_000])
+def test_corners_that_cubes_cut_off_two_sheets_are_no_plane(tile, tmp_path, monkeypatch):
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0, 1, (400_000, 3)) * (1.5, 1.0, 0.0)
+    sheet = rng.integers(0, 2, len(points))
+    points[:, 2] = 0.02 * sheet + rng.normal(0, 0.002, len(points))
+    points = turned(points, 4)
+    sensor = pw.Sensor(max_depth=30.0, noise=0.002)
+    found = detected(points, sensor, tile, tmp_path)
+    assert len(found) == 2
+    assert (found.labels > 0).mean() > 0.9999
+    here = found.labels == found.labels[0]
+    assert (here == (sheet == sheet[0])).all()
+    # Nor do they make Phi smaller.
+    monkeypatch.setattr(model, "lost_most", lambda *_: np.zeros(_[-1], np.bool_))
+    across = detected(points, sensor, tile, tmp_path)
+    assert len(across) > 2
+    assert found.information < across.information - 1000
+
+
+def test_planes_that_lost_their_points_stay_where_phi_is_larger_without(monkeypatch):
+    rng = np.random.default_rng(0)
+    low, high = wall(20_000, rng), wall(20_000, rng)
+    high[:, 2] += 2.0
+    points = turned(np.vstack((low, high)), 0)
+    sensor = pw.Sensor(max_depth=8.0, noise=SIGMA)
+    as_it_is = pw.detect_planes_in_points(points, sensor)
+    assert len(as_it_is) == 2
+    monkeypatch.setattr(model, "lost_most", lambda *given: np.arange(given[-1]) == 0)
+    found = pw.detect_planes_in_points(points, sensor)
+    assert np.array_equal(found.labels, as_it_is.labels)
+
+
+def detected(points, sensor, tile, folder):
+    if tile is None:
+        return pw.detect_planes_in_points(points, sensor)
+    np.save(folder / "points.npy", points)
+    return pw.detect_planes_in_cloud(folder / "points.npy", sensor, tile_points=tile)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from planewise import prices
 from planewise.clouds import few as cloud_few
 from planewise.clouds.cells import (
+    CloudCells,
     CloudError,
     as_loud_as_seen,
     cells_of,
@@ -30,10 +31,10 @@ from planewise.clouds.information import (
 )
 from planewise.clouds.instances import apart
 from planewise.clouds.joining import joined
-from planewise.clouds.labels import label_points
+from planewise.clouds.labels import label_points, lost_most
 from planewise.clouds.masks import Mask, mask_of
 from planewise.clouds.rows import covariances, determined, planes_of
-from planewise.clouds.segments import segments_of
+from planewise.clouds.segments import CloudSegments, segments_of
 from planewise.compilation import announce
 from planewise.information import (
     coordinate_information,
@@ -164,21 +165,33 @@ def found_in(cloud: Cloud, sensor: Sensor, significance: float) -> CloudPlanes:
             memory=cloud.memory,
         )
     with stage("labels"):
-        labels = label_points(
-            cloud,
-            cells,
-            found.of_cell,
-            planes_of(found.rows),
-            found.rows[:, AREA],
-            coordinate_information(sensor.range, sensor.resolution),
-            sensor.resolution,
-        )
-        limits = sensor.range, sensor.resolution
-        rows, part = joined(cloud, labels, found.rows, cells.error, limits)
+        told, outvoted = _told(cloud, cells, found, sensor)
+    while len(outvoted):
+        found = found.without(outvoted)
+        with stage("labels"):
+            fewer, outvoted = _told(cloud, cells, found, sensor)
+        with stage("ledger"):
+            if _weighed(fewer, sensor).curve.min() >= _weighed(told, sensor).curve.min():
+                break
+        told = fewer
+    return told
+
+
+def _told(
+    cloud: Cloud, cells: CloudCells, found: CloudSegments, sensor: Sensor
+) -> tuple[CloudPlanes, NDArray[np.intp]]:
+    """Planes and labels of segments, and which of these have lost their points to others."""
+    limits = sensor.range, sensor.resolution
+    planes, areas = planes_of(found.rows), found.rows[:, AREA]
+    null = coordinate_information(*limits)
+    labels = label_points(cloud, cells, found.of_cell, planes, areas, null, sensor.resolution)
+    lost = lost_most(cloud, cells, found.of_cell, labels, len(planes))
+    rows, part = joined(cloud, labels, found.rows, cells.error, limits)
     saved = np.asarray(np.bincount(part, found.significance, len(rows)), np.float64)
     of_cell = np.append(part, -1)[found.of_cell]
     correlation = residual_correlation(cells, of_cell, planes_of(rows))
-    return CloudPlanes(cloud, labels, rows, cells.error, saved, correlation, found.curved)
+    told = CloudPlanes(cloud, labels, rows, cells.error, saved, correlation, found.curved)
+    return told, np.flatnonzero(lost)
 
 
 def _most_significant(found: CloudPlanes, least: float) -> CloudPlanes:
@@ -264,16 +277,10 @@ def ranked_model(
 
     Of more than `max_planes` these are the best ones.
     """
-    cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
-    areas, labels = found.rows[:, AREA], found.labels
+    cloud, labels = found.cloud, found.labels
     with stage("ledger"):
-        groups = groups_of(cloud, labels, error)
-        alone = alone_of(cloud, groups, *limits)
-        data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
-        rows = determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
-        now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
-        mask = mask_of(cloud, labels, groups, len(rows), error)
-        book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
+        weighed = _weighed(found, sensor)
+    rows, book, curve = weighed.rows, weighed.book, weighed.curve
     paying = int(np.argmin(curve))
     best = min(paying, max_planes)
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
@@ -289,7 +296,7 @@ def ranked_model(
         for first, last in cloud.runs():
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.rows[part]] = place[labels[part]]
-        planes = _described(found, groups, rows, book.saved, order)
+        planes = _described(found, weighed.groups, rows, book.saved, order)
     factor = found.cloud.louder * math.sqrt(found.error.white)
     settings = {**settings, "sigma_factor": round(factor, 3)}
     significance = settings.get("significance", 0.0)
@@ -314,6 +321,41 @@ def ranked_model(
         note="" if best else reason + _too_wide(cloud, sensor),
         settings=settings,
     )
+
+
+@dataclass(frozen=True)
+class _Weighed:
+    """Planes refitted to their points, and what Phi says of them.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (N, 18)
+        Of the planes, refitted.
+    groups : CloudGroups
+        Of the labels.
+    book : CloudLedger
+        Of all planes, those that do not pay last.
+    curve : ndarray
+        Phi with the first planes of the book, as far as they pay.
+    """
+
+    rows: Array
+    groups: CloudGroups
+    book: CloudLedger
+    curve: Array
+
+
+def _weighed(found: CloudPlanes, sensor: Sensor) -> _Weighed:
+    cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
+    areas = found.rows[:, AREA]
+    groups = groups_of(cloud, found.labels, error)
+    alone = alone_of(cloud, groups, *limits)
+    data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
+    rows = determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
+    now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
+    mask = mask_of(cloud, found.labels, groups, len(rows), error)
+    book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
+    return _Weighed(rows, groups, book, curve)
 
 
 def _too_wide(cloud: Cloud, sensor: Sensor) -> str:

@@ -17,6 +17,7 @@ from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
 from planewise.model import MAX_PLANES
+from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
 
@@ -50,6 +51,13 @@ class CloudSegments:
     of_cell: NDArray[np.int64]
     significance: Array
     curved: int = 0
+
+    def without(self, gone: NDArray[np.intp]) -> CloudSegments:
+        """All but some planes, whose cells are then on none."""
+        keep = np.delete(np.arange(len(self.rows)), gone)
+        place = ranks(keep, len(self.rows)).astype(np.int64) - 1
+        of_cell = np.append(place[1:], -1)[self.of_cell]
+        return CloudSegments(self.rows[keep], of_cell, self.significance[keep], self.curved)
 
 
 def segments_of(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planewise.clouds.cells import PRIOR, CloudCells, CloudError, residual_correlation
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.curvature import curved_segments
-from planewise.clouds.labels import label_points
+from planewise.clouds.labels import label_points, lost_most
 from planewise.clouds.model import CloudPlanes, ranked_model
 from planewise.clouds.order import Grid
 from planewise.clouds.rows import planes_of
@@ -60,6 +60,7 @@ def later_stages() -> None:
     planes = planes_of(rows)
     coordinate, cost = coordinate_information(*limits), plane_information(3, *limits)
     label_points(cloud, cells, of_cell, planes, rows[:, AREA], coordinate, limits[1])
+    lost_most(cloud, cells, of_cell, labels, len(planes))
     residual_correlation(cells, of_cell, planes)
 
     curved_segments(cells, cells.rows, np.arange(count), PAIRS_AT_ONCE, cloud.memory)

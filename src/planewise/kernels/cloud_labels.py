@@ -158,6 +158,21 @@ def label_points(  # type: ignore[no-untyped-def]
 
 
 @in_order
+def count_lost(labels, starts, label_of, first, last, points):  # type: ignore[no-untyped-def]
+    """Add up how many points the cells of every plane have, and how many of them are on others.
+
+    label_of (n,): of the cell that each of the cubes is part of; points (N + 1, 2).
+    """
+    for cube in range(first, last):
+        mine = label_of[cube]
+        if mine == 0:
+            continue
+        points[mine, 0] += starts[cube + 1] - starts[cube]
+        for i in range(starts[cube], starts[cube + 1]):
+            points[mine, 1] += labels[i] != 0 and labels[i] != mine
+
+
+@in_order
 def count_groups(labels, starts, first, last, counts):  # type: ignore[no-untyped-def]
     """Labels that the points of each of cubes[first:last] have."""
     for cube in range(first, last):
