@@ -86,7 +86,10 @@ atexit.register(lambda: print(*sizes))
 def test_a_loop_is_compiled_from_what_is_kept_of_those_it_calls(called, tmp_path):
     """Else machine code would depend on which process compiled which of them."""
     call = run_python(
-        COUNT_PARSED + COUNT, "spread", PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=str(tmp_path / "a")
+        COUNT_PARSED + COUNT,
+        "spread",
+        PYTHONPATH=str(tmp_path),
+        NUMBA_CACHE_DIR=str(tmp_path / "a"),
     )
     parsed = [int(size) for size in call.stdout.split("\n")[2].split()]
     assert len(parsed) == 2  # mean and total

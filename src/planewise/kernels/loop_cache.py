@@ -74,7 +74,7 @@ class LoopCache(FunctionCache):
 
 
 def _link_by(bitcode: bytes, library: Any) -> None:
-    """Let loops that call those of a library be compiled with this, parsed for the first of them."""
+    """Let loops be compiled with this that call those of a library; the first one parses it."""
 
     def linked() -> Any:
         library._shared_module = llvm.parse_bitcode(bitcode)
