@@ -17,6 +17,7 @@ from numba import njit
 from numba.core import caching, event
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.arraydecl import GetItemBuffer
+from numba.extending import overload
 
 import planewise as pw
 from planewise import compilation, compiler, warm_up
@@ -84,15 +85,22 @@ def test_numba_is_asked_once_what_an_operator_gives_in_loops_of_ours(monkeypatch
 def test_what_numba_compiles_itself_is_asked_for_wherever_it_is_used(monkeypatch):
     """It is compiled with the options of the loop that uses it."""
 
-    def loop(x, y):
-        return max(x, y) + x
+    def twice(x):
+        raise NotImplementedError
+
+    @overload(twice)
+    def _(x):
+        return lambda x: x + x
+
+    def loop(x):
+        return twice(x) * x
 
     monkeypatch.setattr(compiler, "_known", {})
     loop.__module__ = "planewise.kernels.made_up"
-    assert njit(loop)(1.0, 2.0) == 3.0
+    assert njit(loop)(3.0) == 18.0
     kept = {function.typing_key for function, *_ in compiler._known}
-    assert operator.add in kept
-    assert max not in kept
+    assert {operator.add, operator.mul} <= kept
+    assert twice not in kept
 
 
 def test_loops_of_others_compile_whatever_their_module():

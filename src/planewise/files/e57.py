@@ -45,7 +45,7 @@ def open_e57(path: Path) -> CloudFile:
         if count > 8 * path.stat().st_size:  # not a bit for each
             raise PlanewiseError(f"claims {count:,} points, which cannot be in a file of its size")
         marks = any(_mark(header.point_fields) for header in headers)
-        places = np.array([header.translation for header in headers], np.float64)
+        places = np.array([_pose(header)[1] for header in headers])
         if not np.isfinite(places).all():
             raise PlanewiseError("has a scan whose pose is not finite")
         middles = np.array([_middle(header) for header in headers])
@@ -71,12 +71,19 @@ def _mark(fields: list[str]) -> str | None:
     return next((name for name in names if name in fields), None)
 
 
+def _pose(header: Any) -> tuple[Array, Array]:
+    """Rotation and place of a scan; one that states none is in the file's coordinates."""
+    if not header.has_pose():  # which not every version of pye57 reads
+        return np.eye(3), np.zeros(3)
+    return header.rotation_matrix, np.asarray(header.translation, np.float64)
+
+
 def _middle(header: Any) -> Array:
     """Middle of a scan in the file's coordinates: that of its bounds, moved, else its scanner's.
 
     Some writers state bounds in the scan's own frame, as the format has it, others in the file's.
     """
-    place = np.asarray(header.translation, np.float64)
+    _, place = _pose(header)
     if "cartesianBounds" not in header.scan_fields:
         return place
     box = header.cartesianBounds
@@ -106,7 +113,7 @@ def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointClo
     size = min(size, count)
     columns, buffers = _buffers(reader, wanted, size)
     limit = _limit(header, "colorLimits", "colorRedMaximum", 255.0)
-    turn, move = header.rotation_matrix, np.asarray(header.translation) - offset
+    turn, place = _pose(header)
     stream = header.points.reader(buffers)
     done = 0
     try:
@@ -119,7 +126,7 @@ def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointClo
             rgb = [columns[name][keep] for name in colours]
             shine = columns["intensity"][keep] if bright else None
             yield PointCloud(
-                points=local @ turn.T + move,
+                points=local @ turn.T + (place - offset),
                 offset=offset,
                 colour=_colour(rgb, limit) if rgb else None,
                 intensity=None if shine is None else shine.astype(np.float32),
