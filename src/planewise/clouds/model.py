@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import prices
 from planewise.clouds import few as cloud_few
 from planewise.clouds.cells import (
     CloudCells,
@@ -22,25 +21,15 @@ from planewise.clouds.cells import (
 from planewise.clouds.cloud import Cloud, cloud_of
 from planewise.clouds.curvature import curved_planes
 from planewise.clouds.groups import CloudGroups, groups_of
-from planewise.clouds.information import (
-    CloudLedger,
-    alone_of,
-    data_of,
-    ledger,
-    refitted,
-)
+from planewise.clouds.information import alone_of, data_of
 from planewise.clouds.instances import apart
 from planewise.clouds.joining import joined
 from planewise.clouds.labels import label_points, lost_most
-from planewise.clouds.masks import Mask, mask_of
-from planewise.clouds.rows import covariances, determined, planes_of
+from planewise.clouds.rows import covariances, planes_of
 from planewise.clouds.segments import CloudSegments, segments_of
+from planewise.clouds.weighing import CloudPlanes, weighed
 from planewise.compilation import announce
-from planewise.information import (
-    coordinate_information,
-    outlier_information,
-    plane_information,
-)
+from planewise.information import coordinate_information, outlier_information, plane_information
 from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import MAX_PLANES, Curve, Move, Plane, PlaneModel, limited_to, reason_of
@@ -50,37 +39,6 @@ from planewise.stages import stage
 from planewise.wording import counted
 
 Array = NDArray[np.float64]
-
-_ROUNDING = 1e-9  # of Phi
-
-
-@dataclass(frozen=True)
-class CloudPlanes:
-    """Planes and labels of the sorted points, before they are ranked.
-
-    Attributes
-    ----------
-    cloud : Cloud
-        The points, in the cubes whose groups Phi is made of.
-    labels : ndarray of uint16, shape (k,)
-        0 for none, j for row j - 1.
-    rows : ndarray, shape (N, 18)
-        Of the planes.
-    error : CloudError
-        Its size.
-    significance, correlation : ndarray, shape (N,)
-        Nats that each saves, all its costs paid; of the residuals of cells side by side.
-    curved : int
-        Pieces of curved surfaces, which are none.
-    """
-
-    cloud: Cloud
-    labels: NDArray[np.uint16]
-    rows: Array
-    error: CloudError
-    significance: Array
-    correlation: Array
-    curved: int = 0
 
 
 def cloud_model(
@@ -166,14 +124,19 @@ def found_in(cloud: Cloud, sensor: Sensor, significance: float) -> CloudPlanes:
         )
     with stage("labels"):
         told, outvoted = _told(cloud, cells, found, sensor)
+    if not len(outvoted):
+        return told
+    with stage("ledger"):
+        lowest = weighed(told, sensor).curve.min()
     while len(outvoted):
         found = found.without(outvoted)
         with stage("labels"):
             fewer, outvoted = _told(cloud, cells, found, sensor)
         with stage("ledger"):
-            if _weighed(fewer, sensor).curve.min() >= _weighed(told, sensor).curve.min():
-                break
-        told = fewer
+            phi = weighed(fewer, sensor).curve.min()
+        if phi >= lowest:
+            break
+        told, lowest = fewer, phi
     return told
 
 
@@ -279,8 +242,8 @@ def ranked_model(
     """
     cloud, labels = found.cloud, found.labels
     with stage("ledger"):
-        weighed = _weighed(found, sensor)
-    rows, book, curve = weighed.rows, weighed.book, weighed.curve
+        known = weighed(found, sensor)
+    rows, book, curve = known.rows, known.book, known.curve
     paying = int(np.argmin(curve))
     best = min(paying, max_planes)
     moves = [Move(kind="agglomerate", planes=len(rows), information=float(book.curve[-1]))]
@@ -296,7 +259,7 @@ def ranked_model(
         for first, last in cloud.runs():
             part = slice(cloud.starts[first], cloud.starts[last])
             ranked[cloud.rows[part]] = place[labels[part]]
-        planes = _described(found, weighed.groups, rows, book.saved, order)
+        planes = _described(found, known.groups, rows, book.saved, order)
     factor = found.cloud.louder * math.sqrt(found.error.white)
     settings = {**settings, "sigma_factor": round(factor, 3)}
     significance = settings.get("significance", 0.0)
@@ -323,41 +286,6 @@ def ranked_model(
     )
 
 
-@dataclass(frozen=True)
-class _Weighed:
-    """Planes refitted to their points, and what Phi says of them.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (N, 18)
-        Of the planes, refitted.
-    groups : CloudGroups
-        Of the labels.
-    book : CloudLedger
-        Of all planes, those that do not pay last.
-    curve : ndarray
-        Phi with the first planes of the book, as far as they pay.
-    """
-
-    rows: Array
-    groups: CloudGroups
-    book: CloudLedger
-    curve: Array
-
-
-def _weighed(found: CloudPlanes, sensor: Sensor) -> _Weighed:
-    cloud, error, limits = found.cloud, found.error, (sensor.range, sensor.resolution)
-    areas = found.rows[:, AREA]
-    groups = groups_of(cloud, found.labels, error)
-    alone = alone_of(cloud, groups, *limits)
-    data = data_of(cloud, groups, alone, planes_of(found.rows), areas, error, *limits)
-    rows = determined(refitted(cloud, groups, alone, data, areas, error), found.rows)
-    now = data_of(cloud, groups, alone, planes_of(rows), areas, error, *limits)
-    mask = mask_of(cloud, found.labels, groups, len(rows), error)
-    book, curve = _ranked(cloud, mask, groups, alone, now, len(rows), limits)
-    return _Weighed(rows, groups, book, curve)
-
-
 def _too_wide(cloud: Cloud, sensor: Sensor) -> str:
     """What may be wrong where points reach farther than a coordinate may."""
     reach = float(np.ptp(cloud.sample[0][:, CX : CZ + 1], axis=0).max(initial=0.0))
@@ -367,41 +295,6 @@ def _too_wide(cloud: Cloud, sensor: Sensor) -> str:
         f"; the points reach over {reach:.5g} m, farther than the sensor's range of "
         f"{sensor.range:g} m: are they in metres?"
     )
-
-
-def _ranked(
-    cloud: Cloud,
-    mask: Mask,
-    groups: CloudGroups,
-    alone: Array,
-    data: Array,
-    planes: int,
-    limits: tuple[float, float],
-) -> tuple[CloudLedger, Array]:
-    """All planes as the paper ranks them, those that do not pay last; the curve of those that do.
-
-    Those pay whose points are clearly shorter on them, and with which Phi falls when they come
-    after all that are worth more.
-    """
-    by_worth = ledger(cloud, mask, groups, planes, alone, data, *limits)
-    fine = prices.fineness(len(cloud.local))
-    least = prices.price(prices.LEAST, plane_information(3, *limits), fine)
-    clear = int(np.count_nonzero(by_worth.worth < -least))
-    phi, first = by_worth.curve[: clear + 1], by_worth.order[:clear]
-
-    def keeping(pays: NDArray[np.intp]) -> tuple[CloudLedger, Array]:
-        rest = np.ones(planes, np.bool_)
-        rest[pays] = False
-        order = np.lexsort((by_worth.saved, rest))
-        book = ledger(cloud, mask, groups, planes, alone, data, *limits, order)
-        return book, book.curve[: len(pays) + 1]
-
-    best = int(np.argmin(phi))
-    book, curve = keeping(first[np.diff(phi) < 0])
-    if phi[best] < curve.min() - _ROUNDING * abs(curve[0]):
-        # Some pay only together with others that are cut.
-        book, curve = keeping(first[:best])
-    return book, curve
 
 
 def _described(

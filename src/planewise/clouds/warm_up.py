@@ -14,10 +14,11 @@ from planewise.clouds.cells import PRIOR, CloudCells, CloudError, residual_corre
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.curvature import curved_segments
 from planewise.clouds.labels import label_points, lost_most
-from planewise.clouds.model import CloudPlanes, ranked_model
+from planewise.clouds.model import ranked_model
 from planewise.clouds.order import Grid
 from planewise.clouds.rows import planes_of
 from planewise.clouds.segments import PAIRS_AT_ONCE, segments_of
+from planewise.clouds.weighing import CloudPlanes
 from planewise.compilation import confirm
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels.cloud_keys import TURN
