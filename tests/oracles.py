@@ -78,9 +78,9 @@ def undithered(steps, count, level):
 
 def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     """Nats of groups on none and on a plane each: columns of moments and of planes with extents."""
-    near, slow, bent, bend, lateral = error
+    near, slow, bent, bend, lateral, lean = error
     slope_prior, surface, coordinate = prior
-    t0, t1, t2, extent = planes
+    t0, t1, t2, extent, side = planes
     count, norm, mean = m[10], m[11], m[6] / m[0]
     cx, cy = m[1] / m[0], m[2] / m[0]
     xx, xy, yy = m[3] - cx * m[1], m[4] - cx * m[2], m[5] - cy * m[2]
@@ -112,7 +112,8 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
     steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * p
     offset = steep * (near * (shared + step) + slow * extent * drift)
-    tilt = steep * (bent * shared + bend * drift)
+    tilt = steep * (bent * shared + bend * drift) + (lean * mean) ** 2
+    offset += 0.113 * (lean * mean * side) ** 2
     explained, determinant = integrated_slopes(tilt, xw - t1 * xx - t2 * xy, yw - t1 * xy - t2 * yy)
     spread = 1 + offset * weight
     chi2 -= offset * (weight * off) ** 2 / spread + explained

@@ -109,7 +109,7 @@ def plane_at(row, point):
     return T @ covariance @ row[6:9], T @ covariance @ T.T
 
 
-def difference(a, b, drift):
+def difference(a, b, drift, lean=0.0):
     """Difference of the planes of two segments where they meet, and its covariance C."""
     small, large = sorted((a, b), key=lambda row: row[10])
     extent, reach = np.sqrt(small[10]) / UNIT, np.sqrt(large[10]) / UNIT
@@ -120,6 +120,8 @@ def difference(a, b, drift):
     gap = max(0.0, apart - 0.75 * (extent + reach))
     bend = 0.9 / extent + 0.3 / reach
     sigma_d = drift * np.diag([0.13 * reach + gap, bend, bend])
+    leaning = lean**2 * a[6] / a[0] * b[6] / b[0]
+    sigma_d += leaning * np.diag([(reach / 12) ** 2, 1, 1])
     (s, S), (t, T) = plane_at(small, point), plane_at(large, point)
     return s - t, S + T + sigma_d
 
@@ -129,8 +131,8 @@ def evidence_of(C, offset_prior, slope_prior):
     return 0.5 * math.log(np.linalg.det(wide) / np.linalg.det(C))
 
 
-def compare(a, b, drift, offset_prior, slope_prior):
-    delta, C = difference(a, b, drift)
+def compare(a, b, drift, offset_prior, slope_prior, lean=0.0):
+    delta, C = difference(a, b, drift, lean)
     return delta @ np.linalg.solve(C, delta), evidence_of(C, offset_prior, slope_prior)
 
 
@@ -163,20 +165,21 @@ def sides(grid, outside=False):
                 yield axis, i, j, u, v
 
 
-def border_discords(grid, rows, drift):
+def border_discords(grid, rows, drift, lean):
     out = np.full((2, *grid.shape), -1.0)
     for axis, i, j, u, v in sides(grid):
-        out[axis, i, j] = compare(rows[u], rows[v], math.sqrt(drift[u] * drift[v]), 0, 0)[0]
+        slow = math.sqrt(drift[u] * drift[v])
+        out[axis, i, j] = compare(rows[u], rows[v], slow, 0, 0, lean)[0]
     return out
 
 
-def join_blocks(grid, whole, rows, drift, limit, levels, tails):
+def join_blocks(grid, whole, rows, drift, lean, limit, levels, tails):
     """Root of every unit, and the rows of the segments."""
     rows, drift, root = rows.copy(), drift.copy(), np.arange(len(rows))
     level = np.where(whole, 1, 0)
 
-    def between(a, b, slow):
-        return compare(a, b, slow, 0, 0)[0]
+    def between(a, b, *drift):
+        return compare(a, b, math.sqrt(math.prod(drift)), 0, 0, lean)[0]
 
     for step in range(1, levels + 1):
         side = 2**step
@@ -185,10 +188,10 @@ def join_blocks(grid, whole, rows, drift, limit, levels, tails):
             if (square < 0).any() or (level[square] != step).any():
                 continue
             (a, b), (c, d) = square
-            upper = between(rows[a], rows[b], math.sqrt(drift[a] * drift[b]))
-            lower = between(rows[c], rows[d], math.sqrt(drift[c] * drift[d]))
-            slow = math.sqrt((drift[a] + drift[b]) * (drift[c] + drift[d])) / 2
-            both = between(rows[a] + rows[b], rows[c] + rows[d], slow)
+            upper = between(rows[a], rows[b], drift[a], drift[b])
+            lower = between(rows[c], rows[d], drift[c], drift[d])
+            halves = (drift[a] + drift[b]) / 2, (drift[c] + drift[d]) / 2
+            both = between(rows[a] + rows[b], rows[c] + rows[d], *halves)
             if max(upper, lower, both) > limit:
                 continue
             misfit = tempered(upper, rows[b, 10], tails) + tempered(lower, rows[d, 10], tails)
@@ -244,8 +247,9 @@ def tempered(discord, count, tails):
 
 
 def agglomerate(
-    grid, border, rows, drift, offset_prior, slope_prior, most, longest=np.inf, tails=4, lazy=False
-):
+    grid, border, rows, drift, offset_prior, slope_prior, lean, most, longest=np.inf, tails=4,
+    lazy=False,
+):  # fmt: skip
     """Merge the pair of neighbours whose misfit takes the least share of what it saves.
 
     Until none saves anything.
@@ -265,7 +269,7 @@ def agglomerate(
         small, large = sorted(pair, key=lambda n: rows[n, 10])
         slow = math.sqrt(drift[small] * drift[large])
         discord, evidence = compare(
-            rows[small], rows[large], slow, offset_prior[small], slope_prior[small]
+            rows[small], rows[large], slow, offset_prior[small], slope_prior[small], lean
         )
         cost = tempered(discord, rows[small, 10], tails)
         saved = min(evidence, most) + min(boundary[pair], longest)

@@ -175,7 +175,7 @@ def test_normals_of_flat_collinear_and_equal_points_are_unit_vectors():
     assert_allclose(np.abs(rows[0, rows_of.NX : rows_of.NZ + 1]), [0, 0, 1], atol=1e-7)
 
 
-def compared(a, b, drift, offset_prior, slope_prior):
+def compared(a, b, wander, offset_prior, slope_prior):
     """Oracle of `compare`: offset and slopes of two planes in the frame of the larger."""
     if a[rows_of.AREA] > b[rows_of.AREA]:
         a, b = b, a
@@ -205,8 +205,10 @@ def compared(a, b, drift, offset_prior, slope_prior):
 
     (ta, va), (tb, vb) = height(a, m), height(b, n)
     gap = max(far - 0.75 * (small + large), 0)
-    bend = drift * (0.9 / small + 0.3 / large)
-    c = va + vb + np.diag([drift * (0.13 * large + gap), bend, bend])
+    drift, lean = wander
+    bend = lean + drift * (0.9 / small + 0.3 / large)
+    offset = drift * (0.13 * large + gap) + lean * (large / 12) ** 2
+    c = va + vb + np.diag([offset, bend, bend])
     delta = ta - tb
     prior = np.diag([offset_prior, slope_prior, slope_prior])
     evidence = 0.5 * math.log(np.linalg.det(c + prior) / np.linalg.det(c))
@@ -219,11 +221,11 @@ def test_comparing_is_a_difference_of_planes_over_its_covariance():
         a = plane_row(rng, rng.uniform(-1, 1, 3), rng.normal(size=3), 0.3)
         normal = a[rows_of.NX : rows_of.NZ + 1] + rng.normal(0, 0.2, 3)
         b = plane_row(rng, rng.uniform(-1, 1, 3), normal, rng.uniform(0.2, 0.8))
-        for drift in (0.0, 1e-5):
-            found = rows_of.compare(np.array([a, b]), 0, 1, drift, 0.04, 1.0)
-            assert_allclose(found, compared(a, b, drift, 0.04, 1.0), rtol=1e-6)
+        for wander in ((0.0, 0.0), (1e-5, 0.0), (1e-5, 1e-5)):
+            found = rows_of.compare(np.array([a, b]), 0, 1, wander, 0.04, 1.0)
+            assert_allclose(found, compared(a, b, wander, 0.04, 1.0), rtol=1e-6)
     across = [plane_row(rng, (0, 0, 0), axis, 0.3) for axis in ((1, 0, 0), (0, 1, 0))]
-    assert rows_of.compare(np.array(across), 0, 1, 0.0, 1.0, 1.0) == (rows_of.APART, 0.0)
+    assert rows_of.compare(np.array(across), 0, 1, (0.0, 0.0), 1.0, 1.0) == (rows_of.APART, 0.0)
 
 
 def test_discord_of_patches_of_one_plane_is_chi_square_of_three():
@@ -232,7 +234,7 @@ def test_discord_of_patches_of_one_plane_is_chi_square_of_three():
     for _ in range(400):
         a = plane_row(rng, (0, 0, 0), (0, 0, 1), 0.5)
         b = plane_row(rng, (0.5, 0.1, 0), (0, 0, 1), 0.4)
-        found.append(rows_of.compare(np.array([a, b]), 0, 1, 0.0, 1.0, 1.0)[0])
+        found.append(rows_of.compare(np.array([a, b]), 0, 1, (0.0, 0.0), 1.0, 1.0)[0])
     assert np.mean(found) == pytest.approx(3, abs=0.4)
     assert np.var(found) == pytest.approx(6, rel=0.4)
 
@@ -296,15 +298,15 @@ def test_agglomeration_merges_what_saves_most_first():
         ],
         np.int32,
     )
-    drift, prior, most = 1e-6, (4.0, 1.0, 0.0), 25.0
+    wander, prior, most = (1e-6, 1e-6), (4.0, 1.0, 0.0), 25.0
     discords, evidence = np.empty((2, len(ends)))
-    segments.value_pairs(rows, ends, drift, prior, 0, len(ends), discords, evidence)
+    segments.value_pairs(rows, ends, wander, prior, 0, len(ends), discords, evidence)
     root = np.empty(len(rows), np.int64)
 
     def merge(waits):
         merged, boundary = rows.copy(), np.full(len(ends), 0.5)
         values = discords.copy(), evidence.copy(), boundary
-        segments.agglomerate(ends.copy(), *values, merged, drift, prior, most, waits, root)
+        segments.agglomerate(ends.copy(), *values, merged, wander, prior, most, waits, root)
         return merged, {tuple(np.flatnonzero(root == r)) for r in np.unique(root)}
 
     waits = np.zeros(len(rows), np.bool_)
@@ -337,7 +339,7 @@ def test_cells_of_one_cube_that_are_clearly_one_plane_are_joined():
     for bounds in ((0, 8), (0, 2, 8), (0, 5, 6, 8)):  # whatever the parts
         joined, root = rows.copy(), np.full(8, -1)
         for first, last in pairwise(bounds):
-            segments.join_siblings(keys, joined, 1e-6, 12.0, first, last, root)
+            segments.join_siblings(keys, joined, (1e-6, 0.0), 12.0, first, last, root)
         # Another slope and what lies over another are no part of it.
         assert_array_equal(root, [0, 0, 0, 0, 4, 5, 6, 7])
         assert joined[0, rows_of.COUNT] == rows[:4, rows_of.COUNT].sum()
@@ -429,8 +431,8 @@ def test_border_prices_fall_with_discord():
     sides = np.array([2.0, 1.0, 2.0, 3.0, 1.0], np.float32)
     saved, price = np.empty((2, 5))
     merge, plane = (0.7, 2.0, 8.0), (0.01, 1.25, 20.0)
-    segments.border_prices(rows, ends, sides, 1e-6, merge, plane, 0, 5, saved, price)
-    discords = np.array([compared(rows[u], rows[v], 1e-6, 1.0, 1.0)[0] for u, v in ends])
+    segments.border_prices(rows, ends, sides, (1e-6, 0.0), merge, plane, 0, 5, saved, price)
+    discords = np.array([compared(rows[u], rows[v], (1e-6, 0.0), 1.0, 1.0)[0] for u, v in ends])
     for (low, high, knee), found in ((merge, saved), (plane, price)):
         expected = sides * (low + (high - low) / (1 + (discords / knee) ** 2))
         assert_allclose(found, expected, rtol=1e-6)
@@ -539,15 +541,15 @@ def test_nats_of_groups_are_those_of_normal_densities():
     points = patch(rng, (0.3, 0.2, 0.1), (0.2, -0.1, 1.0), 0.3, 12)
     row = row_of(points, 1 / SIGMA**2)
     plane = np.array([0.0, 0.0, 1.0, -0.1])
-    shared, drift, side, eps, root_area = 0.09, 1e-5, 0.25, 0.001, 2.0
-    offset, tilt = shared * SIGMA**2 + 0.113 * drift * root_area, 0.9 * drift / side
+    shared, drift, lean, side, eps, wide = 0.09, 1e-5, 2e-6, 0.25, 0.001, 4e-6
+    offset, tilt = shared * SIGMA**2 + wide, 0.9 * drift / side + lean
     tilt += rows_of.CUT * (SIGMA / side) ** 4
     prior = (1.0, 9.2, 9.2)
     alone, data = np.empty((2, 1))
     nats.groups_alone(row[None], eps, prior, 0, 1, alone)
     nats.group_data(
-        row[None], np.ones(1, np.int64), alone, np.array([[*plane, root_area]]), (shared, drift),
-        side, eps, 9.2, 0, 1, data,
+        row[None], np.ones(1, np.int64), alone, np.array([[*plane, wide]]),
+        (shared, drift, lean), side, eps, 9.2, 0, 1, data,
     )  # fmt: skip
 
     def code(residual, design, variances):

@@ -115,11 +115,12 @@ def test_nats_of_groups(off):
     images[0][:, 60:] += np.where(images[1][:, 60:] > 0, loud, 0)
     moments, label, first = grouped(labels, images)
     end = first[-1]
-    planes = np.vstack((PLANES.T, [0.0, 0.4, 0.3, 0.5]))  # and the side of a square as large
+    # And the side of a square as large, longer by distortion, and as it is.
+    planes = np.vstack((PLANES.T, [0.0, 0.4, 0.3, 0.5], [0.0, 0.3, 0.3, 0.4]))
     planes[0] += off
     rng = np.random.default_rng(7)
     table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
-    error, prior = (0.8, 0.1, 60.0, 9.0, 0.3), (0.05, 8.0, 9.0)
+    error, prior = (0.8, 0.1, 60.0, 9.0, 0.3, 0.5 * SIGMA), (0.05, 8.0, 9.0)
     alone, data, white = np.empty((3, moments.shape[1]))
     worth, saved, leaving = np.full((3, 4), 5.0)
     arguments = (*table, 120.0, error, prior)

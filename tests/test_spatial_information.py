@@ -86,6 +86,9 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                     extent = math.sqrt(count) / 100 * (1 + count / error.distorted)
                     offset = steep * (error.near * (shared + step) + 0.113 * extent * drift)
                     tilt = steep * (TILT**2 * error.bent * shared + 0.9 / 0.09 * drift)
+                    leaning = (sectors.lean * mean) ** 2
+                    offset += 0.113 * leaning * count / 100**2
+                    tilt += leaning
                     C = own + J @ np.diag([offset, tilt, tilt]) @ J.T
                     fitted = normal_nats(w - t[0] - t[1] * x - t[2] * y, C, least) + change
                     fitted = math.log(2) + min(fitted, w.size * L)

@@ -14,6 +14,7 @@ from .conftest import quilt
 MERGING = {"white": 1.0, "split": 40.0, "hopeless": 25.0, "filled": 0.5}
 SIGMA = 1e-3
 DRIFT = SIGMA**2
+LEAN = 3 * SIGMA
 PRICE = (0.1, 0.8, 4.0)
 
 
@@ -233,14 +234,14 @@ def random_segments(seed, shape=(36, 42), planes=3):
     return grid, rows, drift, offset_prior, offset_prior * rng.uniform(100, 300, n)
 
 
-def forms_of(rows, drift):
+def forms_of(rows, drift, lean=LEAN):
     out = np.empty((len(rows), forms.FORM))
-    forms.write_forms(rows, drift, out)
+    forms.write_forms(rows, drift, lean, out)
     return out
 
 
 def compare(a, b, drift, offset_prior, slope_prior):
-    of = forms_of(np.array([a, b]), np.full(2, drift))
+    of = forms_of(np.array([a, b]), np.full(2, drift), 0.0)
     return forms.compare_forms(*of, offset_prior, slope_prior)
 
 
@@ -285,7 +286,9 @@ def test_free_prices():
     _, rows, drift, offset_prior, slope_prior = random_segments(2)
     out, readings = np.empty(len(rows)), np.arange(len(rows)) % 3.0
     share = np.array([0.5, 1.0, 2.0])
-    forms.free_prices(forms_of(rows, drift), offset_prior, slope_prior, readings, 1.5, share, out)
+    forms.free_prices(
+        forms_of(rows, drift, 0.0), offset_prior, slope_prior, readings, 1.5, share, out
+    )
     every = zip(rows, drift, offset_prior, slope_prior, strict=True)
     nats = np.array([oracles.free_price(*unit) for unit in every]) + 1.5
     assert_allclose(out, nats * share[np.arange(len(rows)) % 3], rtol=1e-6)
@@ -314,7 +317,7 @@ def border_discords(frame, segment):
 def test_border_discords(shape):
     frame = random_segments(3, shape)
     out = border_discords(frame, np.arange(len(frame[1])))
-    exact = oracles.border_discords(*frame[:3])
+    exact = oracles.border_discords(*frame[:3], LEAN)
     assert_allclose(out, exact, rtol=1e-5, atol=1e-7)
     assert 0 < (out >= 0).sum() < out.size
 
@@ -350,8 +353,8 @@ def agglomerated(
     work = np.full(ints, 7, np.int32), np.full(floats, 7.0)
     sectors = home, turns, wraps
     found = segments.agglomerate(
-        grid, discords, price, rows, of, drift, *priors, *sectors, most, longest, tails, roots,
-        segment, *work,
+        grid, discords, price, rows, of, drift, LEAN, *priors, *sectors, most, longest, tails,
+        roots, segment, *work,
     )  # fmt: skip
     root = roots[segment]
     assert_array_equal(roots[:found], np.unique(root))
@@ -369,7 +372,7 @@ def test_join_blocks(seed, limit):
     rows = segment_rows(units, np.full(len(units), 0.1 * DRIFT), np.full(len(units), 4 * DRIFT))
     rows[:, 12] = rng.uniform(1, 3, len(units))
     drift = DRIFT * rng.uniform(0.5, 2, len(units))
-    exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, limit, 3, 2.5)
+    exact_root, exact_rows = oracles.join_blocks(grid, size == 2, rows, drift, LEAN, limit, 3, 2.5)
     count, of = len(rows), forms_of(rows, drift)
     root, square = np.empty(count, np.int32), np.empty(count, np.int32)
     joined = np.empty((count // 4, 13)), np.empty((count // 4, forms.FORM))
@@ -377,7 +380,7 @@ def test_join_blocks(seed, limit):
     free, rows[:, 12] = rows[:, 12].copy(), 0
     told, known = drift.copy(), (rows.copy(), of.copy())
     left = squares.join_blocks(
-        grid, size == 2, right, rows, of, free, drift, limit, 3, 2.5, root, square, *joined
+        grid, size == 2, right, rows, of, free, drift, LEAN, limit, 3, 2.5, root, square, *joined
     )
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
@@ -401,17 +404,16 @@ def test_join_blocks(seed, limit):
 
 def test_only_roots_are_kept():
     _, rows, drift, offset_prior, slope_prior = random_segments(4)
-    of, n = forms_of(rows, drift), len(rows)
-    rng = np.random.default_rng(4)
+    n, rng = len(rows), np.random.default_rng(4)
     root = np.where(rng.random(n) < 0.4, np.arange(n), -1)
     ids = np.flatnonzero(root >= 0)
     root[root < 0] = rng.choice(ids, (root < 0).sum())
-    arrays = rows, of, drift, offset_prior, slope_prior, np.arange(n, dtype=np.int32)
+    arrays = rows, drift, offset_prior, slope_prior, np.arange(n, dtype=np.int32)
     of_unit = rng.integers(n, size=3 * n).astype(np.int32)
     segment = np.searchsorted(ids, root).astype(np.int32)
     kept = Segments(*arrays, of_unit).kept(ids.astype(np.int32), segment)
     assert_array_equal(ids[kept.of_unit], root[of_unit])
-    names = ("rows", "forms", "drift", "offset_prior", "slope_prior", "home")
+    names = ("rows", "drift", "offset_prior", "slope_prior", "home")
     for name, old in zip(names, arrays, strict=True):
         assert_array_equal(getattr(kept, name), old[ids])
 
@@ -499,7 +501,7 @@ def test_join_through_gaps(seed):
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, owner = np.full(12, 0.25), np.empty(12, int)
     exact_owner, exact_rows = oracles.join_through_gaps(rows, drift, slope_prior, 0.3)
-    in_sectors, of_rows = np.stack((rows, rows)), np.stack((forms_of(rows, drift),) * 2)
+    in_sectors, of_rows = np.stack((rows, rows)), np.stack((forms_of(rows, drift, 0.0),) * 2)
     home = np.arange(12, dtype=np.int32) % 2
     gaps.join_through_gaps(in_sectors, of_rows, home, drift, slope_prior, 0.3, owner)
     rows = in_sectors[0]
@@ -515,7 +517,7 @@ def test_find_planes(seed):
     """Pieces are given the plane that they lie on, if it is there."""
     rows, drift, of = pieces_of_planes(seed)
     slope_prior, plane = np.full(12, 0.25), np.empty(9, int)
-    of_rows, home = forms_of(rows, drift), np.zeros(12, np.int32)
+    of_rows, home = forms_of(rows, drift, 0.0), np.zeros(12, np.int32)
     segments = rows[None], of_rows[None], home, slope_prior, 0.3
     owner, first = np.array([0, 0, 2]), np.empty(3, int)  # the second is part of the first
     assert gaps.find_planes(*segments, owner, plane, first) == 2
@@ -539,7 +541,7 @@ def test_agglomerate(seed, longest, tails):
     discords, border = discords_of(np.random.default_rng(seed), grid)
     root, rows = agglomerated(frame, discords, PRICE, 25.0, longest=longest, tails=tails)
     exact_root, exact_rows = oracles.agglomerate(
-        grid, border, *frame[1:], 25.0, longest, tails, lazy=True
+        grid, border, *frame[1:], LEAN, 25.0, longest, tails, lazy=True
     )
     assert_array_equal(root, exact_root)
     ids = np.unique(root)
@@ -656,7 +658,7 @@ def test_lazy_values_are_as_good_as_current_ones(seed):
     grid = frame[0]
     discords, border = discords_of(np.random.default_rng(seed), grid)
     root, rows = agglomerated(frame, discords, PRICE, 25.0)
-    exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], 25.0)
+    exact_root, exact_rows = oracles.agglomerate(grid, border, *frame[1:], LEAN, 25.0)
     assert len(np.unique(root)) == len(np.unique(exact_root))
     assert nats(grid, border, root, rows) < 1.01 * nats(grid, border, exact_root, exact_rows)
 

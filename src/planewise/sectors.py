@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import prices
+from planewise.flatness import LEAN
 from planewise.kernels.cells import SIDE, UNIT
 from planewise.ranks import ranks
 
@@ -103,6 +104,11 @@ class Sectors:
     def mean_focal(self) -> float:
         """Geometric mean of `focal`."""
         return math.sqrt(self.focal[0] * self.focal[1])
+
+    @property
+    def lean(self) -> float:
+        """Change of w over 100 pixels, against w, of a piece of a surface that leans by `LEAN`."""
+        return LEAN * UNIT / self.mean_focal
 
     @cached_property
     def mean_ratio(self) -> float:

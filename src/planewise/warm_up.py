@@ -140,7 +140,6 @@ def surfaces() -> None:
     rows, cells = valley.rows, valley.cells
     segments = Segments(
         rows=rows,
-        forms=np.ones((2, FORM)),
         drift=cells.drift[:2],
         offset_prior=cells.offset_prior[:2],
         slope_prior=cells.slope_prior[:2],
@@ -168,7 +167,7 @@ def merging() -> None:
     ints, floats = room(2 * grid.size, len(rows))
     agglomerate(
         grid, np.ones((2, *grid.shape)), (0.0, 0.0, 1.0), rows, forms, cells.drift.copy(),
-        cells.offset_prior, cells.slope_prior, home, turns, False, 1.0, 1.0, 4.0, home.copy(),
+        0.0, cells.offset_prior, cells.slope_prior, home, turns, False, 1.0, 1.0, 4.0, home.copy(),
         home.copy(), np.empty(ints, np.int32), np.empty(floats),
     )  # fmt: skip
     merged(cells, valley.frame.sectors, 1.0, Workspace())

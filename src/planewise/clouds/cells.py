@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -23,8 +23,10 @@ from planewise.clouds.cloud import (
     over_part,
     roughness_of,
 )
+from planewise.flatness import LEAN
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_sheets as sheets
+from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.kernels.pairs import add_products, pairs_once
 
@@ -59,10 +61,28 @@ class CloudError:
         Variance of points about the planes of cells, at least 1.
     drift : float
         Of the error between cells, square metres a metre.
+    lean : float
+        Square of the angle by which pieces of one surface lean (`planewise.flatness`).
     """
 
     white: float
     drift: float
+    lean: float = 0.0
+
+    @property
+    def wander(self) -> tuple[float, float]:
+        """What makes pieces of one plane differ (`kernels.cloud_rows.compare`)."""
+        return self.drift, self.lean
+
+    @property
+    def of_readings(self) -> CloudError:
+        """Without what surfaces are bent by: between those that do not touch."""
+        return replace(self, lean=0.0)
+
+    def about_planes(self, areas: Array) -> Array:
+        """Variance of points about the planes of squares, besides their own, in m^2."""
+        side = np.sqrt(areas)
+        return np.asarray(PLANE_RESIDUAL * (self.drift + self.lean * side) * side)
 
     def limits(self) -> tuple[float, float, float, float, float, tuple[float, float]]:
         """What makes points a cell (`kernels.cloud_rows.make_plane`)."""
@@ -112,7 +132,7 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     white = _white(cloud)
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
-    error = CloudError(white, max(_SATURATION * drift, least))
+    error = CloudError(white, max(_SATURATION * drift, least), LEAN**2)
 
     cells = _grown(cloud, error)
     rows, owner = cells.rows, cells.owner
@@ -306,7 +326,7 @@ def _bisected(rows: Array, ends: NDArray[np.int64], unit: float) -> float:
     low, high = _BISECTED
     for step in range(_BISECTIONS + 1):
         factor = math.sqrt(low * high) if step else 0.0
-        kernels.pair_discords(rows, ends, factor * unit, discords)
+        kernels.pair_discords(rows, ends, (factor * unit, 0.0), discords)
         above = float(np.quantile(discords, share)) > _CHI2_3
         if not step and not above:
             return 0.0

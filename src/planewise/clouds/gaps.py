@@ -24,7 +24,7 @@ def joined_through_gaps(
     accepted: NDArray[np.bool_],
     parameters: float,
     least: float,
-    drift: float,
+    wander: tuple[float, float],
     range: float,
 ) -> tuple[Array, Numbers, Array]:
     """Join segments of one plane that do not touch.
@@ -43,8 +43,8 @@ def joined_through_gaps(
         Which pay for being a plane.
     parameters, least : float
         Nats that a plane has to save for its parameters, and beyond its costs.
-    drift : float
-        Of the error.
+    wander : (float, float)
+        Of the error (`kernels.cloud_rows.compare`).
     range : float
         R in metres.
 
@@ -62,7 +62,7 @@ def joined_through_gaps(
     chosen, rest = order[accepted[order]], order[~accepted[order] & (worth[order] > 0)]
     if not len(rest) + len(chosen):
         return rows[:0], owner, worth[:0]
-    gaps = _Gaps(drift, (0.0, PRIOR[1], (_GAP_OFFSET * range) ** 2), float(np.log(len(rows))))
+    gaps = _Gaps(wander, (0.0, PRIOR[1], (_GAP_OFFSET * range) ** 2), float(np.log(len(rows))))
     planes, owner[chosen] = gaps.merged(rows[chosen])
     owner[rest] = gaps.nearest(planes, rows[rest])
     rest = rest[owner[rest] < 0]
@@ -91,7 +91,7 @@ class _Gaps:
 
     Parameters
     ----------
-    drift : float
+    wander : (float, float)
         Of the error.
     prior : (float, float, float)
         As `kernels.cloud_segments.agglomerate` takes it.
@@ -99,8 +99,10 @@ class _Gaps:
         Nats to say which other segment it is.
     """
 
-    def __init__(self, drift: float, prior: tuple[float, float, float], naming: float) -> None:
-        self.drift, self.prior, self.naming = drift, prior, naming
+    def __init__(
+        self, wander: tuple[float, float], prior: tuple[float, float, float], naming: float
+    ) -> None:
+        self.wander, self.prior, self.naming = wander, prior, naming
 
     def merged(self, rows: Array) -> tuple[Array, Numbers]:
         """Rows of those that are one plane, together, and which of these each is part of."""
@@ -108,10 +110,10 @@ class _Gaps:
         if not len(ends):
             return rows, np.arange(len(rows))
         planes, root = rows.copy(), np.empty(len(rows), np.int64)
-        discords, evidence = pair_values(planes, ends, self.drift, self.prior, 1)
+        discords, evidence = pair_values(planes, ends, self.wander, self.prior, 1)
         saved, none = np.full(len(ends), -self.naming), np.zeros(len(rows), np.bool_)
         kernels.agglomerate(
-            ends, discords, evidence, saved, planes, self.drift, self.prior, np.inf, none, root
+            ends, discords, evidence, saved, planes, self.wander, self.prior, np.inf, none, root
         )
         alive, part = np.unique(root, return_inverse=True)
         return planes[alive], part
@@ -131,7 +133,7 @@ class _Gaps:
         while True:
             ends, gains = np.empty((most, 2), np.int32), np.empty(most)
             found = kernels.pairs_through_gaps(
-                rows, self.drift, self.prior, self.naming, planes, ends, gains
+                rows, self.wander, self.prior, self.naming, planes, ends, gains
             )
             if found <= most:
                 return ends[:found], gains[:found]
@@ -141,7 +143,7 @@ class _Gaps:
 def pair_values(
     rows: Array,
     ends: NDArray[np.int32],
-    drift: float,
+    wander: tuple[float, float],
     prior: tuple[float, float, float],
     workers: int,
 ) -> tuple[Array, Array]:
@@ -149,7 +151,7 @@ def pair_values(
     discords, evidence = np.empty((2, len(ends)))
     threads.over_chunks(
         lambda first, last: kernels.value_pairs(
-            rows, ends, drift, prior, first, last, discords, evidence
+            rows, ends, wander, prior, first, last, discords, evidence
         ),
         len(ends),
         workers,

@@ -22,7 +22,6 @@ from planewise.clouds.groups import CloudGroups
 from planewise.clouds.masks import Mask
 from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_information as kernels
-from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import ROW, WEIGHT, XX, ZZ
 from planewise.ranks import ranks
 
@@ -79,13 +78,13 @@ def data_of(
 ) -> Array:
     """Nats of every group as labelled; alone: on none; planes (N, 4), areas (N,)."""
     data: Array = cloud.memory.empty(len(groups.label))
-    table = np.column_stack((planes, np.sqrt(areas)))
+    table = np.column_stack((planes, error.about_planes(areas)))
     anything = coordinate_information(range, resolution)
     _over_groups(
         cloud, groups,
         lambda first, last: kernels.group_data(
-            groups.rows, groups.label, alone, table, (SHARED, error.drift), cloud.side, resolution,
-            anything, first, last, data,
+            groups.rows, groups.label, alone, table, (SHARED, *error.wander), cloud.side,
+            resolution, anything, first, last, data,
         ),
     )  # fmt: skip
     return data
@@ -107,7 +106,7 @@ def refitted(
     """
     rows, weights = np.zeros((len(areas), ROW)), np.zeros((len(areas), 2))
     pieces = cloud.cuts_sheets(error.white)
-    drift = PLANE_RESIDUAL * error.drift * np.sqrt(areas)
+    drift = error.of_readings.about_planes(areas)
     for begin, end in cloud.runs():
         g = slice(groups.places[begin], groups.places[end])
         kernels.plane_rows(

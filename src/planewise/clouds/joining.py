@@ -56,6 +56,7 @@ def joined(
         Which of these each has become part of.
     """
     part, fresh = np.arange(len(rows)), np.ones(len(rows), np.bool_)
+    error = error.of_readings  # pieces that do not touch do not bend into each other
     while True:
         into = _larger(cloud, labels, rows, fresh, error, limits)
         left, place = np.unique(into, return_inverse=True)

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from planewise.clouds.cells import SHARED, CloudCells
 from planewise.clouds.cloud import SLICED, Cloud
 from planewise.kernels import cloud_labels as kernels
-from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_keys import TURN
 
 Array = NDArray[np.float64]
@@ -46,7 +45,7 @@ def label_points(
     label_of = np.append(plane_of_cell + 1, 0)[cells.owner]
     extra = np.zeros(len(planes) + 1)
     # Points lie about the plane of a square as far as the error wanders on it.
-    extra[1:] = PLANE_RESIDUAL * cells.error.drift * np.sqrt(areas)
+    extra[1:] = cells.error.about_planes(areas)
     larger = cells.error.white * (1.0 + SHARED)
     variance = larger * cloud.variance
     # By what was described: where that is far too little, nothing says what a sheet is.

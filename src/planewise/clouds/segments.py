@@ -90,8 +90,9 @@ def segments_of(
     rows, of_cell, price = merged_cells(cells, cost, workers, memory)
     curved = curved_segments(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
     worth, accepted = _accepted(cells, rows, of_cell, price, curved, cost, significance)
+    apart = cells.error.of_readings
     planes, owner, total = joined_through_gaps(
-        rows, worth, accepted, _PLANE_COST * cost, significance, cells.error.drift, range
+        rows, worth, accepted, _PLANE_COST * cost, significance, apart.wander, range
     )
     if len(planes) > MAX_PLANES:
         keep = np.sort(np.argsort(-total, kind="stable")[:MAX_PLANES])
@@ -110,7 +111,7 @@ def merged_cells(
     saves most first. Where there are more pairs of them than `at_once`, runs merge on their own
     first, all but what is near the rim of its run; what they have become merges with the rest.
     """
-    drift = cells.error.drift
+    wander = cells.error.wander
     saved, price = memory.empty((2, len(cells.ends)))
     for first in range(0, len(cells.ends), at_once):
         e = slice(first, first + at_once)
@@ -120,10 +121,10 @@ def merged_cells(
     between = _between(cells.ends, saved, of_cell, len(rows), at_once)
     memory.release()
     if len(between[0]) > at_once:
-        rows, part_of = _merged_in_runs(rows, *between, drift, cost, workers, at_once)
+        rows, part_of = _merged_in_runs(rows, *between, wander, cost, workers, at_once)
         between = _between(*between, part_of, len(rows), at_once)
         of_cell = part_of[of_cell]
-    rows, part_of = _agglomerated(rows, *between, drift, cost, workers)
+    rows, part_of = _agglomerated(rows, *between, wander, cost, workers)
     return rows, part_of[of_cell], price
 
 
@@ -133,7 +134,7 @@ def _price_borders(
     ends, sides = cells.ends[part], cells.sides[part]
     threads.over_chunks(
         lambda first, last: kernels.border_prices(
-            cells.rows, ends, sides, cells.error.drift, _MERGE_BORDER, _PLANE_BORDER,
+            cells.rows, ends, sides, cells.error.wander, _MERGE_BORDER, _PLANE_BORDER,
             first, last, saved, price,
         ),
         len(ends), workers, _LEAST_PART,
@@ -145,7 +146,7 @@ def _joined_siblings(cells: CloudCells, workers: int) -> tuple[Array, NDArray[np
     rows, root = cells.rows.copy(), np.empty(len(cells.rows), np.int64)
     threads.over_chunks(
         lambda first, last: kernels.join_siblings(
-            cells.keys, rows, cells.error.drift, _SAME, first, last, root
+            cells.keys, rows, cells.error.wander, _SAME, first, last, root
         ),
         len(rows), workers, _LEAST_PART,
     )  # fmt: skip
@@ -162,17 +163,17 @@ def _agglomerated(
     rows: Array,
     ends: NDArray[np.int32],
     saved: Array,
-    drift: float,
+    wander: tuple[float, float],
     cost: float,
     workers: int,
     waits: NDArray[np.bool_] | None = None,
 ) -> tuple[Array, NDArray[np.int64]]:
     """Merge rows, which are changed, as are ends, saved and waits; as `_roots`."""
     prior = (*PRIOR, 0.0)
-    values = pair_values(rows, ends, drift, prior, workers)
+    values = pair_values(rows, ends, wander, prior, workers)
     root = np.empty(len(rows), np.int64)
     waits = np.zeros(len(rows), np.bool_) if waits is None else waits
-    kernels.agglomerate(ends, *values, saved, rows, drift, prior, cost, waits, root)
+    kernels.agglomerate(ends, *values, saved, rows, wander, prior, cost, waits, root)
     return _roots(rows, root)
 
 
@@ -180,7 +181,7 @@ def _merged_in_runs(
     rows: Array,
     ends: NDArray[np.int32],
     saved: Array,
-    drift: float,
+    wander: tuple[float, float],
     cost: float,
     workers: int,
     at_once: int,
@@ -196,7 +197,7 @@ def _merged_in_runs(
         mine = np.flatnonzero(inside == run)
         e = (ends[mine] - first).astype(np.int32)
         out, of_row = _agglomerated(
-            rows[first:last].copy(), e, saved[mine], drift, cost, workers, rim[first:last].copy()
+            rows[first:last].copy(), e, saved[mine], wander, cost, workers, rim[first:last].copy()
         )
         part_of[first:last] = of_row + found
         merged.append(out)

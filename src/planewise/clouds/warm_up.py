@@ -67,7 +67,7 @@ def later_stages() -> None:
     curved_segments(cells, cells.rows, np.arange(count), PAIRS_AT_ONCE, cloud.memory)
     nats = np.ones((3, len(cells.ends)))
     agglomerate(
-        cells.ends.copy(), *nats, cells.rows.copy(), cells.error.drift, (*PRIOR, 0.0), cost,
+        cells.ends.copy(), *nats, cells.rows.copy(), cells.error.wander, (*PRIOR, 0.0), cost,
         np.zeros(count, np.bool_), np.empty(count, np.int64),
     )  # fmt: skip
     segments_of(cells, cost, sensor.range, significance=0.0, workers=1)

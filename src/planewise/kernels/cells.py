@@ -35,6 +35,9 @@ PLANE_SLOPE = 0.89  # variance of the slope of a plane: D over the side
 FIELD = 0.26  # mean variance of the error itself about its mean in a square of side 1
 PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
 
+CHORD = 1.0 / 12.0  # of its side and the angle by which the next one leans: how far the fit of a
+# piece of a parabola is off where they meet
+
 
 @inlined
 def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no-untyped-def]

@@ -324,10 +324,10 @@ def cell_residuals(cells, plane_of, planes, out):  # type: ignore[no-untyped-def
 
 
 @compiled
-def pair_discords(rows, ends, drift, out):  # type: ignore[no-untyped-def]
+def pair_discords(rows, ends, wander, out):  # type: ignore[no-untyped-def]
     """Discord of every pair of rows."""
     for e in range(out.size):
-        out[e] = compare(rows, ends[e, 0], ends[e, 1], drift, 0.0, 0.0)[0]
+        out[e] = compare(rows, ends[e, 0], ends[e, 1], wander, 0.0, 0.0)[0]
 
 
 @compiled

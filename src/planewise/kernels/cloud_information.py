@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import (
     COUNT,
     CUT,
@@ -99,18 +98,19 @@ def group_data(  # type: ignore[no-untyped-def]
     """Nats of groups[first:last] as labelled.
 
     groups (m, 18), label (m,); alone (m,): of each on none; planes (N, 5): (normal, distance) and
-    the root of their area; error: share of the white variance that the points of a group share, and
-    drift; side: of a cube; anything: nats of any point. Writes data (m,).
+    the variance of points about them; error: share of the white variance that the points of a group
+    share, and how it wanders (`cloud_rows.compare`); side: of a cube; anything: nats of any point.
+    Writes data (m,).
     """
-    shared, drift = error
+    shared, drift, lean = error
     in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     for g in range(first, last):
         nats, j = alone[g], label[g] - 1
         if j >= 0:
             count, weight = groups[g, COUNT], groups[g, WEIGHT]
             norm = _norm(count, weight, resolution)
-            offset = shared * count / weight + PLANE_RESIDUAL * drift * planes[j, 4]
-            tilt = 0.9 * drift / side + CUT * (count / weight / side**2) ** 2
+            offset = shared * count / weight + planes[j, 4]
+            tilt = 0.9 * drift / side + lean + CUT * (count / weight / side**2) ** 2
             on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))
             odds = (on_its_own - nats) - (in_common - on)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+from planewise.kernels.cells import CHORD
 from planewise.kernels.jit import compiled, internal
 
 ROW = 18
@@ -162,11 +163,12 @@ def plane_axes(nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
+def compare(rows, i, j, wander, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two of rows one plane? Their discord, and the evidence that it would be a coincidence.
 
     In the plane of the larger one, where they meet: delta is the difference of their offsets and
-    slopes, C its covariance, what an error that wanders by `drift` (m^2 / m) makes of it included.
+    slopes, C its covariance, with what `wander` makes of it: an error that drifts (m^2 / m), and
+    pieces of one surface that lean against each other (square of an angle).
     discord = delta' C^-1 delta; evidence = 1/2 ln det(C + S0) / det C with S0 the prior of a plane
     that has nothing to do with the other.
     """
@@ -192,10 +194,12 @@ def compare(rows, i, j, drift, offset_prior, slope_prior):  # type: ignore[no-un
     # Height of the centroid of a over the plane of b, and of its plane where they meet.
     delta = dx * nx + dy * ny + dz * nz + ax * tx + ay * ty
     gap = max(apart - _TOUCHING * (small + large), 0.0)
-    bend = drift * (_BEND_SMALL / (small + 1e-12) + _BEND_LARGE / (large + 1e-12))
+    drift, lean = wander
+    bend = lean + drift * (_BEND_SMALL / (small + 1e-12) + _BEND_LARGE / (large + 1e-12))
     axx, axy, ayy = _slopes(rows, a, ex, ey, ez, fx, fy, fz)
     bxx, bxy, byy = _slopes(rows, b, ex, ey, ez, fx, fy, fz)
     c00 = 1.0 / rows[a, WEIGHT] + 1.0 / rows[b, WEIGHT] + drift * (_OFFSET * large + gap)
+    c00 += lean * (CHORD * large) ** 2
     c00 += ax * ax * axx + 2.0 * ax * ay * axy + ay * ay * ayy
     c00 += bx * bx * bxx + 2.0 * bx * by * bxy + by * by * byy
     c01 = ax * axx + ay * axy + bx * bxx + by * bxy

@@ -28,6 +28,7 @@ from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, internal
 
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
+_LONGEST = 6.0  # times a plane's parameters: all that a merge saves of a border
 _STEP = 200.0  # discord above which neighbours that are nearly parallel are no one plane
 
 
@@ -39,21 +40,21 @@ def _border(discord, price):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def border_prices(rows, ends, sides, drift, merge, plane, first, last, saved, price):  # type: ignore[no-untyped-def]
+def border_prices(rows, ends, sides, wander, merge, plane, first, last, saved, price):  # type: ignore[no-untyped-def]
     """Nats of the borders of pairs[first:last] of rows, by their discord.
 
     merge, plane: (low, high, knee) of what a merge saves (saved) and what a plane pays (price). A
     merge across a step saves nothing: of sheets that lie over each other all cells are a border.
     """
     for e in range(first, last):
-        discord, _ = compare(rows, ends[e, 0], ends[e, 1], drift, 0.0, 0.0)
+        discord, _ = compare(rows, ends[e, 0], ends[e, 1], wander, 0.0, 0.0)
         step = _STEP < discord < APART
         saved[e] = 0.0 if step else sides[e] * _border(discord, merge)
         price[e] = sides[e] * _border(discord, plane)
 
 
 @compiled
-def join_siblings(keys, rows, drift, limit, first, last, root):  # type: ignore[no-untyped-def]
+def join_siblings(keys, rows, wander, limit, first, last, root):  # type: ignore[no-untyped-def]
     """Join cells of one cube, twice as wide as theirs, that are clearly one plane.
 
     keys (n,): of the first cube of each cell, sorted. Cells beside each other (`stacked`) whose
@@ -70,17 +71,17 @@ def join_siblings(keys, rows, drift, limit, first, last, root):  # type: ignore[
             break
         root[cell] = cell
         for other in range(begin, cell):
-            if root[other] == other and _join_alike(rows, other, cell, drift, limit):
+            if root[other] == other and _join_alike(rows, other, cell, wander, limit):
                 root[cell] = other
                 break
 
 
 @internal
-def _join_alike(rows, u, v, drift, limit):  # type: ignore[no-untyped-def]
+def _join_alike(rows, u, v, wander, limit):  # type: ignore[no-untyped-def]
     """Make row v part of row u if they lie beside each other and are clearly one plane."""
     if stacked(rows, u, v):
         return False
-    discord, _ = compare(rows, u, v, drift, 0.0, 0.0)
+    discord, _ = compare(rows, u, v, wander, 0.0, 0.0)
     if discord > limit:
         return False
     misfit = tempered(discord, min(rows[u, COUNT], rows[v, COUNT]))
@@ -91,12 +92,12 @@ def _join_alike(rows, u, v, drift, limit):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def value_pairs(rows, ends, drift, prior, first, last, discords, evidence):  # type: ignore[no-untyped-def]
+def value_pairs(rows, ends, wander, prior, first, last, discords, evidence):  # type: ignore[no-untyped-def]
     """Discord and evidence of pairs[first:last] of rows; of APART, no evidence."""
     for e in range(first, last):
         u, v = ends[e, 0], ends[e, 1]
         offset = _offset_prior(rows, u, v, prior)
-        discords[e], evidence[e] = compare(rows, u, v, drift, offset, prior[1])
+        discords[e], evidence[e] = compare(rows, u, v, wander, offset, prior[1])
 
 
 @internal
@@ -107,21 +108,22 @@ def _offset_prior(rows, u, v, prior):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _merge_gain(rows, u, v, boundary, drift, prior, most):  # type: ignore[no-untyped-def]
+def _merge_gain(rows, u, v, boundary, wander, prior, most):  # type: ignore[no-untyped-def]
     """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
 
-    Returns the misfit of the join, too, of which half counts.
+    Surfaces lean, so that discord stops to grow with the segments, and so does what their border is
+    worth. Returns the misfit of the join, too, of which half counts.
     """
     small = u if rows[u, COUNT] < rows[v, COUNT] else v
-    discord, evidence = compare(rows, u, v, drift, _offset_prior(rows, u, v, prior), prior[1])
+    discord, evidence = compare(rows, u, v, wander, _offset_prior(rows, u, v, prior), prior[1])
     if discord >= APART:
         return -APART, 0.0
     misfit = tempered(discord, rows[small, COUNT])
-    return min(evidence, most) - 0.5 * misfit + boundary, misfit
+    return min(evidence, most) - 0.5 * misfit + min(boundary, _LONGEST * most), misfit
 
 
 @compiled
-def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, waits, root):  # type: ignore[no-untyped-def]
+def agglomerate(ends, discords, evidence, boundary, rows, wander, prior, most, waits, root):  # type: ignore[no-untyped-def]
     """Merge neighbouring segments, what saves most first, while a merge saves anything.
 
     ends (m, 2): pairs of neighbours; discords and evidence (m,): what `value_pairs` says of them,
@@ -160,7 +162,8 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
             if discords[edge] < APART:
                 count_of = min(rows[u, COUNT], rows[v, COUNT])
                 misfit[edge] = tempered(discords[edge], count_of)
-                gain = min(evidence[edge], most) - 0.5 * misfit[edge] + boundary[edge]
+                gain = min(evidence[edge], most) - 0.5 * misfit[edge]
+                gain += min(boundary[edge], _LONGEST * most)
                 size = update(keys, items, place, size, edge, gain)
     while size > 0:
         edge, gain = items[0], 0.0
@@ -168,7 +171,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
         old = valued[edge] != version[u] + version[v]
         if old:
             valued[edge] = version[u] + version[v]
-            gain, misfit[edge] = _merge_gain(rows, u, v, boundary[edge], drift, prior, most)
+            gain, misfit[edge] = _merge_gain(rows, u, v, boundary[edge], wander, prior, most)
         size = update(keys, items, place, size, edge, gain)
         if old:
             continue
@@ -200,7 +203,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
                     gain, misfit[kept] = _merge_gain(
-                        rows, u, other, boundary[kept], drift, prior, most
+                        rows, u, other, boundary[kept], wander, prior, most
                     )
                     size = update(keys, items, place, size, moved, 0.0)
                     size = update(keys, items, place, size, kept, gain)
@@ -213,7 +216,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, drift, prior, most, wa
 
 
 @compiled
-def pairs_through_gaps(rows, drift, prior, least, planes, ends, gains):  # type: ignore[no-untyped-def]
+def pairs_through_gaps(rows, wander, prior, least, planes, ends, gains):  # type: ignore[no-untyped-def]
     """Pairs of a plane (the first rows) and a later row that may be one plane through a gap.
 
     prior: as of `agglomerate`; least: nats that a pair has to save. Returns how many there are;
@@ -225,7 +228,7 @@ def pairs_through_gaps(rows, drift, prior, least, planes, ends, gains):  # type:
             cosine = rows[i, NX] * rows[j, NX] + rows[i, NY] * rows[j, NY]
             if abs(cosine + rows[i, NZ] * rows[j, NZ]) < _PARALLEL:
                 continue
-            discord, evidence = compare(rows, i, j, drift, prior[2], prior[1])
+            discord, evidence = compare(rows, i, j, wander, prior[2], prior[1])
             gain = evidence - 0.5 * discord
             if gain > least:
                 if found < gains.size:

@@ -2,7 +2,8 @@
 
 A form holds what a comparison needs of a segment row (`kernels.cells`): its centroid, inverse depth
 and slopes there, their variances (about the centroid the offset's is independent of the slopes'),
-its extent, the root of its area, and one over it, and the root of its drift.
+its extent, the root of its area, and one over it, the root of its drift, and the standard deviation
+of the slopes by which pieces of one surface lean against each other (`planewise.flatness`).
 
 The formulas are written once, for numbers instead of rows, and always inlined: so the same lines
 are a vector loop over a grid of squares and a fast comparison of any two.
@@ -12,12 +13,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.cells import CHORD, COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.jit import compiled, inlined, internal
 
-FORM = 12
-X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW = range(FORM)
+FORM = 13
+X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW, LEANING = range(FORM)
 
 _HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
 _TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
@@ -27,8 +28,8 @@ _0, _1 = np.uintp(0), np.uintp(1)
 
 
 @compiled
-def write_form(s, drift, form):  # type: ignore[no-untyped-def]
-    """Write the form of a segment row."""
+def write_form(s, drift, lean, form):  # type: ignore[no-untyped-def]
+    """Write the form of a segment row; lean: of its slopes against those of others (`Sectors`)."""
     scale = 1.0 / s[0]
     cx, cy = s[1] * scale, s[2] * scale
     xx, xy, yy = s[3] - cx * s[1], s[4] - cx * s[2], s[5] - cy * s[2]
@@ -39,26 +40,28 @@ def write_form(s, drift, form):  # type: ignore[no-untyped-def]
     form[TX], form[TY] = vxx * qx + vxy * qy, vxy * qx + vyy * qy
     form[V], form[VXX], form[VXY], form[VYY] = scale, vxx, vxy, vyy
     extent = np.sqrt(s[COUNT]) / UNIT
-    form[EXTENT], form[INVERSE], form[SLOW] = extent, 1.0 / extent, np.sqrt(drift)
+    form[EXTENT], form[INVERSE] = extent, 1.0 / extent
+    form[SLOW], form[LEANING] = np.sqrt(drift), lean * form[W]
 
 
 @compiled
-def write_forms(segments, drift, forms):  # type: ignore[no-untyped-def]
-    """Write the forms (n, 12) of segment rows (n, 13)."""
+def write_forms(segments, drift, lean, forms):  # type: ignore[no-untyped-def]
+    """Write the forms (n, 13) of segment rows (n, 13) (`write_form`)."""
     for k in range(segments.shape[0]):
-        write_form(segments[k], drift[k], forms[k])
+        write_form(segments[k], drift[k], lean, forms[k])
 
 
 @inlined
 def _difference(  # type: ignore[no-untyped-def]
-    x0, y0, w0, tx0, ty0, v0, vxx0, vxy0, vyy0, extent0, inverse0, slow0,
-    x1, y1, w1, tx1, ty1, v1, vxx1, vxy1, vyy1, extent1, inverse1, slow1,
+    x0, y0, w0, tx0, ty0, v0, vxx0, vxy0, vyy0, extent0, inverse0, slow0, leaning0,
+    x1, y1, w1, tx1, ty1, v1, vxx1, vxy1, vyy1, extent1, inverse1, slow1, leaning1,
 ):  # fmt: skip
     """Difference delta of the planes of two forms where they meet, and its covariance C.
 
     They meet near the smaller one. C = P_0^-1 + P_1^-1 + Sigma_d, where Sigma_d is what an error
     that wanders like a random walk makes of the planes of two squares side by side, and of those
-    farther apart by a gap (`spatial.frame_error`).
+    farther apart by a gap (`spatial.frame_error`), and surfaces that are not quite flat
+    (`planewise.flatness`).
     """
     first = extent0 <= extent1  # is the smaller one
     extent, reach = min(extent0, extent1), max(extent0, extent1)
@@ -72,13 +75,13 @@ def _difference(  # type: ignore[no-untyped-def]
     ax, ay = sx if first else dx, sy if first else dy
     bx, by = dx if first else sx, dy if first else sy
     gap = max(apart - _TOUCHING * (extent + reach), 0.0)
-    drift = slow0 * slow1
-    bend = drift * (
+    drift, lean = slow0 * slow1, leaning0 * leaning1
+    bend = lean + drift * (
         _BEND_SMALL * (inverse0 if first else inverse1)
         + _BEND_LARGE * (inverse1 if first else inverse0)
     )
     delta = w0 + ax * tx0 + ay * ty0 - w1 - bx * tx1 - by * ty1
-    c00 = v0 + v1 + drift * (PLANE_OFFSET * reach + gap)
+    c00 = v0 + v1 + drift * (PLANE_OFFSET * reach + gap) + lean * (CHORD * reach) ** 2
     c00 += ax * ax * vxx0 + 2.0 * ax * ay * vxy0 + ay * ay * vyy0
     c00 += bx * bx * vxx1 + 2.0 * bx * by * vxy1 + by * by * vyy1
     c01 = ax * vxx0 + ay * vxy0 + bx * vxx1 + by * vxy1
@@ -110,8 +113,8 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     other.
     """
     x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
     )  # fmt: skip
     near = _determinant(c00, c01, c02, c11, c12, c22)
     discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
@@ -129,8 +132,8 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
         1/2 ln(1 + s) - 1/2 spread^2 (v' C^-1 delta)^2 / (1 + s),    s = spread^2 v' C^-1 v
     """
     x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11],
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
     )  # fmt: skip
     near = _determinant(c00, c01, c02, c11, c12, c22)
     w, tx, ty = a[W], a[TX], a[TY]
@@ -144,7 +147,7 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
 
 @internal
 def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
-    """Forms by column (12, n) of the chosen ones; of none (-1), something without meaning."""
+    """Forms by column (13, n) of the chosen ones; of none (-1), something without meaning."""
     for j in range(chosen.size):
         k = chosen[j]
         for e in range(FORM):
@@ -153,15 +156,15 @@ def _take(chosen, forms, out):  # type: ignore[no-untyped-def]
 
 @internal
 def _compare_columns(a, b, shift, offset_prior, slope_prior, discord, evidence):  # type: ignore[no-untyped-def]
-    """`compare_forms` of columns of forms (12, .), the second `shift` farther on."""
+    """`compare_forms` of columns of forms (13, .), the second `shift` farther on."""
     for n in range(discord.size):
         j = np.uintp(n)
         k = j + shift
         x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
             a[0, j], a[1, j], a[2, j], a[3, j], a[4, j], a[5, j],
-            a[6, j], a[7, j], a[8, j], a[9, j], a[10, j], a[11, j],
+            a[6, j], a[7, j], a[8, j], a[9, j], a[10, j], a[11, j], a[12, j],
             b[0, k], b[1, k], b[2, k], b[3, k], b[4, k], b[5, k],
-            b[6, k], b[7, k], b[8, k], b[9, k], b[10, k], b[11, k],
+            b[6, k], b[7, k], b[8, k], b[9, k], b[10, k], b[11, k], b[12, k],
         )  # fmt: skip
         near = _determinant(c00, c01, c02, c11, c12, c22)
         discord[j] = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near

@@ -29,7 +29,7 @@ def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # typ
 def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
-    segments (K, ., 13), forms (K, ., 12): in the coordinates of every sector; home (.): sector of
+    segments (K, ., 13), forms (K, ., 13): in the coordinates of every sector; home (.): sector of
     each; gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments,
     forms and home are changed in place. Writes owner (n,): the segment that each of the first n
     becomes part of.
@@ -64,7 +64,7 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
             segments[sector, i, MISFIT] += discord[i, j]
             for e in range(SEGMENT):
                 segments[sector, i, e] += segments[sector, j, e]
-            write_form(segments[sector, i], drift[i], forms[sector, i])
+            write_form(segments[sector, i], drift[i], 0.0, forms[sector, i])
         for k in range(n):
             gain[j, k] = gain[k, j] = -np.inf
             if owner[k] == j:

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.cells import COUNT, PLANE_RESIDUAL, UNIT
 from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
@@ -84,11 +84,11 @@ def group_data(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Nats of every group on none and as labelled.
 
-    moments (12, .), label (.), first (.): `kernels.groups`; planes (4, N + 1): t0, t1, t2 of every
-    label, and the side of a square as large as the plane, in units of 100 pixels; shared, step,
-    drift (L,): variances by depth, per_metre rows a metre, linear between. error: factors of shared
-    and of slow variance of a group's offset, of both of its tilt, and the lateral variance. prior:
-    `_on_none`.
+    moments (12, .), label (.), first (.): `kernels.groups`; planes (5, N + 1): t0, t1, t2 of every
+    label, the side of a square as large as the plane, in units of 100 pixels, longer by distortion,
+    and as it is; shared, step, drift (L,): variances by depth, per_metre rows a metre, linear
+    between. error: factors of shared and of slow variance of a group's offset, of both of its tilt,
+    the lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
 
     Writes alone and data (.), and white (.): its readings' precision, times the frame's. Adds to
     worth (N + 1,) data - alone, to saved (N + 1,) data less what readings take that may be anything
@@ -96,16 +96,16 @@ def group_data(  # type: ignore[no-untyped-def]
     Returns the sum of data.
     """
     blocks, groups = first[0], first[-1]
-    near, slow, bent, bend, lateral = error
+    near, slow, bent, bend, lateral, lean = error
     last = np.float64(shared.size - 2)
     in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
-    work = np.empty((24, _BATCH))
+    work = np.empty((25, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
     m6, m7, m8, m9, count, norm = work[6], work[7], work[8], work[9], work[10], work[11]
     t0, t1, t2, extent, common, fine = work[12], work[13], work[14], work[15], work[16], work[17]
     wander, smooth, spread, fitted, turned = work[18], work[19], work[20], work[21], work[22]
-    precision = work[23]
+    precision, side = work[23], work[24]
     total = 0.0
     for start in range(0, groups, _BATCH):
         stop = min(start + _BATCH, groups)
@@ -116,7 +116,8 @@ def group_data(  # type: ignore[no-untyped-def]
                 work[e, k] = row[k]
         for k in range(n):
             j = label[start + k]
-            t0[k], t1[k], t2[k], extent[k] = planes[0, j], planes[1, j], planes[2, j], planes[3, j]
+            t0[k], t1[k], t2[k] = planes[0, j], planes[1, j], planes[2, j]
+            extent[k], side[k] = planes[3, j], planes[4, j]
             if count[k] > 0.0:
                 row = per_metre * m0[k] / m6[k]
                 common[k], fine[k] = between(shared, row, last), between(step, row, last)
@@ -139,8 +140,10 @@ def group_data(  # type: ignore[no-untyped-def]
             a, b = t1[k], t2[k]
             off = mean - (t0[k] + a * cx + b * cy)
             steep = 1.0 + lateral * (a * a + b * b) / UNIT**2 * m0[k] / count[k]
+            leaning = lean * lean * mean * mean
             offset = steep * (near * (common[k] + fine[k]) + slow * extent[k] * wander[k])
-            tilt = steep * (bent * common[k] + bend * wander[k])
+            offset += PLANE_RESIDUAL * leaning * side[k] * side[k]
+            tilt = steep * (bent * common[k] + bend * wander[k]) + leaning
             # chi^2 about the plane: the part that an offset explains apart
             square += a * a * xx + 2.0 * a * b * xy + b * b * yy - 2.0 * (a * xw + b * yw)
             xw, yw = own * (xw - a * xx - b * xy), own * (yw - a * xy - b * yy)

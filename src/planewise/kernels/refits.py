@@ -21,12 +21,12 @@ def refit_sums(  # type: ignore[no-untyped-def]
 ):  # fmt: skip
     """Information of the groups of every label on its plane, random effects integrated out.
 
-    All as `kernels.group_data` takes and writes it; anything: nats of any reading. Writes sums
-    (N + 1, 9): the information P and P t as rows of segments have them (`kernels.cells`). A group
-    counts with the probability, given all, that it is not a surface of its own, and not at all
-    where it is described as anything at all.
+    All as `kernels.group_data` takes and writes it, but that surfaces do not lean; anything: nats
+    of any reading. Writes sums (N + 1, 9): the information P and P t as rows of segments have them
+    (`kernels.cells`). A group counts with the probability, given all, that it is not a surface of
+    its own, and not at all where it is described as anything at all.
     """
-    near, slow, bent, bend, lateral = error
+    near, slow, bent, bend, lateral, _ = error
     last = np.float64(shared.size - 2)
     sums[:] = 0.0
     for g in range(label.size):

@@ -53,11 +53,11 @@ def turn_row(row, back, out):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _across(segments, forms, home, turns, drift, small, large, offset, slope):  # type: ignore[no-untyped-def]
+def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
     """`compare_forms` of segments in different sectors, in the coordinates of the smaller one."""
     row, form = np.empty(SEGMENT), np.empty(FORM)
     turn_row(segments[large], turns[home[large], home[small]], row)
-    write_form(row, drift[large], form)
+    write_form(row, drift[large], lean, form)
     return compare_forms(form, forms[small], offset, slope)
 
 
@@ -79,6 +79,7 @@ def _merge_value(  # type: ignore[no-untyped-def]
     home,
     turns,
     drift,
+    lean,
     u,
     v,
     boundary,
@@ -96,7 +97,7 @@ def _merge_value(  # type: ignore[no-untyped-def]
     else:
         large = u + v - small
         discord, evidence = _across(
-            segments, forms, home, turns, drift, small, large, offset, slope
+            segments, forms, home, turns, drift, lean, small, large, offset, slope
         )
     misfit = tempered(discord, segments[small, COUNT], tails)
     return _share_left(evidence, boundary, misfit, most, longest), misfit
@@ -109,6 +110,7 @@ def _first_values(  # type: ignore[no-untyped-def]
     home,
     turns,
     drift,
+    lean,
     ends,
     boundary,
     offset_prior,
@@ -135,7 +137,7 @@ def _first_values(  # type: ignore[no-untyped-def]
             current[edge] = _share_left(evidence[edge], boundary[edge], misfit[edge], most, longest)
         else:
             current[edge], misfit[edge] = _merge_value(
-                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                segments, forms, home, turns, drift, lean, u, v, boundary[edge], offset_prior,
                 slope_prior, most, longest, tails,
             )  # fmt: skip
 
@@ -148,13 +150,13 @@ def mix_drift(drift, u, v, of_u, of_v):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _join(segments, forms, drift, u, v, misfit):  # type: ignore[no-untyped-def]
+def _join(segments, forms, drift, lean, u, v, misfit):  # type: ignore[no-untyped-def]
     """Make segment v part of segment u, in whose coordinates it is."""
     mix_drift(drift, u, v, segments[u, COUNT], segments[v, COUNT])
     for e in range(SEGMENT):
         segments[u, e] += segments[v, e]
     segments[u, MISFIT] += misfit
-    write_form(segments[u], drift[u], forms[u])
+    write_form(segments[u], drift[u], lean, forms[u])
 
 
 @inlined
@@ -219,6 +221,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     segments,
     forms,
     drift,
+    lean,
     offset_prior,
     slope_prior,
     home,
@@ -240,11 +243,12 @@ def agglomerate(  # type: ignore[no-untyped-def]
     unit (rows, columns): segment of every cell, or -1; discords (2, rows, columns): across each
     side shared with the cell to the right and below, which `price` (`border_price`) turns into the
     nats that a merge saves there. segments, their forms and drift are changed in place: the row of
-    a root holds its whole segment. home (n,): the sector in whose coordinates each is; turns (K, K,
-    3, 3): what `turn_row` takes from the first to the second; wraps: whether the last column is
-    beside the first; most, longest: as `_share_left` takes them, tails as `tempered`. Writes roots
-    (n,), as many as it returns, and segment (n,): which of these each has become part of. ints,
-    floats: room to work in, `room` of so many sides and segments.
+    a root holds its whole segment. lean: as `forms.write_form` takes it; home (n,): the sector in
+    whose coordinates each is; turns (K, K, 3, 3): what `turn_row` takes from the first to the
+    second; wraps: whether the last column is beside the first; most, longest: as `_share_left`
+    takes them, tails as `tempered`. Writes roots (n,), as many as it returns, and segment (n,):
+    which of these each has become part of. ints, floats: room to work in, `room` of so many sides
+    and segments.
 
     Gains are valued lazily: an edge at the top whose segments have changed since is valued again;
     one whose gain has risen meanwhile comes up late. The edges of a segment are a linked list of
@@ -274,7 +278,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
     for start in range(0, edges, _BATCH):
         stop = min(start + _BATCH, int(edges))
         _first_values(
-            segments, forms, home, turns, drift, ends[start:stop], boundary[start:stop],
+            segments, forms, home, turns, drift, lean, ends[start:stop], boundary[start:stop],
             offset_prior, slope_prior, most, longest, tails, gains, misfit[start:stop],
         )  # fmt: skip
         for edge in range(start, stop):
@@ -296,7 +300,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
         if old:
             valued[edge] = version[u] + version[v]
             gain, misfit[edge] = _merge_value(
-                segments, forms, home, turns, drift, u, v, boundary[edge], offset_prior,
+                segments, forms, home, turns, drift, lean, u, v, boundary[edge], offset_prior,
                 slope_prior, most, longest, tails,
             )  # fmt: skip
         size = update(keys, items, place, size, edge, gain)
@@ -309,7 +313,7 @@ def agglomerate(  # type: ignore[no-untyped-def]
             turn_row(segments[v], turns[home[v], home[u]], moved_row)
             for e in range(SEGMENT):
                 segments[v, e] = moved_row[e]
-        _join(segments, forms, drift, u, v, misfit[edge])
+        _join(segments, forms, drift, lean, u, v, misfit[edge])
         version[u] += version[v] + 1
         segment[v] = u
         alive[edge] = 0
@@ -330,8 +334,8 @@ def agglomerate(  # type: ignore[no-untyped-def]
                     # Its gain has risen: it must come up before anything it may now beat.
                     valued[kept] = version[u] + version[other]
                     gain, misfit[kept] = _merge_value(
-                        segments, forms, home, turns, drift, u, other, boundary[kept], offset_prior,
-                        slope_prior, most, longest, tails,
+                        segments, forms, home, turns, drift, lean, u, other, boundary[kept],
+                        offset_prior, slope_prior, most, longest, tails,
                     )  # fmt: skip
                     size = update(keys, items, place, size, moved, 0.0)
                     size = update(keys, items, place, size, kept, gain)

@@ -16,17 +16,18 @@ from planewise.kernels.segments import mix_drift, tempered
 
 @compiled
 def join_blocks(  # type: ignore[no-untyped-def]
-    unit, whole, right, rows, forms, free, drift, limit, levels, tails, root, square, joined, shapes
-):
+    unit, whole, right, rows, forms, free, drift, lean, limit, levels, tails, root, square, joined,
+    shapes,
+):  # fmt: skip
     """Join 2 x 2 squares of cells that are clearly one plane, and again 2 x 2 of those.
 
     unit (rows, columns): unit of every cell, or -1; whole (n,): those of 2 x 2 cells, which the
     first level joins, and right: discords of those side by side (`forms.square_discords`). Squares
     are joined where no discord (left and right, then upper and lower half) is above `limit`. rows,
     forms (n, .): of the units; free (n,): what they cost as a free smooth surface. drift is changed
-    in place; tails: as `segments.tempered` takes them. Writes root (n,): the unit that each is part
-    of, the upper left one of its square; square (n,): where its joined row and form (n / 4, .) are,
-    if any. Returns the number of roots.
+    in place; lean: as `forms.write_form` takes it, tails as `segments.tempered`. Writes root (n,):
+    the unit that each is part of, the upper left one of its square; square (n,): where its joined
+    row and form (n / 4, .) are, if any. Returns the number of roots.
     """
     level = np.empty(root.size, np.int8)
     for k in range(root.size):
@@ -62,8 +63,8 @@ def join_blocks(  # type: ignore[no-untyped-def]
                     halves[1, e] = of[o, e] + of[p, e]
                 if step == 1:
                     halves[0, FREE], halves[1, FREE] = free[a] + free[b], free[c] + free[d]
-                write_form(halves[0], 0.5 * (drift[a] + drift[b]), shape[0])
-                write_form(halves[1], 0.5 * (drift[c] + drift[d]), shape[1])
+                write_form(halves[0], 0.5 * (drift[a] + drift[b]), lean, shape[0])
+                write_form(halves[1], 0.5 * (drift[c] + drift[d]), lean, shape[1])
                 both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
                 if both > limit:
                     continue
@@ -80,7 +81,7 @@ def join_blocks(  # type: ignore[no-untyped-def]
                 for e in range(SEGMENT):
                     row[e] = halves[0, e] + halves[1, e]
                 row[MISFIT] += misfit
-                write_form(row, drift[a], shapes[square[a]])
+                write_form(row, drift[a], lean, shapes[square[a]])
                 root[b] = root[c] = root[d] = a
                 level[a] = step + 1
                 left -= 3

@@ -49,5 +49,5 @@ def _forms(rows: Array, drift: Array) -> Array:
     """Forms (K, n, 12) of segment rows (K, n, 13)."""
     out = np.empty((*rows.shape[:2], comparing.FORM))
     for of_sector, forms in zip(rows, out, strict=True):
-        comparing.write_forms(of_sector, drift, forms)
+        comparing.write_forms(of_sector, drift, 0.0, forms)
     return out

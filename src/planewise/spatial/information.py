@@ -109,7 +109,7 @@ class Groups:
     table : tuple
         Variances by depth (shared, step, drift), and rows a metre.
     sizes : tuple of float
-        Factors of the variances of a group's offset and tilt (`kernels.group_data`).
+        Factors of the variances of a group's offset and tilt, and more (`kernels.group_data`).
     prior : tuple of float
         Of groups on none.
     distorted : float
@@ -134,19 +134,20 @@ class Groups:
     nats: Array
 
     def planes(self, affine: Array) -> Array:
-        """Planes by label as `kernels.group_data` takes them, shape (4, N K + 1)."""
-        by_label = np.empty((4, len(affine) + 1))
+        """Planes by label as `kernels.group_data` takes them, shape (5, N K + 1)."""
+        by_label = np.empty((5, len(affine) + 1))
         by_label[:3, 0] = 0.0
         by_label[:3, 1:] = affine.T
-        by_label[3] = self._widths
+        by_label[3:] = self._widths
         return by_label
 
     @cached_property
     def _widths(self) -> Array:
-        """By label: the last row of `planes`, which they all share."""
-        widths = np.zeros(len(self.readings))
+        """By label: the last rows of `planes`, which they all share."""
+        widths = np.zeros((2, len(self.readings)))
         count = self.sectors.repeated(self.sectors.summed(self.readings[1:]))
-        widths[1:] = np.sqrt(count) / kernels.UNIT * (1.0 + count / self.distorted)
+        widths[1, 1:] = np.sqrt(count) / kernels.UNIT
+        widths[0, 1:] = widths[1, 1:] * (1.0 + count / self.distorted)
         return widths
 
     def data(self, affine: Array) -> GroupData:
@@ -339,6 +340,7 @@ def groups_of(
         error.bent * TILT**2,
         error.drift * kernels.PLANE_BEND[0] / (tiles.BLOCK / kernels.UNIT),
         error.lateral,
+        frame.sectors.lean,
     )
     coordinate = coordinate_information(range, resolution)
     slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2

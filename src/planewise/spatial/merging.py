@@ -37,7 +37,8 @@ _SHARES = (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER  # by the pi
 _TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
 _ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
-_LONGEST = 6.0  # times 3 ln(R / eps), where error drifts: all that a merge saves of a border
+# Times 3 ln(R / eps), all that a merge saves of a border: where error drifts, and at most.
+_LONGEST = 6.0, 20.0
 _UNIT = 2 * SIDE  # pixels to a side of most units
 _LEVELS = 3  # such squares have at most 6 x 2^3 pixels to a side
 
@@ -56,12 +57,12 @@ def merged(
     """
     grid = cells.grid if grid is None else grid
     forms = workspace.empty((len(cells.rows), comparing.FORM))
-    comparing.write_forms(cells.rows, cells.drift, forms)
+    comparing.write_forms(cells.rows, cells.drift, sectors.lean, forms)
     right = workspace.empty(cells.squares.shape)
     below = workspace.empty(cells.squares.shape)
     comparing.square_discords(cells.squares, forms, right, below)
     tails = _tails(cells.error)
-    segments = _joined_squares(cells, sectors, grid, forms, right, tails, workspace)
+    segments, shapes = _joined_squares(cells, sectors, grid, forms, right, tails, workspace)
     discords = workspace.empty((2, *cells.grid.shape))
     sides = borders.border_discords(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
@@ -76,8 +77,9 @@ def merged(
             beside.discords,
             price,
             segments.rows,
-            segments.forms,
+            shapes,
             segments.drift,
+            sectors.lean,
             segments.offset_prior,
             segments.slope_prior,
             segments.home,
@@ -102,8 +104,8 @@ def _joined_squares(
     right: Array,
     tails: float,
     workspace: Workspace,
-) -> Segments:
-    """Units of `grid`, and what squares of them are at once."""
+) -> tuple[Segments, Array]:
+    """Units of `grid`, and what squares of them are at once, and their forms."""
     count = len(cells.rows)
     free, drift = workspace.empty(count), workspace.copy(cells.drift)
     comparing.free_prices(
@@ -118,7 +120,7 @@ def _joined_squares(
     root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
     joined = workspace.empty((count // 4, SEGMENT)), workspace.empty((count // 4, comparing.FORM))
     left = squares.join_blocks(
-        grid, cells.whole, right, cells.rows, forms, free, drift, _SAME, _LEVELS,
+        grid, cells.whole, right, cells.rows, forms, free, drift, sectors.lean, _SAME, _LEVELS,
         tails, root, square, *joined,
     )  # fmt: skip
     home = np.zeros(left, np.int32)
@@ -130,15 +132,15 @@ def _joined_squares(
         root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
         cells.slope_prior, rows, shapes, numbers,
     )  # fmt: skip
-    return Segments(
+    segments = Segments(
         rows=rows,
-        forms=shapes,
         drift=numbers[0],
         offset_prior=numbers[1],
         slope_prior=numbers[2],
         home=home,
         of_unit=root,
     )
+    return segments, shapes
 
 
 def _tails(error: FrameError) -> float:
@@ -154,13 +156,15 @@ def _tails(error: FrameError) -> float:
 def _merge_border(segments: Array, error: FrameError, cost: float) -> tuple[Border, float]:
     """What a merge saves of a border: its price, and the most of it.
 
-    The cells on both sides cost no more if they are free. Where the error drifts, the discord of
-    wide segments stops to grow with them, and so does what their border is worth.
+    The cells on both sides cost no more if they are free. Where the error drifts, and as surfaces
+    lean, the discord of wide segments stops to grow with them, and so does what their border is
+    worth.
     """
     low, high, knee = between(_MERGE_BORDER, error.drifting)
     free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
     price = low, max(low, min(high, 2 * _UNIT * free)), knee
-    return price, _LONGEST * cost / error.drifting if error.drifting else np.inf
+    few, most = _LONGEST
+    return price, cost * (most if few > most * error.drifting else few / error.drifting)
 
 
 def between(prices: tuple[Border, Border], drifting: float) -> Border:

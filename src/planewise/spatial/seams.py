@@ -98,7 +98,7 @@ def _discords(
     for side, sector in enumerate((k, (k + 1) % sectors.count)):
         units = beside[rows, side]
         about_seam = sectors.turned(cells.rows[units], sector, sectors.seam(k))
-        comparing.write_forms(about_seam, cells.drift[units], forms[side])
+        comparing.write_forms(about_seam, cells.drift[units], sectors.lean, forms[side])
     discords = np.full(len(beside), -1.0)
     for row, left, right in zip(rows, *forms, strict=True):
         discords[row] = comparing.compare_forms(left, right, 0.0, 0.0)[0]

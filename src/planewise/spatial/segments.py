@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from planewise.kernels import borders
 from planewise.kernels.cells import MISFIT
-from planewise.kernels.forms import FORM, write_forms
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -21,8 +20,8 @@ class Segments:
 
     Attributes
     ----------
-    rows, forms : ndarray, shapes (n, 13) and (n, 12)
-        What each is (`kernels.cells`), and as it is compared (`kernels.segments`).
+    rows : ndarray, shape (n, 13)
+        What each is (`kernels.cells`).
     drift, offset_prior, slope_prior : ndarray, shape (n,)
         As of `spatial.cells.Cells`.
     home : ndarray of int32, shape (n,)
@@ -32,7 +31,6 @@ class Segments:
     """
 
     rows: Array
-    forms: Array
     drift: Array
     offset_prior: Array
     slope_prior: Array
@@ -43,7 +41,6 @@ class Segments:
         """Only those that others were merged into, or none; segment (n,): which of them each is."""
         return Segments(
             rows=self.rows.take(roots, axis=0),
-            forms=self.forms.take(roots, axis=0),
             drift=self.drift.take(roots),
             offset_prior=self.offset_prior.take(roots),
             slope_prior=self.slope_prior.take(roots),
@@ -64,13 +61,9 @@ class Segments:
             np.subtract.at(mine[:, :MISFIT], of_unit[taken], rows[taken, :MISFIT])
             of_unit[taken] = number
         mine = np.concatenate((mine, pieces.rows[chosen]))
-        drift = np.concatenate((self.drift, pieces.drift[chosen]))
-        forms = np.empty((len(mine), FORM))
-        write_forms(mine, drift, forms)
         return Segments(
             rows=mine,
-            forms=forms,
-            drift=drift,
+            drift=np.concatenate((self.drift, pieces.drift[chosen])),
             offset_prior=np.concatenate((self.offset_prior, pieces.offset_prior[chosen])),
             slope_prior=np.concatenate((self.slope_prior, pieces.slope_prior[chosen])),
             home=np.concatenate((self.home, pieces.home[chosen])),

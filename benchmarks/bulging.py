@@ -1,0 +1,145 @@
+"""Rooms whose walls are not flat, as building tolerances allow: prints Markdown tables.
+
+python -m benchmarks.bulging [--rooms N]
+
+Walls, floor and ceiling bulge by a wave of 6 m in two directions: so much between the highest and
+the lowest point. VOI on the true planes, how many of these are found at an IoU of 0.5, and planes
+found; first where pieces of a surface may not lean against each other (`planewise.flatness`), then
+as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
+
+import numpy as np
+from numpy.typing import NDArray
+
+import planewise as pw
+from benchmarks.arguments import parser_of
+from planewise import sectors
+from planewise.clouds import cells
+from planewise.metrics import evaluate
+
+Array = NDArray[np.float64]
+Labelled = tuple[Array, NDArray[np.int64]]
+
+CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+_SHAPE = 480, 640
+_WAVE = 6.0  # metres
+_POINTS, _SIZE = 60_000, np.array([6.0, 4.0, 2.8])
+_BULGES, _SIGMAS = (0.0, 0.005, 0.01, 0.02), (0.0005, 0.001, 0.003, 0.008)
+_STEPS = 6  # of the fixed point of a ray and a bulging wall
+
+
+def wave(points: Array, axes: Array, bulge: float, phase: Array) -> Array:
+    """Height of points (., 3) over a wall along two axes (2, 3)."""
+    return np.asarray(0.25 * bulge * np.sin(2 * np.pi * points @ axes.T / _WAVE + phase).sum(-1))
+
+
+def corner(bulge: float, rng: np.random.Generator) -> Labelled:
+    """Depth of two walls and a floor, which bulge, and of a box, which does not."""
+    v, u = np.indices(_SHAPE)
+    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, 1.0 + 0 * u), -1)
+    turn = rng.uniform(-0.3, 0.3)
+    c, s = np.cos(turn), np.sin(turn)
+    depths = []
+    for normal, distance in (((s, 0, c), 2.6), ((-c, 0, s), 1.1), ((0, 1, 0), 1.2)):
+        along = rays @ np.array(normal, float)
+        ahead = np.where(along > 1e-3, along, np.nan)
+        axes = np.linalg.svd(np.array([normal], float))[2][1:]
+        phase, z = rng.uniform(0, 2 * np.pi, 2), distance / ahead
+        for _ in range(_STEPS):
+            z = (distance + wave(z[..., None] * rays, axes, bulge, phase)) / ahead
+        depths.append(np.where(z > 0, z, np.inf))
+    box, face = _box(rays, np.array([0.2, 0.95, 1.7]), np.array([0.25, 0.25, 0.2]), 0.6)
+    depth = np.stack((*depths, box))
+    nearest = depth.argmin(axis=0)
+    return depth.min(axis=0), np.where(nearest < 3, nearest + 1, 4 + face)
+
+
+def _box(rays: Array, centre: Array, half: Array, turn: float) -> tuple[Array, NDArray[np.int64]]:
+    """Depth of an upright box, and which of its axes each ray meets it along."""
+    c, s = np.cos(turn), np.sin(turn)
+    axes = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+    towards, start = rays @ axes, -centre @ axes
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.stack(((-half - start) / towards, (half - start) / towards))
+    near, far = ends.min(axis=0), ends.max(axis=0)
+    enters = near.max(axis=-1)
+    hit = (enters > 0) & (enters < far.min(axis=-1))
+    return np.where(hit, enters, np.inf), near.argmax(axis=-1)
+
+
+def room(bulge: float, rng: np.random.Generator) -> Labelled:
+    """Points of the six faces of a room."""
+    areas = np.array([_SIZE.prod() / _SIZE[axis] for axis in range(3)])
+    points, labels = [], []
+    for face in range(6):
+        axis, axes = face // 2, np.delete(np.eye(3), face // 2, axis=0)
+        count = int(_POINTS * areas[axis] / (2 * areas.sum()))
+        on = rng.uniform(0, 1, (count, 3)) * _SIZE
+        on[:, axis] = face % 2 * _SIZE[axis] + wave(on, axes, bulge, rng.uniform(0, 2 * np.pi, 2))
+        points.append(on)
+        labels.append(np.full(count, face + 1))
+    order = rng.permutation(sum(map(len, points)))
+    return np.concatenate(points)[order], np.concatenate(labels)[order]
+
+
+def _of_image(depth: Array, sigma: float, rng: np.random.Generator) -> pw.PlaneModel:
+    sensor = pw.Sensor(max_depth=10.0, resolution=1e-4, noise=sigma)
+    return pw.detect_planes(depth + sigma * rng.standard_normal(depth.shape), CAMERA, sensor)
+
+
+def _of_cloud(points: Array, sigma: float, rng: np.random.Generator) -> pw.PlaneModel:
+    sensor = pw.Sensor(max_depth=20.0, resolution=1e-4, noise=sigma)
+    return pw.detect_planes_in_points(points + rng.normal(0, sigma, points.shape), sensor)
+
+
+@contextmanager
+def flat() -> Iterator[None]:
+    """Inside the block no piece of a surface may lean against another one."""
+    with patch.object(sectors, "LEAN", 0.0), patch.object(cells, "LEAN", 0.0):
+        yield
+
+
+SCENES: dict[str, tuple[Callable[..., Labelled], Callable[..., pw.PlaneModel]]] = {
+    "depth images": (corner, _of_image),
+    "clouds": (room, _of_cloud),
+}
+
+
+def scores(name: str, bulge: float, sigma: float, rooms: int) -> str:
+    """VOI, true planes found, of how many, and planes found: means of some rooms."""
+    scene, detect = SCENES[name]
+    rows = []
+    for seed in range(rooms):
+        rng = np.random.default_rng(seed)
+        seen, truth = scene(bulge, rng)
+        labels = detect(seen, sigma, rng).labels
+        found = evaluate(np.atleast_2d(labels), np.atleast_2d(truth))
+        voi = found.labelled.variation_of_information
+        rows.append((voi, found.detections[0].recall, labels.max()))
+    return "{:.2f} {:.2f} {:.1f}".format(*np.mean(rows, axis=0))
+
+
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("--rooms", type=int, default=6)
+    rooms = parser.parse_args().rooms
+    for name in SCENES:
+        print(f"\n| {name}: bulge, mm | {' | '.join(f'{1e3 * s:g} mm' for s in _SIGMAS)} |")
+        print("|---|" + "---|" * len(_SIGMAS))
+        for bulge in _BULGES:
+            columns = []
+            for sigma in _SIGMAS:
+                with flat():
+                    before = scores(name, bulge, sigma, rooms)
+                columns.append(f"{before}, {scores(name, bulge, sigma, rooms)}")
+            print(f"| {1e3 * bulge:g} | {' | '.join(columns)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
