@@ -199,7 +199,7 @@ def compare(rows, i, j, wander, offset_prior, slope_prior):  # type: ignore[no-u
     axx, axy, ayy = _slopes(rows, a, ex, ey, ez, fx, fy, fz)
     bxx, bxy, byy = _slopes(rows, b, ex, ey, ez, fx, fy, fz)
     c00 = 1.0 / rows[a, WEIGHT] + 1.0 / rows[b, WEIGHT] + drift * (_OFFSET * large + gap)
-    c00 += lean * (CHORD * large) ** 2
+    c00 += lean * (CHORD * large) * (CHORD * large)
     c00 += ax * ax * axx + 2.0 * ax * ay * axy + ay * ay * ayy
     c00 += bx * bx * bxx + 2.0 * bx * by * bxy + by * by * byy
     c01 = ax * axx + ay * axy + bx * bxx + by * bxy

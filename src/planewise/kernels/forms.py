@@ -81,7 +81,7 @@ def _difference(  # type: ignore[no-untyped-def]
         + _BEND_LARGE * (inverse1 if first else inverse0)
     )
     delta = w0 + ax * tx0 + ay * ty0 - w1 - bx * tx1 - by * ty1
-    c00 = v0 + v1 + drift * (PLANE_OFFSET * reach + gap) + lean * (CHORD * reach) ** 2
+    c00 = v0 + v1 + drift * (PLANE_OFFSET * reach + gap) + lean * (CHORD * reach) * (CHORD * reach)
     c00 += ax * ax * vxx0 + 2.0 * ax * ay * vxy0 + ay * ay * vyy0
     c00 += bx * bx * vxx1 + 2.0 * bx * by * vxy1 + by * by * vyy1
     c01 = ax * vxx0 + ay * vxy0 + bx * vxx1 + by * vxy1

@@ -4,7 +4,9 @@
 code; of ``fastmath`` only what honours NaN and infinity; no wrappers that nobody calls, for each
 costs compilation time. So do types: a literal handed to another loop is a type of its own, for
 which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, once for every type:
-``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven.
+``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven. Numba compiles ``x**2``
+once, as the first loop that has it is compiled: where sums may be taken in any order ``x * x`` has
+the same last bits in every process.
 """
 
 from __future__ import annotations
@@ -24,6 +26,7 @@ _OPTIONS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
+    "forceinline": False,  # else a loop that is compiled for one of `internal` is, too
 }
 
 
@@ -31,7 +34,7 @@ def _kept(**options: Any) -> Callable[[Any], Any]:
     """`numba.njit`; what it compiles is kept on disk, where it can be."""
 
     def decorate(loop: Callable[..., Any]) -> Any:
-        out = _njit(**_OPTIONS, **options)(loop)
+        out = _njit(**{**_OPTIONS, **options})(loop)
         # Without a folder that can be written to every process compiles.
         with contextlib.suppress(RuntimeError):
             out._cache = LoopCache(loop)
