@@ -19,19 +19,27 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.arguments import parser_of
+from benchmarks.curved_frames import CAMERA, SHAPE, rays
 from planewise import sectors
 from planewise.clouds import cells
 from planewise.metrics import evaluate
+from planewise.metrics.scores import FrameScores
+from planewise.scenes.furniture import Block
 
 Array = NDArray[np.float64]
 Labelled = tuple[Array, NDArray[np.int64]]
 
-CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
-_SHAPE = 480, 640
 _WAVE = 6.0  # metres
 _POINTS, _SIZE = 60_000, np.array([6.0, 4.0, 2.8])
 _BULGES, _SIGMAS = (0.0, 0.005, 0.01, 0.02), (0.0005, 0.001, 0.003, 0.008)
 _STEPS = 6  # of the fixed point of a ray and a bulging wall
+_C, _S = np.cos(0.6), np.sin(0.6)
+_BOX = Block(
+    centre=np.array([0.2, 0.95, 1.7]),
+    half=np.array([0.25, 0.25, 0.2]),
+    colour=(0.5, 0.5, 0.5),
+    axes=np.array([[_C, 0, _S], [0, 1, 0], [-_S, 0, _C]]),
+)
 
 
 def wave(points: Array, axes: Array, bulge: float, phase: Array) -> Array:
@@ -41,36 +49,21 @@ def wave(points: Array, axes: Array, bulge: float, phase: Array) -> Array:
 
 def corner(bulge: float, rng: np.random.Generator) -> Labelled:
     """Depth of two walls and a floor, which bulge, and of a box, which does not."""
-    v, u = np.indices(_SHAPE)
-    rays = np.stack(((u - CAMERA.cx) / CAMERA.fx, (v - CAMERA.cy) / CAMERA.fy, 1.0 + 0 * u), -1)
-    turn = rng.uniform(-0.3, 0.3)
+    every, turn = rays(), rng.uniform(-0.3, 0.3)
     c, s = np.cos(turn), np.sin(turn)
     depths = []
     for normal, distance in (((s, 0, c), 2.6), ((-c, 0, s), 1.1), ((0, 1, 0), 1.2)):
-        along = rays @ np.array(normal, float)
+        along = every @ np.array(normal, float)
         ahead = np.where(along > 1e-3, along, np.nan)
         axes = np.linalg.svd(np.array([normal], float))[2][1:]
         phase, z = rng.uniform(0, 2 * np.pi, 2), distance / ahead
         for _ in range(_STEPS):
-            z = (distance + wave(z[..., None] * rays, axes, bulge, phase)) / ahead
+            z = (distance + wave(z[..., None] * every, axes, bulge, phase)) / ahead
         depths.append(np.where(z > 0, z, np.inf))
-    box, face = _box(rays, np.array([0.2, 0.95, 1.7]), np.array([0.25, 0.25, 0.2]), 0.6)
-    depth = np.stack((*depths, box))
+    box, face = _BOX.hit(np.zeros((1, 3)), every.reshape(-1, 3))
+    depth = np.stack((*depths, box.reshape(SHAPE)))
     nearest = depth.argmin(axis=0)
-    return depth.min(axis=0), np.where(nearest < 3, nearest + 1, 4 + face)
-
-
-def _box(rays: Array, centre: Array, half: Array, turn: float) -> tuple[Array, NDArray[np.int64]]:
-    """Depth of an upright box, and which of its axes each ray meets it along."""
-    c, s = np.cos(turn), np.sin(turn)
-    axes = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    towards, start = rays @ axes, -centre @ axes
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ends = np.stack(((-half - start) / towards, (half - start) / towards))
-    near, far = ends.min(axis=0), ends.max(axis=0)
-    enters = near.max(axis=-1)
-    hit = (enters > 0) & (enters < far.min(axis=-1))
-    return np.where(hit, enters, np.inf), near.argmax(axis=-1)
+    return depth.min(axis=0), np.where(nearest < 3, nearest + 1, 4 + face.reshape(SHAPE) // 2)
 
 
 def room(bulge: float, rng: np.random.Generator) -> Labelled:
@@ -111,17 +104,22 @@ SCENES: dict[str, tuple[Callable[..., Labelled], Callable[..., pw.PlaneModel]]] 
 }
 
 
-def scores(name: str, bulge: float, sigma: float, rooms: int) -> str:
-    """VOI, true planes found, of how many, and planes found: means of some rooms."""
+def scored(name: str, bulge: float, sigma: float, seed: int) -> FrameScores:
+    """What is found in one room."""
     scene, detect = SCENES[name]
+    rng = np.random.default_rng(seed)
+    seen, truth = scene(bulge, rng)
+    labels = detect(seen, sigma, rng).labels
+    return evaluate(np.atleast_2d(labels), np.atleast_2d(truth))
+
+
+def means(name: str, bulge: float, sigma: float, rooms: int) -> str:
+    """VOI, share of the true planes that are found, and planes found: means of some rooms."""
     rows = []
     for seed in range(rooms):
-        rng = np.random.default_rng(seed)
-        seen, truth = scene(bulge, rng)
-        labels = detect(seen, sigma, rng).labels
-        found = evaluate(np.atleast_2d(labels), np.atleast_2d(truth))
+        found = scored(name, bulge, sigma, seed)
         voi = found.labelled.variation_of_information
-        rows.append((voi, found.detections[0].recall, labels.max()))
+        rows.append((voi, found.detections[0].recall, found.predicted_planes))
     return "{:.2f} {:.2f} {:.1f}".format(*np.mean(rows, axis=0))
 
 
@@ -136,8 +134,8 @@ def main() -> None:
             columns = []
             for sigma in _SIGMAS:
                 with flat():
-                    before = scores(name, bulge, sigma, rooms)
-                columns.append(f"{before}, {scores(name, bulge, sigma, rooms)}")
+                    before = means(name, bulge, sigma, rooms)
+                columns.append(f"{before}, {means(name, bulge, sigma, rooms)}")
             print(f"| {1e3 * bulge:g} | {' | '.join(columns)} |", flush=True)
 
 

@@ -46,7 +46,7 @@ def join_through_gaps(
 
 
 def _forms(rows: Array, drift: Array) -> Array:
-    """Forms (K, n, 12) of segment rows (K, n, 13)."""
+    """Forms (K, n, 13) of segment rows (K, n, 13): what does not touch does not lean."""
     out = np.empty((*rows.shape[:2], comparing.FORM))
     for of_sector, forms in zip(rows, out, strict=True):
         comparing.write_forms(of_sector, drift, 0.0, forms)
