@@ -25,7 +25,7 @@ from planewise.kernels.cloud_rows import (
 )
 from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.heap import SPARE, clear, update
-from planewise.kernels.jit import compiled, in_order, internal
+from planewise.kernels.jit import compiled, in_order, inlined, internal
 
 _PARALLEL = 0.9  # least cosine between normals of rows seen through a gap
 _LONGEST = 6.0  # times a plane's parameters: all that a merge saves of a border
@@ -107,19 +107,25 @@ def _offset_prior(rows, u, v, prior):  # type: ignore[no-untyped-def]
     return prior[0] * area + prior[2]
 
 
-@internal
-def _merge_gain(rows, u, v, boundary, wander, prior, most):  # type: ignore[no-untyped-def]
-    """Nats saved by joining two segments: evidence, at most a plane's parameters, and boundary.
+@inlined
+def _gain(evidence, misfit, boundary, most):  # type: ignore[no-untyped-def]
+    """Nats saved by a join: evidence, at most a plane's parameters, and boundary, less its misfit.
 
     Surfaces lean, so that discord stops to grow with the segments, and so does what their border is
-    worth. Returns the misfit of the join, too, of which half counts.
+    worth.
     """
+    return min(evidence, most) - 0.5 * misfit + min(boundary, _LONGEST * most)
+
+
+@internal
+def _merge_gain(rows, u, v, boundary, wander, prior, most):  # type: ignore[no-untyped-def]
+    """Nats saved by joining two segments, and the misfit of the join."""
     small = u if rows[u, COUNT] < rows[v, COUNT] else v
     discord, evidence = compare(rows, u, v, wander, _offset_prior(rows, u, v, prior), prior[1])
     if discord >= APART:
         return -APART, 0.0
     misfit = tempered(discord, rows[small, COUNT])
-    return min(evidence, most) - 0.5 * misfit + min(boundary, _LONGEST * most), misfit
+    return _gain(evidence, misfit, boundary, most), misfit
 
 
 @compiled
@@ -162,8 +168,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, wander, prior, most, w
             if discords[edge] < APART:
                 count_of = min(rows[u, COUNT], rows[v, COUNT])
                 misfit[edge] = tempered(discords[edge], count_of)
-                gain = min(evidence[edge], most) - 0.5 * misfit[edge]
-                gain += min(boundary[edge], _LONGEST * most)
+                gain = _gain(evidence[edge], misfit[edge], boundary[edge], most)
                 size = update(keys, items, place, size, edge, gain)
     while size > 0:
         edge, gain = items[0], 0.0
