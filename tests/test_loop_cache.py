@@ -1,8 +1,17 @@
 """Loops that were compiled before, by another process."""
 
+import ast
+import inspect
+import pkgutil
+from importlib import import_module
+
 import pytest
 
+from planewise import kernels
+from planewise.kernels import jit
 from tests.command import run_python
+
+DECORATORS = {"compiled", "in_order", "internal", "called", "inlined"}
 
 LOOPS = """
 import numpy as np
@@ -176,3 +185,33 @@ print(before, has_blas(), product.sum())
 """
     )
     assert done.stdout.split() == ["False", "True", "32.0"]
+
+
+def powers_in(source):
+    """Whole powers in the loops of a source, by line."""
+    return [
+        f"{power.lineno}: {ast.unparse(power)}"
+        for loop in ast.walk(ast.parse(source))
+        if isinstance(loop, ast.FunctionDef)
+        and DECORATORS & {ast.unparse(decorator) for decorator in loop.decorator_list}
+        for power in ast.walk(loop)
+        if isinstance(power, ast.BinOp)
+        and isinstance(power.op, ast.Pow)
+        and not isinstance(getattr(power.right, "value", 0), float)
+    ]
+
+
+@pytest.mark.parametrize(
+    "name", sorted(each.name for each in pkgutil.iter_modules(kernels.__path__))
+)
+def test_no_loop_has_whole_powers(name):
+    """Numba compiles one once a process, by the options of the first loop that has it."""
+    assert powers_in(inspect.getsource(import_module(f"planewise.kernels.{name}"))) == []
+
+
+def test_whole_powers_are_found():
+    assert vars(jit).keys() >= DECORATORS
+    assert powers_in("@called\ndef f(x, n):\n    return x**2 + x**n + x**0.5") == [
+        "3: x ** 2",
+        "3: x ** n",
+    ]

@@ -18,7 +18,8 @@ def border_price(discord, price):  # type: ignore[no-untyped-def]
     low, high, knee = price
     if discord < 0.0:
         return SIDE * low
-    return SIDE * (low + (high - low) / (1.0 + (discord / knee) ** 2))
+    times = discord / knee
+    return SIDE * (low + (high - low) / (1.0 + times * times))
 
 
 @in_order

@@ -132,8 +132,8 @@ def roughness(nodes, tilt, least, first, last, ratios):  # type: ignore[no-untyp
             freedom = count - 3.0
             # Wilson and Hilferty
             spread_ = 2.0 / (9.0 * freedom)
-            quartile = freedom * (1.0 - spread_ - 0.6745 * math.sqrt(spread_)) ** 3
-            ratios[node] = chi2 / quartile
+            root = 1.0 - spread_ - 0.6745 * math.sqrt(spread_)
+            ratios[node] = chi2 / (freedom * root * root * root)
 
 
 @internal
@@ -267,7 +267,7 @@ def stacked(rows, i, j):  # type: ignore[no-untyped-def]
     square = dx * dx + dy * dy + dz * dz
     # square > (_TOUCH (sqrt(A) + sqrt(B)))^2 without its roots
     a, b = rows[i, AREA], rows[j, AREA]
-    apart = max(square * (1.0 / _TOUCH**2) - a - b, 0.0)
+    apart = max(square / (_TOUCH * _TOUCH) - a - b, 0.0)
     return over * over > 0.5 * square or apart * apart > 4.0 * a * b
 
 

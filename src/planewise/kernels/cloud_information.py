@@ -110,7 +110,8 @@ def group_data(  # type: ignore[no-untyped-def]
             count, weight = groups[g, COUNT], groups[g, WEIGHT]
             norm = _norm(count, weight, resolution)
             offset = shared * count / weight + planes[j, 4]
-            tilt = 0.9 * drift / side + lean + CUT * (count / weight / side**2) ** 2
+            own = count / weight / (side * side)
+            tilt = 0.9 * drift / side + lean + CUT * own * own
             on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))
             odds = (on_its_own - nats) - (in_common - on)

@@ -132,7 +132,7 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     row[ZZ] -= chi2 * nz * nz
     # Slopes err by what cubes cut, at least: S becomes (S^-1 + cut)^-1 in the plane.
     p, q = largest / noise, middle / noise
-    cut = max(CUT * (own / area) ** 2 - 1.0 / q, 0.0)
+    cut = max(CUT * (own / area) * (own / area) - 1.0 / q, 0.0)
     more, less = cut * p * q, 1.0 / ((1.0 + cut * p) * (1.0 + cut * q))
     for e in range(XX, ZZ + 1):
         row[e] *= less / noise

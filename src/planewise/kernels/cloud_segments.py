@@ -36,7 +36,8 @@ _STEP = 200.0  # discord above which neighbours that are nearly parallel are no 
 def _border(discord, price):  # type: ignore[no-untyped-def]
     """Nats of a border, a point of it: low + (high - low) / (1 + (discord / knee)^2)."""
     low, high, knee = price
-    return low + (high - low) / (1.0 + (discord / knee) ** 2)
+    times = discord / knee
+    return low + (high - low) / (1.0 + times * times)
 
 
 @compiled

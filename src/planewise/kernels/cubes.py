@@ -77,7 +77,8 @@ def cubes_about(keys, first, last, out):  # type: ignore[no-untyped-def]
         u, v = gather(k), gather(np.uint64(k) >> np.uint64(1))
         w = gather(np.uint64(k) >> np.uint64(2))
         place[k] = (np.int64(u) * wide + np.int64(v)) * wide + np.int64(w)
-    grid, filled = np.full(wide**3, -1, np.int32), np.empty(wide**3, np.int32)
+    most = wide * wide * wide
+    grid, filled = np.full(most, -1, np.int32), np.empty(most, np.int32)
     cube = first
     while cube < last:
         block = keys[cube] >> np.uint64(3 * BLOCK)

@@ -81,7 +81,8 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
         q[C], q[C + 1], q[C + 2] = t[0], scale * t[1], scale * t[2]
         for e in range(3, 6):
             q[C + e] = scale * scale * t[e]
-        q[SIZE] = np.sqrt(4.0 * q[C + 3] ** 2 + 2.0 * q[C + 4] ** 2 + 4.0 * q[C + 5] ** 2)
+        xx, xy, yy = q[C + 3], q[C + 4], q[C + 5]
+        q[SIZE] = np.sqrt(4.0 * xx * xx + 2.0 * xy * xy + 4.0 * yy * yy)
 
 
 @inlined
@@ -162,8 +163,9 @@ def find_round(ends, at, grid, of_unit, rows, quadrics, chosen, wraps, how):  # 
             continue
         a, b = quadrics[u], quadrics[v]
         # Pixels are twice the width times the border, and those of a square its extent^2.
-        scale = _INTO * 2.0 * (UNIT / SIDE) ** 2
-        left, right = scale * a[EXTENT] ** 2 / sides[u], scale * b[EXTENT] ** 2 / sides[v]
+        scale = _INTO * 2.0 * (UNIT / SIDE) * (UNIT / SIDE)
+        left = scale * a[EXTENT] * a[EXTENT] / sides[u]
+        right = scale * b[EXTENT] * b[EXTENT] / sides[v]
         i = _unit_beyond(at[e], -int(left), grid, wraps)
         j = _unit_beyond(at[e], 1 + int(right), grid, wraps)
         if i < 0 or j < 0 or of_unit[i] != u or of_unit[j] != v:
@@ -207,7 +209,8 @@ def _state(a, b, i, j, near):  # type: ignore[no-untyped-def]
     over, ux, uy = _surface(a, x, y)
     under, vx, vy = _surface(b, x, y)
     jump = 2.0 * (over - under) / extents
-    if (ux - vx) ** 2 + (uy - vy) ** 2 + jump * jump <= LEFT * LEFT * turn:
+    turn_x, turn_y = ux - vx, uy - vy
+    if turn_x * turn_x + turn_y * turn_y + jump * jump <= LEFT * LEFT * turn:
         state |= GOES_ON | SURE
     return state
 

@@ -87,7 +87,7 @@ def unit_errors(  # type: ignore[no-untyped-def]
         coarse = 0.0
         if square > 0.0:
             noise = max(white * (new + square) - square, 0.0)
-            coarse = square * np.exp(-4 * np.pi**2 * noise / (12 * square))
+            coarse = square * np.exp(-4 * np.pi * np.pi * noise / (12 * square))
         half = 0.5 * size[k] * SIDE / UNIT
         larger = 1.0 + lateral * min(steep[k], STEEPEST * STEEPEST)
         out[0, k] = larger * (common + coarse)

@@ -19,7 +19,7 @@ def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # typ
     """
     small = i if segments[0, i, COUNT] < segments[0, j, COUNT] else j
     here = forms[home[small]]
-    offset = (gap_offset * here[small, W]) ** 2
+    offset = gap_offset * gap_offset * here[small, W] * here[small, W]
     discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
     parallel = compare_parallel(here[small], here[i + j - small], gap_offset)
     return min(evidence - 0.5 * discord - naming, parallel), discord

@@ -139,7 +139,7 @@ def group_data(  # type: ignore[no-untyped-def]
 
             a, b = t1[k], t2[k]
             off = mean - (t0[k] + a * cx + b * cy)
-            steep = 1.0 + lateral * (a * a + b * b) / UNIT**2 * m0[k] / count[k]
+            steep = 1.0 + lateral * (a * a + b * b) / (UNIT * UNIT) * m0[k] / count[k]
             leaning = lean * lean * mean * mean
             offset = steep * (near * (common[k] + fine[k]) + slow * extent[k] * wander[k])
             offset += PLANE_RESIDUAL * leaning * side[k] * side[k]

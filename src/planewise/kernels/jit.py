@@ -4,9 +4,9 @@
 code; of ``fastmath`` only what honours NaN and infinity; no wrappers that nobody calls, for each
 costs compilation time. So do types: a literal handed to another loop is a type of its own, for
 which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, once for every type:
-``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven. Numba compiles ``x**2``
-once, as the first loop that has it is compiled: where sums may be taken in any order ``x * x`` has
-the same last bits in every process.
+``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven. Loops have ``x * x``
+and no ``x**2``: that is compiled once a process, by the options of the first loop that has it, and
+last bits would depend on which that is.
 """
 
 from __future__ import annotations

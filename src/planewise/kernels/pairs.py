@@ -73,5 +73,5 @@ def add_products(ends, weights, part_of, values, sums):  # type: ignore[no-untyp
         j = part_of[u]
         if j >= 0 and j == part_of[v]:
             sums[j, 0] += weights[e] * values[u] * values[v]
-            sums[j, 1] += 0.5 * weights[e] * (values[u] ** 2 + values[v] ** 2)
+            sums[j, 1] += 0.5 * weights[e] * (values[u] * values[u] + values[v] * values[v])
             sums[j, 2] += weights[e]

@@ -50,7 +50,8 @@ def in_space(  # type: ignore[no-untyped-def]
     for k in range(affine.shape[0]):
         t, p = affine[k], information[k]
         middle_x, middle_y = p[0, 1] / p[0, 0], p[0, 2] / p[0, 0]
-        xx, yy = p[1, 1] / p[0, 0] - middle_x**2, p[2, 2] / p[0, 0] - middle_y**2
+        xx = p[1, 1] / p[0, 0] - middle_x * middle_x
+        yy = p[2, 2] / p[0, 0] - middle_y * middle_y
         xy = p[1, 2] / p[0, 0] - middle_x * middle_y
         # Side of a square whose readings spread as much.
         side = max(math.sqrt(12.0 * math.sqrt(max(xx * yy - xy * xy, 0.0))), SIDE / UNIT)

@@ -93,7 +93,7 @@ def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
     """
     left = False
     for i in range(6):
-        narrow = _NARROW * sums[0] * square ** (_POWERS[i, 0] + _POWERS[i, 1])
+        narrow = _NARROW * sums[0] * (1.0 if i == 0 else square if i < 3 else square * square)
         for j in range(i + 1):
             p, q = _POWERS[i, 0] + _POWERS[j, 0], _POWERS[i, 1] + _POWERS[j, 1]
             total = sums[(p + q) * (p + q + 1) // 2 + q]

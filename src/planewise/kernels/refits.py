@@ -51,7 +51,7 @@ def refit_sums(  # type: ignore[no-untyped-def]
         common, fine = between(shared, row, last), between(step, row, last)
         wander = between(drift, row, last)
         slope = planes[1, j] * planes[1, j] + planes[2, j] * planes[2, j]
-        steep = 1.0 + lateral * slope / UNIT**2 * m0 / count
+        steep = 1.0 + lateral * slope / (UNIT * UNIT) * m0 / count
         offset = steep * (near * (common + fine) + slow * planes[3, j] * wander)
         tilt = steep * (bent * common + bend * wander)
         own = white[g]

@@ -58,7 +58,7 @@ def mark_wild(  # type: ignore[no-untyped-def]
     half of those about. Every so many rows are looked at. Writes wild (rows looked at, W), where it
     is True; returns how many readings were looked at, and how many of them are wild.
     """
-    near, about = np.empty(z.shape[1], np.float32), np.empty((2 * REACH + 1) ** 2)
+    near, about = np.empty(z.shape[1], np.float32), np.empty((2 * REACH + 1) * (2 * REACH + 1))
     least, bound = np.float32(low), np.float32(share)
     seen = found = 0
     for i in range(0, z.shape[0], stride):
