@@ -103,10 +103,16 @@ def test_phi_is_that_of_the_surfaces_as_planes():
     assert phi == pytest.approx(model.information, rel=1e-6)
 
 
-def test_what_does_not_pay_for_being_a_plane_of_its_own_is_no_surface():
-    """What a window in a board shows of a wall is part of the wall, but no surface."""
-    depth, window = walls(140, 320), np.s_[100:108, 250:258]
+def windowed(depth: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """The same with a window in a board, through which the wall is seen."""
+    window = np.s_[100 : 100 + rows, 250 : 250 + columns]
     depth[window] = walls()[window]
+    return depth
+
+
+def test_what_does_not_pay_is_no_surface():
+    """What a window in a board shows of a wall is part of the wall, but no surface."""
+    depth = windowed(walls(140, 320), 8, 8)
     together = pw.detect_planes(depth, CAMERA, SENSOR)
     apart = pw.detect_planes(depth, CAMERA, SENSOR, instances=True)
     middle = np.s_[102:106, 252:256]
@@ -115,6 +121,14 @@ def test_what_does_not_pay_for_being_a_plane_of_its_own_is_no_surface():
     assert wall != board
     assert not apart.labels[middle].any()
     assert len(together) == len(apart) == 2
+
+
+@pytest.mark.parametrize("size", [(9, 9), (6, 16)])
+def test_a_surface_need_not_pay_for_the_parameters_of_its_plane(size):
+    apart = pw.detect_planes(windowed(walls(140, 320), *size), CAMERA, SENSOR, instances=True)
+    assert len(apart) == 3
+    board_alone = windowed(walls(0, 320), *size)
+    assert len(pw.detect_planes(board_alone, CAMERA, SENSOR, instances=True)) == 1
 
 
 @pytest.mark.parametrize("missing", [0.3, 0.6, 0.8, 0.93])

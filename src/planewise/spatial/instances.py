@@ -1,7 +1,7 @@
 """Surfaces of one plane that do not touch, told apart: ``instances=True``.
 
-They share the parameters of their plane, which all of its readings tell. Each has to pay for being
-a plane by itself: scraps of a wall between the legs of a chair are no surfaces.
+They share the parameters of their plane, which all of its readings tell and pay for. Each has to
+pay for what else a plane costs: scraps of a wall between the legs of a chair are no surfaces.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def told_apart(
         affine=of_plane[row].reshape(-1, 3),
     )
     with workspace.stage():
-        out = judged(observation, frame, cells, split, workspace, refit=False)
+        out = judged(observation, frame, cells, split, workspace, paid=True)
     move = Move(kind="instances", planes=out.best, information=out.information)
     return replace(out, moves=(*solution.moves, move))
 

@@ -37,6 +37,7 @@ Array = NDArray[np.float64]
 
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _LEAST = 3.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
+_PAID = _LEAST[0] - 1, _LEAST[1] - 1  # the same of one whose parameters are paid for
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 
 
@@ -156,7 +157,7 @@ def judged(
     blocks: Blocks | None = None,
     *,
     join: bool = False,
-    refit: bool = True,
+    paid: bool = False,
 ) -> SpatialSolution:
     """Refit the planes, and cut what exact Phi says is shorter without.
 
@@ -172,8 +173,8 @@ def judged(
         Of the frame, if they were made before.
     join : bool
         Make those planes one that turn out to be (`spatial.joining`).
-    refit : bool
-        Whether to refit them; surfaces that share a plane keep it.
+    paid : bool
+        Whether they are surfaces of planes that pay: they keep these, whose parameters are paid.
     """
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     cost = plane_information(3, *limits)
@@ -186,7 +187,7 @@ def judged(
         if join:
             groups, found, data, place = joined(groups, found, data, cost)
         affine = found.affine
-        if refit:
+        if not paid:
             affine, data = refitted(groups, affine, data)
     mask = masks[0] if place is None else masks[0].renamed(place)
     correlation: list[Array] = []
@@ -198,7 +199,7 @@ def judged(
 
     with threads.beside(correlate):
         error = FrameError() if cells is None else cells.error
-        least = price_of_planes(_LEAST, error, frame.sectors, cost)
+        least = price_of_planes(_PAID if paid else _LEAST, error, frame.sectors, cost)
         pays = _paying(groups, data, mask, *limits, least)
         order = np.lexsort((data.saved, ~pays))
         book = book_of(groups, data, mask, *limits, order)
