@@ -220,10 +220,12 @@ def curved(settings: tuple[tuple[int, float], ...] = _CURVED) -> None:
 
 def _with_facets(points: NDArray[np.float64], sensor: pw.Sensor) -> pw.PlaneModel:
     """Planes if facets of curved surfaces were planes."""
-    none = mock.patch.object(
-        segments, "curved_segments", lambda _, rows, *__: np.zeros(len(rows), np.bool_)
-    )
-    with none:
+    with (
+        mock.patch.object(
+            segments, "curved_segments", lambda rows, _: np.zeros(len(rows), np.bool_)
+        ),
+        mock.patch.object(segments, "nearly_flat", lambda rows, _: np.arange(len(rows))),
+    ):
         return pw.detect_planes_in_points(points, sensor)
 
 

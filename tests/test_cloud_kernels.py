@@ -350,6 +350,31 @@ def test_cells_of_one_cube_that_are_clearly_one_plane_are_joined():
         assert_array_equal(joined[4:], rows[4:])
 
 
+def test_parts_of_a_surface_are_added_to_the_first_of_them():
+    rng = np.random.default_rng(6)
+    rows = np.array([plane_row(rng, (x, 0.3 * x, 0), (0.1 * x, 0, 1), 0.9) for x in range(6)])
+    joined, part = rows.copy(), np.array([0, 1, 0, 3, 1, 0])
+    segments.join_parts(joined, part)
+    for first in (0, 1, 3):
+        mine = rows[part == first]
+        weight, at = mine[:, rows_of.WEIGHT], mine[:, rows_of.CX : rows_of.CZ + 1]
+        centre = weight @ at / weight.sum()
+        off = at - centre
+        i, j = np.triu_indices(3)
+        scatter = mine[:, rows_of.XX : rows_of.ZZ + 1].sum(axis=0) + weight @ (
+            off[:, i] * off[:, j]
+        )
+        out = joined[first]
+        assert_allclose(out[rows_of.CX : rows_of.CZ + 1], centre, atol=1e-12)
+        assert_allclose(out[rows_of.XX : rows_of.ZZ + 1], scatter, rtol=1e-9)
+        for entry in (rows_of.COUNT, rows_of.AREA, rows_of.FREE, rows_of.MISFIT, rows_of.CELLS):
+            assert out[entry] == pytest.approx(mine[:, entry].sum())
+        matrix = np.empty((3, 3))
+        matrix[i, j] = matrix[j, i] = scatter
+        normal = np.linalg.eigh(matrix)[1][:, 0]
+        assert abs(normal @ out[rows_of.NX : rows_of.NZ + 1]) == pytest.approx(1.0)
+
+
 def test_pairs_are_kept_once_where_they_come_first():
     rng = np.random.default_rng(5)
     ends = rng.integers(0, 12, (200, 2)).astype(np.int32)

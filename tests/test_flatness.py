@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from benchmarks.bulging import flat, scored
 
@@ -21,6 +22,28 @@ def test_walls_that_bulge_are_planes(scene, bulge, sigma):
     with flat():
         fallen_apart = scored(scene, bulge, sigma, 5)
     assert fallen_apart.labelled.variation_of_information > 0.2
+
+
+@pytest.mark.parametrize(("bulge", "sigma"), [(0.03, 5e-4), (0.03, 0.001), (0.05, 0.003)])
+def test_facets_of_a_wall_are_one_plane_in_a_cloud(bulge, sigma):
+    found = scored("clouds", bulge, sigma, 5)
+    assert found.detections[0].recall >= 5 / 6
+    assert found.labelled.variation_of_information < 1.0
+    with flat():
+        fallen_apart = scored("clouds", bulge, sigma, 5)
+    assert fallen_apart.detections[0].recall <= 0.5
+
+
+@pytest.mark.parametrize(("degrees", "planes"), [(4, 1), (6, 0)])
+def test_a_strip_of_a_tower_is_a_plane_if_it_hardly_turns(degrees, planes):
+    rng, radius, sigma = np.random.default_rng(0), 40.0, 5e-4
+    angle = np.radians(rng.uniform(-degrees / 2, degrees / 2, 60_000))
+    height = rng.uniform(0, 3, 60_000)
+    points = np.column_stack((radius * np.cos(angle), radius * np.sin(angle), height))
+    points += rng.normal(0, sigma, points.shape)
+    model = pw.detect_planes_in_points(points, pw.Sensor(max_depth=100.0, noise=sigma))
+    assert len(model) == planes
+    assert (model.labels > 0).mean() == pytest.approx(planes, abs=0.01)
 
 
 def test_what_leans_has_no_unit():

@@ -2,10 +2,12 @@
 
 Where a surface bends, cells merge into facets, as many as noise lets one tell, and each is as flat
 as a plane. What tells them from planes is that they go on bending across their borders, while
-planes meet in edges, which are sharp.
+planes meet in edges, which are sharp. A wall that bulges comes in facets, too, and is one plane.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,22 +16,44 @@ from planewise.clouds.cells import HOPELESS, SHARED, CloudCells, CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups
 from planewise.clouds.memory import Memory
+from planewise.flatness import WARP
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
 from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, WEIGHT, XX, ZZ
-from planewise.kernels.quadrics import HEIGHTS, spread
+from planewise.kernels.pairs import pairs_once
+from planewise.kernels.quadrics import GOES_ON, HEIGHTS, spread
 
 Array = NDArray[np.float64]
 
 
-def curved_segments(
-    cells: CloudCells, rows: Array, of_cell: NDArray[np.int64], at_once: int, memory: Memory
-) -> NDArray[np.bool_]:
-    """Find the segments that are pieces of curved surfaces.
+class Borders(NamedTuple):
+    """Where the surfaces of segments may go on, by pairs of cells on both sides of a border.
 
-    Each has a quadric. Across a border the surface goes on if the quadrics of both sides turn by
-    less than half the angle of their planes where they meet, one of them being clearly bent; a
-    segment is curved if its surface goes on across most of its border.
+    Attributes
+    ----------
+    border : ndarray, shape (N,)
+        Points along the border of every segment.
+    pairs : ndarray of int, shape (e, 2)
+        Segments that may be one curved surface, once for every pair of their cells.
+    points : ndarray of float32, shape (e,)
+        Points along the border of these cells.
+    states : ndarray of int8, shape (e,)
+        As `kernels.cloud_curvature.borders_of` writes them.
+    """
+
+    border: Array
+    pairs: NDArray[np.int32]
+    points: NDArray[np.float32]
+    states: NDArray[np.int8]
+
+
+def borders_of(
+    cells: CloudCells, rows: Array, of_cell: NDArray[np.int64], at_once: int, memory: Memory
+) -> Borders:
+    """Fit a quadric to every segment and look where these go on across borders.
+
+    The surface goes on if the quadrics of both sides turn by less than half the angle of their
+    planes where they meet, one of them being clearly bent.
 
     Parameters
     ----------
@@ -43,10 +67,6 @@ def curved_segments(
         Cells, and pairs of them, that are looked at together.
     memory : Memory
         Where large arrays lie.
-
-    Returns
-    -------
-    ndarray of bool, shape (N,)
     """
     sums = np.zeros((len(rows), HEIGHTS))
     for first in range(0, len(of_cell), at_once):
@@ -70,43 +90,87 @@ def curved_segments(
         points.append(along[:found].copy())
         states.append(how[:found].copy())
         memory.release()
-    all_pairs, curved = np.concatenate(pairs), np.empty(len(rows), np.bool_)
-    spread(border, all_pairs, np.concatenate(points), np.concatenate(states), curved)
+    return Borders(border, np.concatenate(pairs), np.concatenate(points), np.concatenate(states))
+
+
+def nearly_flat(rows: Array, borders: Borders) -> NDArray[np.int64]:
+    """Segments that are one surface which bends, but no more than what people call a plane.
+
+    Those whose surface goes on across most of the border between them, and all they go on to,
+    where these lie about one plane together (`planewise.flatness`): so a piece of a tower is none.
+    Returns the first segment of the surface that each is part of.
+    """
+    pairs = borders.pairs.copy()
+    saying = np.where(borders.states & GOES_ON, borders.points, -borders.points)
+    found = pairs_once(pairs, saying, len(rows))
+    part = _parts(len(rows), pairs[:found][saying[:found] > 0])
+    return np.where(_about_one_plane(rows, part, 1.0, WARP), part, np.arange(len(rows)))
+
+
+def curved_segments(rows: Array, borders: Borders) -> NDArray[np.bool_]:
+    """Find the segments that are pieces of curved surfaces.
+
+    A segment is curved if its surface goes on across most of its border. A wall that bulges by
+    hardly more than its noise is no curved surface: all its pieces lie as far from one plane as the
+    points of a cell may.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (N, 18)
+        Of the segments.
+    borders : Borders
+        Of the same.
+
+    Returns
+    -------
+    ndarray of bool, shape (N,)
+    """
+    curved = np.empty(len(rows), np.bool_)
+    spread(borders.border, borders.pairs, borders.points, borders.states, curved)
     pieces, place = np.flatnonzero(curved), np.cumsum(curved) - 1
-    joined = place[all_pairs[curved[all_pairs].all(axis=1)]]
-    curved[pieces] = ~_flat_together(rows[pieces], joined)
+    joined = place[borders.pairs[curved[borders.pairs].all(axis=1)]]
+    part = _parts(len(pieces), joined)
+    curved[pieces] = ~_about_one_plane(rows[pieces], part, HOPELESS - 1.0, 0.0)
     return curved
 
 
-def _flat_together(rows: Array, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Rows that lie on one plane with all that pairs join them to, as far from it as cells may.
-
-    So a wall that bulges by hardly more than its noise is no curved surface.
-    """
-    root = np.arange(len(rows))
+def _parts(size: int, pairs: NDArray[np.integer]) -> NDArray[np.int64]:
+    """First of all that pairs join each to, of so many."""
+    part = np.arange(size)
     while len(pairs):
-        before = root.copy()
-        least = root[pairs].min(axis=1)
-        np.minimum.at(root, pairs[:, 0], least)
-        np.minimum.at(root, pairs[:, 1], least)
-        root = root[root]
-        if (root == before).all():
+        before = part.copy()
+        least = part[pairs].min(axis=1)
+        np.minimum.at(part, pairs[:, 0], least)
+        np.minimum.at(part, pairs[:, 1], least)
+        part = part[part]
+        if (part == before).all():
             break
+    return part
+
+
+def _about_one_plane(
+    rows: Array, part: NDArray[np.int64], noise: float, warp: float
+) -> NDArray[np.bool_]:
+    """Rows whose part lies about one plane.
+
+    noise: variance of points about it, of the white one; warp: besides, their deviation from it, of
+    their standard deviation in the direction in which they lie closest.
+    """
     weight, count = rows[:, WEIGHT], rows[:, COUNT]
-    total = np.bincount(root, weight, len(rows))
+    total = np.bincount(part, weight, len(rows))
     at = rows[:, CX : CZ + 1]
-    centre = np.column_stack([np.bincount(root, weight * x, len(rows)) for x in at.T])
-    off = at - (centre / np.maximum(total, 1e-300)[:, None])[root]
+    centre = np.column_stack([np.bincount(part, weight * x, len(rows)) for x in at.T])
+    off = at - (centre / np.maximum(total, 1e-300)[:, None])[part]
     i, j = np.triu_indices(3)
     parts = rows[:, XX : ZZ + 1] + weight[:, None] * off[:, i] * off[:, j]
     scatter = np.zeros((len(rows), 3, 3))
-    for k, part in enumerate(parts.T):
-        scatter[:, i[k], j[k]] = scatter[:, j[k], i[k]] = np.bincount(root, part, len(rows))
+    for k, each in enumerate(parts.T):
+        scatter[:, i[k], j[k]] = scatter[:, j[k], i[k]] = np.bincount(part, each, len(rows))
     # Of a point: the weight of a cell has what its points share, too.
     variance = count / weight / (1.0 + SHARED * count / rows[:, CELLS])
-    white = np.bincount(root, weight * variance, len(rows))
-    across = np.linalg.eigvalsh(scatter)[:, 0]
-    return np.asarray((across <= (HOPELESS - 1.0) * white)[root])
+    white = np.bincount(part, weight * variance, len(rows))
+    across, along, _ = np.linalg.eigvalsh(scatter).T
+    return np.asarray((across <= noise * white + warp**2 * along)[part])
 
 
 def curved_planes(
@@ -142,4 +206,5 @@ def curved_planes(
     )
     rows = rows.copy()
     rows[:, CELLS] = np.bincount(label[labelled], minlength=len(rows))
-    return curved_segments(cells, rows, label[labelled], max(len(ends), 1), cloud.memory)
+    of_cell, at_once = label[labelled], max(len(ends), 1)
+    return curved_segments(rows, borders_of(cells, rows, of_cell, at_once, cloud.memory))

@@ -7,13 +7,17 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import SHARED, CloudCells
 from planewise.clouds.cloud import SLICED, Cloud
+from planewise.flatness import WARP
 from planewise.kernels import cloud_labels as kernels
+from planewise.kernels.cloud_cells import cell_residuals
 from planewise.kernels.cloud_keys import TURN
+from planewise.kernels.cloud_rows import COUNT, WEIGHT
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 _MOST = 0.75  # of the points of a plane's cells
+_CHI2_1 = 0.4549  # median of chi^2 with one degree of freedom
 
 
 def label_points(
@@ -44,8 +48,9 @@ def label_points(
     """
     label_of = np.append(plane_of_cell + 1, 0)[cells.owner]
     extra = np.zeros(len(planes) + 1)
-    # Points lie about the plane of a square as far as the error wanders on it.
-    extra[1:] = cells.error.about_planes(areas)
+    # Points lie about the plane of a square as far as the error wanders on it, or a wall bulges.
+    bulges = np.minimum(_bulges(cells, plane_of_cell, planes), WARP**2 * areas / 12.0)
+    extra[1:] = np.maximum(cells.error.about_planes(areas), bulges)
     larger = cells.error.white * (1.0 + SHARED)
     variance = larger * cloud.variance
     # By what was described: where that is far too little, nothing says what a sheet is.
@@ -59,6 +64,25 @@ def label_points(
         )
     )  # fmt: skip
     return labels
+
+
+def _bulges(cells: CloudCells, plane_of_cell: NDArray[np.int64], planes: Array) -> Array:
+    """Variance of cells about their planes beyond that of points, shape (N,): of the median cell.
+
+    Cells that are none of the plane's, such as those about a crease, are less than half of them.
+    """
+    off = np.empty(len(plane_of_cell))
+    cell_residuals(cells.rows, plane_of_cell, planes, off)
+    on = np.flatnonzero(plane_of_cell >= 0)
+    plane, weight, count = plane_of_cell[on], cells.rows[on, WEIGHT], cells.rows[on, COUNT]
+    square = off[on] * off[on] / weight
+    order = np.lexsort((square, plane))
+    points = np.bincount(plane, count, len(planes))
+    reached = np.cumsum(points) - 0.5 * points
+    median = np.append(square[order], 0.0)[np.searchsorted(np.cumsum(count[order]), reached)]
+    # Of points that share nothing, as the weight of their cell has it.
+    of_points = np.bincount(plane, count * count / weight, len(planes)) / np.maximum(points, 1.0)
+    return np.where(points > 0.0, np.maximum(median / _CHI2_1 - of_points, 0.0), 0.0)
 
 
 def lost_most(

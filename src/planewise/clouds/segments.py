@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.clouds.cells import PRIOR, CloudCells
-from planewise.clouds.curvature import curved_segments
+from planewise.clouds.curvature import borders_of, curved_segments, nearly_flat
 from planewise.clouds.gaps import joined_through_gaps, pair_values
 from planewise.clouds.memory import Memory
 from planewise.kernels import borders, pairs
@@ -88,7 +88,14 @@ def segments_of(
     """
     memory = memory or Memory()
     rows, of_cell, price = merged_cells(cells, cost, workers, memory)
-    curved = curved_segments(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
+    beside = borders_of(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
+    part = nearly_flat(rows, beside)
+    if (part < np.arange(len(part))).any():
+        kernels.join_parts(rows, part)
+        rows, part_of = _roots(rows, part)
+        of_cell = part_of[of_cell]
+        beside = borders_of(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
+    curved = curved_segments(rows, beside)
     worth, accepted = _accepted(cells, rows, of_cell, price, curved, cost, significance)
     apart = cells.error.of_readings
     planes, owner, total = joined_through_gaps(

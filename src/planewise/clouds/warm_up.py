@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from planewise.clouds.cells import PRIOR, CloudCells, CloudError, residual_correlation
 from planewise.clouds.cloud import Cloud
-from planewise.clouds.curvature import curved_segments
+from planewise.clouds.curvature import borders_of, curved_segments, nearly_flat
 from planewise.clouds.labels import label_points, lost_most
 from planewise.clouds.model import ranked_model
 from planewise.clouds.order import Grid
@@ -36,7 +36,7 @@ from planewise.kernels.cloud_rows import (
     XX,
     ZZ,
 )
-from planewise.kernels.cloud_segments import agglomerate
+from planewise.kernels.cloud_segments import agglomerate, join_parts
 from planewise.sensor import Sensor
 
 _WIDE, _HIGH = 4, 6  # cubes to a side of each of two squares, and from one to the other
@@ -64,7 +64,11 @@ def later_stages() -> None:
     lost_most(cloud, cells, of_cell, labels, len(planes))
     residual_correlation(cells, of_cell, planes)
 
-    curved_segments(cells, cells.rows, np.arange(count), PAIRS_AT_ONCE, cloud.memory)
+    each = np.arange(count)
+    beside = borders_of(cells, cells.rows, each, PAIRS_AT_ONCE, cloud.memory)
+    curved_segments(cells.rows, beside)
+    nearly_flat(cells.rows, beside)
+    join_parts(cells.rows.copy(), each)
     nats = np.ones((3, len(cells.ends)))
     agglomerate(
         cells.ends.copy(), *nats, cells.rows.copy(), cells.error.wander, (*PRIOR, 0.0), cost,

@@ -222,6 +222,17 @@ def agglomerate(ends, discords, evidence, boundary, rows, wander, prior, most, w
 
 
 @compiled
+def join_parts(rows, part):  # type: ignore[no-untyped-def]
+    """Add every row to the first one of its part, part (n,), as if it did not lean against that."""
+    for k in range(part.size):
+        if part[k] != k:
+            add_row(rows[part[k]], rows[k])
+    for k in range(part.size):
+        if part[k] == k:
+            write_normal(rows[k])
+
+
+@compiled
 def pairs_through_gaps(rows, wander, prior, least, planes, ends, gains):  # type: ignore[no-untyped-def]
     """Pairs of a plane (the first rows) and a later row that may be one plane through a gap.
 
