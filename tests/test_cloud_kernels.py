@@ -464,11 +464,11 @@ def test_border_prices_fall_with_discord():
     assert discords[-1] == rows_of.APART
 
 
-def labelled(cloud, label_of, planes, null, resolution, rounds=2):
-    """Oracle of `label_points`."""
+def labelled(cloud, label_of, planes, null, resolution, following=None, rounds=2):
+    """Oracle of `label_points`; following: its cells, owner and follow."""
     points = cloud.positions()
     grid = np.column_stack([positions(cloud.cubes, axis) for axis in range(3)])
-    held = np.diff(cloud.starts)
+    held, middle = np.diff(cloud.starts), (points - cloud.local)[cloud.starts[:-1]]
     out = np.zeros(len(points), int)
     for cube in range(len(grid)):
         for level in range(3):
@@ -490,7 +490,19 @@ def labelled(cloud, label_of, planes, null, resolution, rounds=2):
         variance = cloud.variance[cube]
         cost = [np.full(held[cube], null)]
         for label in labels:
-            delta = points[mine] @ planes[label - 1, :3] + planes[label - 1, 3]
+            normal, distance = planes[label - 1, :3], planes[label - 1, 3]
+            delta = points[mine] @ normal + distance
+            if following is not None and following[2][label]:
+                cells, owner, follow = following
+                there = near[label_of[near] == label]
+                at, row, normals = (
+                    middle[cube],
+                    cells[owner[there]],
+                    slice(rows_of.NX, rows_of.NZ + 1),
+                )
+                over = ((at - row[:, rows_of.CX : rows_of.CZ + 1]) * row[:, normals]).sum(axis=1)
+                heights = at @ normal + distance - over * np.sign(row[:, normals] @ normal)
+                delta -= follow[label] * np.average(heights, weights=held[there])
             rest = 0.5 * math.log(2 * math.pi * variance / resolution**2)
             cost.append(delta**2 / (2 * variance) + rest)
         states, cost = np.array([0, *labels]), np.transpose(cost)
@@ -509,7 +521,8 @@ def labelled(cloud, label_of, planes, null, resolution, rounds=2):
     return out
 
 
-def test_labels_follow_residual_and_surroundings(cloud):
+@pytest.mark.parametrize("follow", [(0, 0, 0, 0), (0, 0.5, 0.9, 0)])
+def test_labels_follow_residual_and_surroundings(cloud, follow):
     truth = scattered()[1][cloud.rows]
     majority = [
         np.bincount(truth[a:b]).argmax()
@@ -517,17 +530,28 @@ def test_labels_follow_residual_and_surroundings(cloud):
     ]
     label_of = np.array(majority)
     planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
+    follow, rng = np.array(follow, float), np.random.default_rng(0)
+    owner = rng.permutation(len(label_of))  # a cell for every cube, through one of its points
+    cells = np.zeros((len(owner), rows_of.ROW))
+    sign = rng.choice((-1.0, 1.0), len(owner))[:, None]
+    normal = planes[label_of - 1, :3] + rng.normal(0, 0.05, (len(owner), 3))
+    cells[owner, rows_of.NX : rows_of.NZ + 1] = sign * normal
+    at = cloud.positions()[cloud.starts[:-1]] + 4.0 * SIGMA * normal
+    cells[owner, rows_of.CX : rows_of.CZ + 1] = at
     labels = np.empty(len(truth), np.uint16)
     null = math.log(1e4)
     label_loops.label_points(
         cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle,
-        cloud_keys.TURN, cloud.about, label_of, cloud.variance, np.zeros(4), planes,
-        null, 0.001, 0.0, 0, len(cloud.cubes), labels,
+        cloud_keys.TURN, cloud.about, label_of, cells, owner, follow, cloud.variance, np.zeros(4),
+        planes, null, 0.001, 0.0, 0, len(cloud.cubes), labels,
     )  # fmt: skip
-    expected = labelled(cloud, label_of, planes, null, 0.001)
-    assert (labels != expected).mean() < 1e-3  # float32 against float64, at equal costs
-    assert (labels != labelled(cloud, label_of, planes, null, 0.001, rounds=0)).mean() > 3e-3
-    assert (labels == truth).mean() > 0.95
+    told, following = (cloud, label_of, planes, null, 0.001), (cells, owner, follow)
+    assert (labels != labelled(*told, following)).mean() < 1e-3  # float32 and 64, at equal costs
+    assert (labels != labelled(*told, following, rounds=0)).mean() > 3e-3
+    if follow.any():
+        assert (labels != labelled(*told)).mean() > 0.01
+    else:
+        assert (labels == truth).mean() > 0.95
 
 
 def test_points_of_cells_that_are_on_other_planes_are_counted(cloud):

@@ -46,6 +46,20 @@ def test_a_strip_of_a_tower_is_a_plane_if_it_hardly_turns(degrees, planes):
     assert (model.labels > 0).mean() == pytest.approx(planes, abs=0.01)
 
 
+def test_bushes_are_no_part_of_ground_that_undulates():
+    rng, sigma = np.random.default_rng(0), 0.02
+    along = rng.uniform(0, 60, (2, 200_000))
+    middle = rng.uniform(5, 55, (2, 12)).repeat(400, axis=1)
+    bush = middle + rng.normal(0, 0.5, middle.shape)
+    above = np.append(np.zeros(along.shape[1]), 0.1 + np.abs(rng.normal(0, 0.25, bush.shape[1])))
+    at = np.hstack((along, bush))
+    points = np.vstack((at, 0.1 * np.sin(2 * np.pi * at / 60).sum(axis=0) + above)).T
+    points += rng.normal(0, sigma, points.shape)
+    labels = pw.detect_planes_in_points(points, pw.Sensor(max_depth=100.0, noise=sigma)).labels
+    assert (labels[above == 0] > 0).mean() > 0.98
+    assert (labels[above > 0] > 0).mean() < 0.06
+
+
 def test_what_leans_has_no_unit():
     """Pieces of an image lean by the same angle at any distance and focal length."""
     camera = pw.PinholeCamera(fx=300, fy=300, cx=320, cy=240)

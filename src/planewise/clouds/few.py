@@ -26,7 +26,7 @@ from planewise.clouds.rows import planes_of
 from planewise.information import coordinate_information
 from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
-from planewise.kernels.cloud_rows import AREA, WEIGHT, XX, ZZ, write_normals
+from planewise.kernels.cloud_rows import AREA, ROW, WEIGHT, XX, ZZ, write_normals
 from planewise.objective import PAPER
 from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
@@ -123,9 +123,10 @@ def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits)
     out: Labels = np.empty(len(labels), np.uint16)
     variance = error.white * (1.0 + SHARED) * cloud.variance
     null = coordinate_information(*limits)
+    nothing, no_cells = np.zeros(planes + 1), (np.empty((0, ROW)), np.empty(0, np.int64))
     kernels.label_points(
         cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
-        cloud.about, votes.argmax(axis=1), variance, np.zeros(planes + 1),
+        cloud.about, votes.argmax(axis=1), *no_cells, nothing, variance, nothing,
         planes_of(rows), null, limits[1], np.inf, 0, len(cloud.cubes), out,
     )  # fmt: skip
     return out

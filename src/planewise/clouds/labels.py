@@ -18,6 +18,7 @@ Labels = NDArray[np.uint16]
 
 _MOST = 0.75  # of the points of a plane's cells
 _CHI2_1 = 0.4549  # median of chi^2 with one degree of freedom
+_BOWED = 2.0  # times its deviation the median of what is bowed may say
 
 
 def label_points(
@@ -48,9 +49,11 @@ def label_points(
     """
     label_of = np.append(plane_of_cell + 1, 0)[cells.owner]
     extra = np.zeros(len(planes) + 1)
-    # Points lie about the plane of a square as far as the error wanders on it, or a wall bulges.
-    bulges = np.minimum(_bulges(cells, plane_of_cell, planes), WARP**2 * areas / 12.0)
-    extra[1:] = np.maximum(cells.error.about_planes(areas), bulges)
+    # Points lie about the plane of a square as far as the error wanders on it.
+    extra[1:] = cells.error.about_planes(areas)
+    # Points of a square have a variance of a twelfth of its area along either side.
+    most = (_BOWED * WARP) ** 2 * areas / 12.0
+    follow = np.append(0.0, _bulging(cells, plane_of_cell, planes, most))
     larger = cells.error.white * (1.0 + SHARED)
     variance = larger * cloud.variance
     # By what was described: where that is far too little, nothing says what a sheet is.
@@ -59,17 +62,20 @@ def label_points(
     cloud.over_cubes(
         lambda first, last: kernels.label_points(
             cloud.local, cloud.starts, cloud.cubes, cloud.side, cloud.grid.middle, TURN,
-            cloud.about, label_of, variance, extra, planes, null, resolution, thick,
-            first, last, labels,
+            cloud.about, label_of, cells.rows, cells.owner, follow, variance, extra, planes,
+            null, resolution, thick, first, last, labels,
         )
     )  # fmt: skip
     return labels
 
 
-def _bulges(cells: CloudCells, plane_of_cell: NDArray[np.int64], planes: Array) -> Array:
-    """Variance of cells about their planes beyond that of points, shape (N,): of the median cell.
+def _bulging(
+    cells: CloudCells, plane_of_cell: NDArray[np.int64], planes: Array, most: Array
+) -> Array:
+    """Share of the deviation of cells from their planes that is no noise, shape (N,).
 
-    Cells that are none of the plane's, such as those about a crease, are less than half of them.
+    Of the median cell: those that are none of the plane's, such as those about a crease, are less
+    than half of them. 0 of what deviates by a variance of more than `most`, which is no plane.
     """
     off = np.empty(len(plane_of_cell))
     cell_residuals(cells.rows, plane_of_cell, planes, off)
@@ -80,9 +86,12 @@ def _bulges(cells: CloudCells, plane_of_cell: NDArray[np.int64], planes: Array) 
     points = np.bincount(plane, count, len(planes))
     reached = np.cumsum(points) - 0.5 * points
     median = np.append(square[order], 0.0)[np.searchsorted(np.cumsum(count[order]), reached)]
-    # Of points that share nothing, as the weight of their cell has it.
-    of_points = np.bincount(plane, count * count / weight, len(planes)) / np.maximum(points, 1.0)
-    return np.where(points > 0.0, np.maximum(median / _CHI2_1 - of_points, 0.0), 0.0)
+    # Of a point, with what the points of a cell share.
+    noise = np.bincount(plane, count * count / weight, len(planes)) / np.maximum(points, 1.0)
+    variance = np.where(points > 0.0, median / _CHI2_1, 0.0)
+    bulges = np.maximum(variance - noise, 0.0)
+    share = bulges / np.maximum(variance, np.finfo(float).tiny)
+    return np.where(bulges <= most, share, 0.0)
 
 
 def lost_most(

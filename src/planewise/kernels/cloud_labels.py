@@ -16,6 +16,9 @@ from planewise.kernels.cloud_rows import (
     CX,
     CY,
     CZ,
+    NX,
+    NY,
+    NZ,
     ROW,
     WEIGHT,
     XX,
@@ -57,18 +60,29 @@ def _eighth(point, turn):  # type: ignore[no-untyped-def]
     return number
 
 
+@internal
+def _height(cells, cell, planes, j, x, y, z):  # type: ignore[no-untyped-def]
+    """How far a cell lies above a plane, at a place."""
+    a, b, c = planes[j, 0], planes[j, 1], planes[j, 2]
+    nx, ny, nz = cells[cell, NX], cells[cell, NY], cells[cell, NZ]
+    over = nx * (x - cells[cell, CX]) + ny * (y - cells[cell, CY]) + nz * (z - cells[cell, CZ])
+    over = over if nx * a + ny * b + nz * c > 0.0 else -over
+    return a * x + b * y + c * z + planes[j, 3] - over
+
+
 @compiled
 def label_points(  # type: ignore[no-untyped-def]
-    local, starts, cubes, side, middle, turn, about, label_of, variance, extra, planes, null,
-    resolution, thick, first, last, labels,
+    local, starts, cubes, side, middle, turn, about, label_of, cells, owner, follow, variance,
+    extra, planes, null, resolution, thick, first, last, labels,
 ):  # fmt: skip
     """Label the points of cubes[first:last].
 
     local (k, 3): of points; starts (n + 1,), cubes (n,): where cubes begin, and their keys; side,
     middle: of their grid (`middle_of`); about (n, 27): `cubes_about`; label_of (n,): of the cell
-    that each is part of; variance (n,): of their points; extra (N + 1,): what a point of each plane
-    errs more; planes (N, 4); null: nats of a point on none; thick: variance of points whose sheets
-    are about as thick as their cubes.
+    that each is part of, owner (n,), of cells (m, 18); follow (N + 1,): by how much of the height
+    of its cells over it, in the cube and about it, each plane is moved to them; variance (n,): of
+    the points of cubes; extra (N + 1,): what a point of each plane errs more; planes (N, 4); null:
+    nats of a point on none; thick: variance of points whose sheets are about as thick as cubes.
 
     A point costs what its residual says, less the logarithm of the share that the label has of the
     points in the cube and the 26 about it. Where sheets are thick they would so be a mix of labels
@@ -79,13 +93,14 @@ def label_points(  # type: ignore[no-untyped-def]
     near, there = np.empty(27, np.int32), np.empty(28, np.int64)
     found, share = np.empty(MOST, np.int64), np.empty(MOST + 1)
     plane, held = np.empty((MOST, 6)), np.empty((8, MOST + 1))
-    nats = np.empty(MOST + 1)
+    nats, height = np.empty(MOST + 1), np.empty(MOST)
     most = 0
     for cube in range(first, last):
         most = max(most, starts[cube + 1] - starts[cube])
     eighth_of, slot_of = np.empty(most, np.int64), np.empty(most, np.int64)
     for cube in range(first, last):
         count, none = 0, _ALPHA
+        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         for level in range(_HIGHER):
             if level > 0:
                 beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, near)
@@ -107,16 +122,18 @@ def label_points(  # type: ignore[no-untyped-def]
                 if slot == count:
                     if count == MOST:
                         continue
-                    found[slot], share[slot] = label, _ALPHA
+                    found[slot], share[slot], height[slot] = label, _ALPHA, 0.0
                     count += 1
                 share[slot] += points
+                if follow[label] > 0.0:
+                    off = _height(cells, owner[other], planes, label - 1, x0, y0, z0)
+                    height[slot] += points * follow[label] * off
             if count > 0:
                 break
         if count == 0:
             for i in range(starts[cube], starts[cube + 1]):
                 labels[i] = 0
             continue
-        x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
         share[count], total = none, none
         for slot in range(count):
             total += share[slot]
@@ -125,6 +142,7 @@ def label_points(  # type: ignore[no-untyped-def]
             spread = variance[cube] + extra[j + 1]
             plane[slot, 0], plane[slot, 1], plane[slot, 2] = a, b, c
             plane[slot, 3] = a * x0 + b * y0 + c * z0 + planes[j, 3]
+            plane[slot, 3] -= height[slot] / (share[slot] - _ALPHA)
             plane[slot, 4] = 0.5 / spread
             # -ln of the density at the plane, a cell of the resolution.
             plane[slot, 5] = 0.5 * math.log(2.0 * math.pi * spread / (resolution * resolution))
