@@ -13,7 +13,7 @@ from planewise.clouds.cloud import cloud_of
 from planewise.clouds.segments import merged_cells
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels import cloud_rows as of
-from planewise.kernels.quadrics import GOES_ON, HEIGHTS, TOLD_U, TOLD_V, spread
+from planewise.kernels.quadrics import GOES_ON, HEIGHTS, NO_EDGE, TOLD_U, TOLD_V, spread
 
 SIGMA = 0.005
 
@@ -184,7 +184,7 @@ def test_a_random_walk_has_so_much_in_a_quadric():
     assert about / told[3:].mean() == pytest.approx(6, rel=0.03)
 
 
-def borders_by_numpy(segments):
+def borders_by_numpy(segments, edge):
     """Border of every segment, and of each pair of cells of two what there is to say."""
     cells, rows, of_cell, quadrics = segments
     border, out = np.zeros(len(rows)), []
@@ -218,7 +218,9 @@ def borders_by_numpy(segments):
         left = sign * curved[1] - curved[0]
         step = (sign * height[1] - height[0]) / (0.5 * (extent[u] + extent[v]))
         on = np.hypot(np.linalg.norm(left), step) <= 0.5 * turn
-        out.append((u, v, side, on, *told))
+        out.append(
+            (u, v, side, on, np.linalg.norm(left) <= edge[0] and abs(step) <= edge[1], *told)
+        )
     return border, out
 
 
@@ -230,17 +232,22 @@ def test_borders_go_on_where_quadrics_meet(segments):
         np.empty(n, np.float32),
         np.empty(n, np.int8),
     )
-    border = np.zeros(len(rows))
+    border, edge = np.zeros(len(rows)), (0.05, 0.01)
     found = kernels.borders_of(
-        cells.ends, cells.sides, of_cell, cells.rows, rows, quadrics, border, pairs, points, states
-    )
-    expected_border, expected = borders_by_numpy(segments)
+        cells.ends, cells.sides, of_cell, cells.rows, rows, quadrics, edge, border, pairs, points,
+        states,
+    )  # fmt: skip
+    expected_border, expected = borders_by_numpy(segments, edge)
     assert_allclose(border, expected_border)
     assert found == len(expected) > 100
-    u, v, sides, on, told_u, told_v = (np.array(column) for column in zip(*expected, strict=True))
+    u, v, sides, on, no_edge, told_u, told_v = (
+        np.array(column) for column in zip(*expected, strict=True)
+    )
     assert_array_equal(pairs[:found], np.column_stack((u, v)))
     assert_allclose(points[:found], sides)
     assert_array_equal(states[:found] & GOES_ON > 0, on)
+    assert_array_equal(states[:found] & NO_EDGE > 0, no_edge)
+    assert 0.05 < no_edge.mean() < 0.95
     assert_array_equal(states[:found] & TOLD_U > 0, told_u)
     assert_array_equal(states[:found] & TOLD_V > 0, told_v)
     assert 0.2 < on.mean() < 1.0

@@ -24,11 +24,12 @@ def test_walls_that_bulge_are_planes(scene, bulge, sigma):
     assert fallen_apart.labelled.variation_of_information > 0.2
 
 
-@pytest.mark.parametrize(("bulge", "sigma"), [(0.03, 5e-4), (0.03, 0.001), (0.05, 0.003)])
+@pytest.mark.parametrize(("bulge", "sigma"), [(0.02, 5e-4), (0.03, 0.001), (0.04, 0.003)])
 def test_facets_of_a_wall_are_one_plane_in_a_cloud(bulge, sigma):
     found = scored("clouds", bulge, sigma, 5)
-    assert found.detections[0].recall >= 5 / 6
-    assert found.labelled.variation_of_information < 1.0
+    assert found.detections[0].recall == 1.0
+    assert found.predicted_planes <= 7
+    assert found.labelled.variation_of_information < 0.25
     with flat():
         fallen_apart = scored("clouds", bulge, sigma, 5)
     assert fallen_apart.detections[0].recall <= 0.5
@@ -44,6 +45,21 @@ def test_a_strip_of_a_tower_is_a_plane_if_it_hardly_turns(degrees, planes):
     model = pw.detect_planes_in_points(points, pw.Sensor(max_depth=100.0, noise=sigma))
     assert len(model) == planes
     assert (model.labels > 0).mean() == pytest.approx(planes, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("proud", "degrees", "planes"), [(0.0, 0.0, 1), (0.01, 0.0, 2), (0.0, 1.5, 2), (0.0, 0.5, 1)]
+)
+def test_panels_and_edges_of_walls_that_bulge(proud, degrees, planes):
+    rng, sigma = np.random.default_rng(0), 0.001
+    x, y = rng.uniform(0, (4, 3), (40_000, 2)).T
+    z = 0.01 * np.sin(2 * np.pi * np.column_stack((x, y)) / 6 + [1.0, 4.0]).sum(axis=1)
+    z += proud * ((abs(x - 2) < 0.6) & (abs(y - 1.5) < 0.6))
+    z += np.tan(np.radians(degrees)) * np.maximum(x - 2, 0) + rng.normal(0, sigma, x.size)
+    sensor = pw.Sensor(max_depth=10.0, noise=sigma)
+    model = pw.detect_planes_in_points(np.column_stack((x, y, z)), sensor)
+    assert len(model) == planes
+    assert (model.labels > 0).mean() > 0.97
 
 
 def test_bushes_are_no_part_of_ground_that_undulates():

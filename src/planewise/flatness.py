@@ -16,3 +16,7 @@ WARP = 0.01
 """Standard deviation from its plane of a surface that bends and yet is one, against that of its
 points in the direction in which they lie closest: that of a strip of a cylinder that turns by 4.4
 degrees, and of a wall of 4 m that bulges by 37 mm."""
+
+EDGE = 0.015, 0.002
+"""Radians by which surfaces that bend turn where they meet in an edge, and step, against the mean
+of their extents: hardly less than a degree, at which flat walls are told apart."""

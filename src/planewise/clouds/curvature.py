@@ -16,12 +16,12 @@ from planewise.clouds.cells import HOPELESS, SHARED, CloudCells, CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups
 from planewise.clouds.memory import Memory
-from planewise.flatness import WARP
+from planewise.flatness import EDGE, WARP
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
 from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, WEIGHT, XX, ZZ
 from planewise.kernels.pairs import pairs_once
-from planewise.kernels.quadrics import GOES_ON, HEIGHTS, spread
+from planewise.kernels.quadrics import GOES_ON, HEIGHTS, NO_EDGE, spread
 
 Array = NDArray[np.float64]
 
@@ -83,7 +83,7 @@ def borders_of(
         n = len(cells.sides[part])
         ends, along, how = np.empty((n, 2), np.int32), np.empty(n, np.float32), np.empty(n, np.int8)
         found = kernels.borders_of(
-            cells.ends[part], cells.sides[part], of_cell, cells.rows, rows, quadrics, border,
+            cells.ends[part], cells.sides[part], of_cell, cells.rows, rows, quadrics, EDGE, border,
             ends, along, how,
         )  # fmt: skip
         pairs.append(ends[:found].copy())
@@ -96,12 +96,14 @@ def borders_of(
 def nearly_flat(rows: Array, borders: Borders) -> NDArray[np.int64]:
     """Segments that are one surface which bends, but no more than what people call a plane.
 
-    Those whose surface goes on across most of the border between them, and all they go on to,
-    where these lie about one plane together (`planewise.flatness`): so a piece of a tower is none.
-    Returns the first segment of the surface that each is part of.
+    Those whose surface goes on across most of the border between them, or turns there by less than
+    an edge, and all they go on to, where these lie about one plane together
+    (`planewise.flatness`): so a piece of a tower is none. Returns the first segment of the surface
+    that each is part of.
     """
     pairs = borders.pairs.copy()
-    saying = np.where(borders.states & GOES_ON, borders.points, -borders.points)
+    on = borders.states & (GOES_ON | NO_EDGE)
+    saying = np.where(on, borders.points, -borders.points)
     found = pairs_once(pairs, saying, len(rows))
     part = _parts(len(rows), pairs[:found][saying[:found] > 0])
     return np.where(_about_one_plane(rows, part, 1.0, WARP), part, np.arange(len(rows)))

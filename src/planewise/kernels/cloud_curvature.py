@@ -28,6 +28,7 @@ from planewise.kernels.quadrics import (
     FEWEST,
     GOES_ON,
     LEFT,
+    NO_EDGE,
     OWN,
     TOLD_U,
     TOLD_V,
@@ -104,15 +105,18 @@ def _surface(rows, quadrics, s, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, points, states):  # type: ignore[no-untyped-def]
+def borders_of(  # type: ignore[no-untyped-def]
+    ends, sides, of_cell, cells, rows, quadrics, edge, border, pairs, points, states
+):
     """Find where the surfaces of segments may go on, from pairs of cells side by side.
 
     ends (m, 2), sides (m,): cells, and the points along their border, which are added to border
     (N,) of either segment, but where neither tells a quadric: that says nothing.
     Writes of each pair of cells whose segments may be one curved surface the segments (., 2),
     points (.) and states (.): GOES_ON if half way between the cells the quadrics, the step from one
-    to the other included, turn by at most half the angle of the planes; TOLD_U, TOLD_V of a segment
-    whose own K makes a fair share of that angle, or is not known.
+    to the other included, turn by at most half the angle of the planes; NO_EDGE if they turn, and
+    step, by at most `edge`; TOLD_U, TOLD_V of a segment whose own K makes a fair share of the angle
+    of the planes, or is not known.
     Returns how many there are.
     """
     found = 0
@@ -147,8 +151,11 @@ def borders_of(ends, sides, of_cell, cells, rows, quadrics, border, pairs, point
         vx, vy, vz, under = _surface(rows, quadrics, v, x, y, z)
         dx, dy, dz = sign * vx - ux, sign * vy - uy, sign * vz - uz
         step = 2.0 * (sign * under - over) / extents
-        if dx * dx + dy * dy + dz * dz + step * step <= LEFT * LEFT * turn:
+        left = dx * dx + dy * dy + dz * dz
+        if left + step * step <= LEFT * LEFT * turn:
             state |= GOES_ON
+        if left <= edge[0] * edge[0] and abs(step) <= edge[1]:
+            state |= NO_EDGE
         pairs[found, 0], pairs[found, 1] = u, v
         points[found], states[found] = sides[e], state
         found += 1

@@ -18,6 +18,7 @@ FEWEST = 7  # cells that tell a quadric, which has six parameters
 BENDS, FLAT, PARTLY, UNTOLD = 1.0, 0.0, -0.5, -1.0  # what `fit_quadric` says of a segment
 GOES_ON, TOLD_U, TOLD_V = 1, 2, 4  # of a pair of segments
 SURE = 8  # it goes on as far as what is bent tells
+NO_EDGE = 16  # it turns by less than people see an edge by
 LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
 OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
 
