@@ -30,8 +30,8 @@ mosd_boxes: 2, 4-5, 8, 11-13, 15-18, 20, 22. Elsewhere every frame is its own.
 """
 
 PER_SURFACE = {"abw_segcomp"}
-"""Sets whose labels tell surfaces of one plane apart: 34 pairs there. In `mosd_boxes` none are,
-and the top of a box has one label on both sides of another box that stands before it."""
+"""Sets whose labels tell surfaces of one plane apart: there 34 pairs of them lie in one plane. In
+`mosd_boxes` none do, and the top of a box has one label on both sides of a box before it."""
 
 REAL = tuple(CHOOSE)
 SYNTHETIC = ("rooms", "room_faces", "staircase", "corner")

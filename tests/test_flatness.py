@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from benchmarks.bulging import flat, scored
+from benchmarks.bulging import flat, scored, wave
 
 import planewise as pw
 from planewise.flatness import LEAN
@@ -53,7 +53,7 @@ def test_a_strip_of_a_tower_is_a_plane_if_it_hardly_turns(degrees, planes):
 def test_panels_and_edges_of_walls_that_bulge(proud, degrees, planes):
     rng, sigma = np.random.default_rng(0), 0.001
     x, y = rng.uniform(0, (4, 3), (40_000, 2)).T
-    z = 0.01 * np.sin(2 * np.pi * np.column_stack((x, y)) / 6 + [1.0, 4.0]).sum(axis=1)
+    z = wave(np.column_stack((x, y)), np.eye(2), 0.04, np.array([1.0, 4.0]))
     z += proud * ((abs(x - 2) < 0.6) & (abs(y - 1.5) < 0.6))
     z += np.tan(np.radians(degrees)) * np.maximum(x - 2, 0) + rng.normal(0, sigma, x.size)
     sensor = pw.Sensor(max_depth=10.0, noise=sigma)

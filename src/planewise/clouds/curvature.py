@@ -16,10 +16,12 @@ from planewise.clouds.cells import HOPELESS, SHARED, CloudCells, CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups
 from planewise.clouds.memory import Memory
+from planewise.clouds.rows import scatters
 from planewise.flatness import EDGE, WARP
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
-from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, WEIGHT, XX, ZZ
+from planewise.kernels.cloud_rows import CELLS, COUNT
+from planewise.kernels.cloud_segments import join_parts
 from planewise.kernels.pairs import pairs_once
 from planewise.kernels.quadrics import GOES_ON, HEIGHTS, NO_EDGE, spread
 
@@ -158,20 +160,12 @@ def _about_one_plane(
     noise: variance of points about it, of the white one; warp: besides, their deviation from it, of
     their standard deviation in the direction in which they lie closest.
     """
-    weight, count = rows[:, WEIGHT], rows[:, COUNT]
-    total = np.bincount(part, weight, len(rows))
-    at = rows[:, CX : CZ + 1]
-    centre = np.column_stack([np.bincount(part, weight * x, len(rows)) for x in at.T])
-    off = at - (centre / np.maximum(total, 1e-300)[:, None])[part]
-    i, j = np.triu_indices(3)
-    parts = rows[:, XX : ZZ + 1] + weight[:, None] * off[:, i] * off[:, j]
-    scatter = np.zeros((len(rows), 3, 3))
-    for k, each in enumerate(parts.T):
-        scatter[:, i[k], j[k]] = scatter[:, j[k], i[k]] = np.bincount(part, each, len(rows))
+    together = rows.copy()
+    join_parts(together, part)
+    across, along, _ = np.linalg.eigvalsh(scatters(together)).T
     # Of a point: the weight of a cell has what its points share, too.
-    variance = count / weight / (1.0 + SHARED * count / rows[:, CELLS])
-    white = np.bincount(part, weight * variance, len(rows))
-    across, along, _ = np.linalg.eigvalsh(scatter).T
+    points = rows[:, COUNT] / (1.0 + SHARED * rows[:, COUNT] / rows[:, CELLS])
+    white = np.bincount(part, points, len(rows))
     return np.asarray((across <= noise * white + warp**2 * along)[part])
 
 

@@ -26,15 +26,19 @@ def determined(rows: Array, before: Array) -> Array:
     return out
 
 
+def scatters(rows: Array) -> Array:
+    """Weighted scatter of rows about their centroids, shape (N, 3, 3)."""
+    xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
+
+
 def covariances(rows: Array, centre: Array) -> Array:
     """Of (normal, distance) of rows, shape (N, 4, 4).
 
     From the information on offset and slopes in each plane's own frame; NaN where points in a line
     leave a slope open.
     """
-    xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
-    scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
-    values, axes = np.linalg.eigh(scatter)
+    values, axes = np.linalg.eigh(scatters(rows))
     turn = -axes[:, :, 1:]  # of the normal by the slopes
     at = rows[:, CX : CZ + 1] + centre
     jacobian = np.zeros((len(rows), 4, 3))

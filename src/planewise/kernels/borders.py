@@ -6,20 +6,26 @@ import numpy as np
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.forms import compare_forms
-from planewise.kernels.jit import compiled, in_order
+from planewise.kernels.jit import compiled, in_order, inlined
+
+
+@inlined
+def falling(discord, price):  # type: ignore[no-untyped-def]
+    """Nats of a border, a pixel or a point of it: low + (high - low) / (1 + (discord / knee)^2)."""
+    low, high, knee = price
+    times = discord / knee
+    return low + (high - low) / (1.0 + times * times)
 
 
 @in_order
 def border_price(discord, price):  # type: ignore[no-untyped-def]
-    """Nats of a side of a cell: SIDE pixels of low + (high - low) / (1 + (discord / knee)^2).
+    """Nats of a side of a cell, of SIDE pixels; the least ones where there is no discord (-1).
 
-    price: (low, high, knee). Of low alone where there is no discord (-1).
+    price: (low, high, knee) (`falling`).
     """
-    low, high, knee = price
     if discord < 0.0:
-        return SIDE * low
-    times = discord / knee
-    return SIDE * (low + (high - low) / (1.0 + times * times))
+        return SIDE * price[0]
+    return SIDE * falling(discord, price)
 
 
 @in_order

@@ -61,13 +61,12 @@ def _eighth(point, turn):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _height(cells, cell, planes, j, x, y, z):  # type: ignore[no-untyped-def]
-    """How far a cell lies above a plane, at a place."""
-    a, b, c = planes[j, 0], planes[j, 1], planes[j, 2]
+def _over_cell(cells, cell, planes, j, x, y, z):  # type: ignore[no-untyped-def]
+    """How far a place lies over the plane of a cell, the side being that of planes[j]."""
     nx, ny, nz = cells[cell, NX], cells[cell, NY], cells[cell, NZ]
     over = nx * (x - cells[cell, CX]) + ny * (y - cells[cell, CY]) + nz * (z - cells[cell, CZ])
-    over = over if nx * a + ny * b + nz * c > 0.0 else -over
-    return a * x + b * y + c * z + planes[j, 3] - over
+    alike = nx * planes[j, 0] + ny * planes[j, 1] + nz * planes[j, 2] > 0.0
+    return over if alike else -over
 
 
 @compiled
@@ -93,7 +92,7 @@ def label_points(  # type: ignore[no-untyped-def]
     near, there = np.empty(27, np.int32), np.empty(28, np.int64)
     found, share = np.empty(MOST, np.int64), np.empty(MOST + 1)
     plane, held = np.empty((MOST, 6)), np.empty((8, MOST + 1))
-    nats, height = np.empty(MOST + 1), np.empty(MOST)
+    nats, over_cells = np.empty(MOST + 1), np.empty(MOST)
     most = 0
     for cube in range(first, last):
         most = max(most, starts[cube + 1] - starts[cube])
@@ -122,12 +121,12 @@ def label_points(  # type: ignore[no-untyped-def]
                 if slot == count:
                     if count == MOST:
                         continue
-                    found[slot], share[slot], height[slot] = label, _ALPHA, 0.0
+                    found[slot], share[slot], over_cells[slot] = label, _ALPHA, 0.0
                     count += 1
                 share[slot] += points
                 if follow[label] > 0.0:
-                    off = _height(cells, owner[other], planes, label - 1, x0, y0, z0)
-                    height[slot] += points * follow[label] * off
+                    over = _over_cell(cells, owner[other], planes, label - 1, x0, y0, z0)
+                    over_cells[slot] += points * over
             if count > 0:
                 break
         if count == 0:
@@ -141,8 +140,10 @@ def label_points(  # type: ignore[no-untyped-def]
             a, b, c = planes[j, 0], planes[j, 1], planes[j, 2]
             spread = variance[cube] + extra[j + 1]
             plane[slot, 0], plane[slot, 1], plane[slot, 2] = a, b, c
-            plane[slot, 3] = a * x0 + b * y0 + c * z0 + planes[j, 3]
-            plane[slot, 3] -= height[slot] / (share[slot] - _ALPHA)
+            over, moved = a * x0 + b * y0 + c * z0 + planes[j, 3], follow[j + 1]
+            if moved > 0.0:
+                over += moved * (over_cells[slot] / (share[slot] - _ALPHA) - over)
+            plane[slot, 3] = over
             plane[slot, 4] = 0.5 / spread
             # -ln of the density at the plane, a cell of the resolution.
             plane[slot, 5] = 0.5 * math.log(2.0 * math.pi * spread / (resolution * resolution))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.borders import falling
 from planewise.kernels.cloud_cells import stacked
 from planewise.kernels.cloud_rows import (
     APART,
@@ -32,14 +33,6 @@ _LONGEST = 6.0  # times a plane's parameters: all that a merge saves of a border
 _STEP = 200.0  # discord above which neighbours that are nearly parallel are no one plane
 
 
-@internal
-def _border(discord, price):  # type: ignore[no-untyped-def]
-    """Nats of a border, a point of it: low + (high - low) / (1 + (discord / knee)^2)."""
-    low, high, knee = price
-    times = discord / knee
-    return low + (high - low) / (1.0 + times * times)
-
-
 @compiled
 def border_prices(rows, ends, sides, wander, merge, plane, first, last, saved, price):  # type: ignore[no-untyped-def]
     """Nats of the borders of pairs[first:last] of rows, by their discord.
@@ -50,8 +43,8 @@ def border_prices(rows, ends, sides, wander, merge, plane, first, last, saved, p
     for e in range(first, last):
         discord, _ = compare(rows, ends[e, 0], ends[e, 1], wander, 0.0, 0.0)
         step = _STEP < discord < APART
-        saved[e] = 0.0 if step else sides[e] * _border(discord, merge)
-        price[e] = sides[e] * _border(discord, plane)
+        saved[e] = 0.0 if step else sides[e] * falling(discord, merge)
+        price[e] = sides[e] * falling(discord, plane)
 
 
 @compiled
