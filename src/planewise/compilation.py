@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import logging
 import os
 import subprocess
@@ -34,7 +33,6 @@ _TELLING: dict[Loops, str] = {  # modules, or loops, that nothing else needs
     "cloud": "cloud_segments.",
     "points": "readings.assign_points",
 }
-_BLAS = "scipy.linalg.cython_blas"
 _HELPED = "PLANEWISE_COMPILES_FOR_ANOTHER"  # set in the process that helps
 _PARTS = ("describing", "valuing"), ("labelling", "surfaces"), ("merging",)  # of `warm_up`
 _helpers: list[subprocess.Popen[bytes]] = []
@@ -109,21 +107,6 @@ def _is_interpreter() -> bool:
     """Whether this is Python itself, rather than a program that has it inside."""
     name = Path(sys.executable or "").name.lower()
     return name.startswith(("python", "pypy")) and not getattr(sys, "frozen", False)
-
-
-def load_without_scipy() -> None:
-    """Load what Numba needs for loops, but for its BLAS: for processes of planewise's own.
-
-    Numba looks for SciPy, which takes a tenth of a whole `planewise detect` and which no loop of
-    planewise uses; loops of others that do find it all the same.
-    """
-    if _BLAS not in sys.modules:
-        absent: Any = None  # said so by a module that is None
-        sys.modules[_BLAS] = absent
-        try:
-            importlib.import_module("numba.np.arraymath")
-        finally:
-            del sys.modules[_BLAS]
 
 
 def has_compiled() -> bool:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.camera import PinholeCamera
-from planewise.compilation import load_without_scipy, wait_for_help
+from planewise.compilation import wait_for_help
 from planewise.detect import detect_planes
 from planewise.sensor import Sensor
 
@@ -23,6 +23,5 @@ def _load() -> None:
     detect_planes(depth, camera, Sensor(noise=0.002), threads=1)
 
 
-load_without_scipy()
 _load()
 wait_for_help()  # the process that is forked from complains of children that it did not start

@@ -205,11 +205,9 @@ def find_planes(
     rgb: NDArray[np.uint8] | None = None,
 ) -> tuple[PlaneModel, float, str]:
     """Detect planes; say how many seconds it took, and `Done.out_of_range`."""
-    from planewise.compilation import load_without_scipy
     from planewise.observation import observe
     from planewise.search import find
 
-    load_without_scipy()
     started = time.perf_counter()
     seen = observe(depth, camera, sensor, depth_scale=depth_scale)
     model = find(seen, options, rgb=rgb)

@@ -268,11 +268,9 @@ def _find(
     origin: Coordinates | None,
     options: dict[str, Any],
 ) -> tuple[PlaneModel, float]:
-    from planewise.compilation import load_without_scipy
     from planewise.detect import detect_planes_in_points
     from planewise.detect_in_cloud import detect_planes_in_cloud
 
-    load_without_scipy()
     if origin is not None:
         options = {**options, "origin": origin}
     started = time.perf_counter()

@@ -58,7 +58,7 @@ def draw_overlay(
     """
     shape = (depth.shape[0], depth.shape[1])
     base = _shade(depth, camera) if rgb is None else _light(match_picture(rgb, shape))
-    picture = _tint(base, model.labels, np.isfinite(depth), shaded=rgb is None)
+    picture = _tint(base, model.labels, np.isfinite(depth))
     # The few rows of a LiDAR are farther apart than its columns, and magnified alone.
     down = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
     across = 1 if isinstance(camera, SphericalCamera) else down
@@ -115,7 +115,7 @@ def draw_small(
         base = _shade(depth[every], camera.scaled(1 / step))
     else:
         base = _shade(depth, camera)[every]
-    picture = _tint(base, labels, valid, shaded=rgb is None)
+    picture = _tint(base, labels, valid)
     if isinstance(camera, SphericalCamera):
         up = max(1, round(height / shape[0]))
         picture, labels = picture.repeat(up, axis=0), labels.repeat(up, axis=0)
@@ -169,13 +169,13 @@ def draw_labels(labels: NDArray[np.uint16], rgb: Picture) -> Picture:
     rgb : ndarray of uint8, shape (H, W, 3)
         What to draw over.
     """
-    picture = _tint(_light(rgb), labels, np.ones(labels.shape, bool), shaded=False)
+    picture = _tint(_light(rgb), labels, np.ones(labels.shape, bool))
     _outline(picture, labels)
     return picture
 
 
 def _shade(depth: Array, camera: Camera) -> Light:
-    """Grey relief of the depth, lit from the upper left: shape (H, W, 3) in 0 ... 1."""
+    """Grey relief of the depth, lit from the upper left: shape (H, W, 1) in 0 ... 1."""
     shape = (depth.shape[0], depth.shape[1])
     z = _smooth(depth.astype(np.float32))
     points = np.moveaxis(camera.rays(shape), -1, 0).astype(np.float32) * z
@@ -194,20 +194,20 @@ def _shade(depth: Array, camera: Camera) -> Light:
     with np.errstate(invalid="ignore"):
         fading = 1.0 - 0.2 * np.clip((z - near) / max(far - near, 1e-6), 0, 1)
     grey = np.where(np.isfinite(depth), np.nan_to_num(light * fading, nan=0.5), 0.0)
-    return np.repeat(grey[..., None], 3, axis=2)
+    return np.asarray(grey[..., None], np.float32)
 
 
 def _smooth(depth: Light) -> Light:
     """Mean of the readings near each pixel that lie within 3 % of it: noise goes, edges stay."""
     z = depth
     for _ in range(2):
-        total, weight, most = np.zeros_like(z), np.zeros_like(z), 0.03 * z
+        total, weight, most = np.zeros_like(z), np.zeros_like(z), np.float32(0.03) * z
         for axis in (0, 1):
             for step in range(-_NEAR, _NEAR + 1):
                 other = _moved(z, step, axis)
                 with np.errstate(invalid="ignore"):
                     near = np.abs(other - z) < most
-                total += np.where(near, other, np.float32(0))
+                np.add(total, other, out=total, where=near)
                 weight += near
         z = np.divide(total, weight, np.full_like(z, np.nan), where=weight > 0)
     return z
@@ -215,34 +215,30 @@ def _smooth(depth: Light) -> Light:
 
 def _moved(image: Light, step: int, axis: int) -> Light:
     """Shift along an axis; the border is repeated."""
-    out = np.roll(image, -step, axis)
-    new, old = np.moveaxis(out, axis, 0), np.moveaxis(image, axis, 0)
-    if step > 0:
-        new[-step:] = old[-1]
-    elif step < 0:
-        new[:-step] = old[0]
-    return out
+    size = image.shape[axis]
+    return image.take(np.arange(step, size + step).clip(0, size - 1), axis)
 
 
 def _light(picture: Picture) -> Light:
     return np.asarray(picture / np.float32(255), np.float32)
 
 
-def _tint(
-    base: Light, labels: NDArray[np.uint16], valid: NDArray[np.bool_], *, shaded: bool
-) -> Picture:
-    """Colour the planes; what belongs to none stays grey, what was not measured goes dark."""
+def _tint(base: Light, labels: NDArray[np.uint16], valid: NDArray[np.bool_]) -> Picture:
+    """Colour the planes; what belongs to none stays grey, what was not measured goes dark.
+
+    A relief, of one channel, takes their colours; a picture, of three, has them laid over it.
+    """
+    relief = base.shape[2] == 1
     count = int(labels.max(initial=0))
     colours = _light(np.vstack((np.zeros((1, 3), np.uint8), distinct_colours(count))))
-    grey = base @ np.array((0.299, 0.587, 0.114), np.float32)
-    on_plane = labels > 0
-    light = grey if shaded else 0.25 + 0.75 * grey
-    plain = 0.7 * grey[..., None] + 0.3 * base  # so that only planes have strong colours
-    tinted = colours[labels] * (1.25 * light)[..., None]
-    mixed = tinted if shaded else _TINT * tinted + (1 - _TINT) * base
-    out = np.where(on_plane[..., None], mixed, 0.75 * plain)
-    out = np.where(valid[..., None], out, 0.30 * plain + 0.02)
-    return np.asarray(np.round(255 * np.clip(out, 0, 1)), dtype=np.uint8)
+    grey = base if relief else (base @ np.array((0.299, 0.587, 0.114), np.float32))[..., None]
+    light = grey if relief else 0.25 + 0.75 * grey
+    plain = 0.7 * grey + 0.3 * base  # so that only planes have strong colours
+    tinted = colours[labels] * (1.25 * light)
+    mixed = tinted if relief else _TINT * tinted + (1 - _TINT) * base
+    out = np.where((labels > 0)[..., None], mixed, 0.75 * plain)
+    np.copyto(out, 0.30 * plain + 0.02, where=~valid[..., None])
+    return np.asarray(np.round(255 * out.clip(0, 1, out=out), out=out), dtype=np.uint8)
 
 
 def _outline(picture: Picture, labels: NDArray[np.uint16]) -> None:

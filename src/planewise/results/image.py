@@ -70,7 +70,8 @@ def write_image(path: Path, image: NDArray[Any]) -> None:
     """Write a PNG: uint16 as 16-bit grey, uint8 with a last axis of 3 as colour."""
     with needs("pillow", "writing pictures"):
         from PIL import Image
-    Image.fromarray(image).save(path, compress_level=3)
+    # A twentieth larger than at level 3, in two thirds of the time.
+    Image.fromarray(image).save(path, compress_level=1)
 
 
 def depth_in_metres(
