@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.allocator import keep_freed
-from planewise.model import NOTHING_PAYS, Curve, PlaneModel
+from planewise.model import Curve, PlaneModel
 from planewise.noise import AUTO
-from planewise.objective import PAPER, SPATIAL, Objective, as_objective
+from planewise.objective import PAPER, SPATIAL, as_objective
 from planewise.observation import Observation, RayObservation, checked_observation
 from planewise.options import Options
-from planewise.paper.evaluate import evaluator
-from planewise.paper.joint import joint_search
-from planewise.paper.problem import Problem
-from planewise.paper.propose import propose
-from planewise.paper.rank import merge_found, rank
-from planewise.paper.reassign import as_reassignment, reassign_by_normals
-from planewise.paper.regions import joint_with_regions, sequential_in_regions
-from planewise.paper.sequential import sequential_search, trial_count
 from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
@@ -75,6 +65,7 @@ def find(
     compilation.announce("spatial" if spatial else "paper" if image else "points")
     keep_freed()
     regions = _regions(observation, options, rgb)
+    settings = _settings(observation, options)
     if spatial and isinstance(observation, RayObservation):
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.model import spatial_model
@@ -85,65 +76,13 @@ def find(
                 instances=options.instances,
                 significance=options.significance,
                 max_planes=options.most_planes,
-                settings=_settings(observation, options),
+                settings=settings,
                 workspace=workspace,
                 regions=regions,
             )
-    return _separable_model(observation, options, objective, regions)
+    from planewise.paper.model import separable_model
 
-
-def _separable_model(
-    observation: Observation, options: Options, objective: Objective, regions: Regions | None
-) -> PlaneModel:
-    """Find planes under an objective whose parts are separable: the paper's, or another."""
-
-    def structure(readings: int, most: int) -> NDArray[np.float64]:
-        costs = [objective.structure(observation, n, readings) for n in range(most + 1)]
-        return np.array(costs)
-
-    empty = objective.empty(observation)
-    rng = np.random.default_rng(options.rng)
-    readings = evaluator(
-        observation, objective.thresholds(observation), threads.chosen(options.threads)
-    )
-    most = options.most_planes if regions is None or options.search == "joint" else 0
-    problem = Problem(evaluator=readings, empty=empty, structure=structure(observation.count, most))
-    within = None if regions is None else regions.take(observation.index)
-    how = options.partition_options
-    if within is not None and options.search == "sequential":
-        solution, curve = sequential_in_regions(
-            problem, within, how, structure, max_planes=options.most_planes, rng=rng
-        )
-        costs = structure(observation.count, len(solution))
-        problem = replace(problem, structure=costs)
-    elif options.search == "sequential":
-        trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
-        solution, curve = sequential_search(problem, trials=trials, rng=rng)
-        solution, curve = merge_found(problem, solution, curve)
-    else:
-        candidates = propose(observation, readings, rng)
-        solution, curve = joint_search(problem, candidates, rng=rng)
-        if within is not None:
-            solution, curve = joint_with_regions(
-                problem, solution, curve, within, how, structure, rng=rng
-            )
-    reassign = as_reassignment(options.reassign)
-    if reassign is not None and isinstance(observation, RayObservation) and len(solution):
-        solution = reassign_by_normals(observation, problem, solution, reassign)
-        curve = curve.then("reassign", len(solution), solution.phi)
-    planes, labels = rank(observation, readings, solution)
-    return PlaneModel(
-        labels=observation.unflatten(labels),
-        planes=planes,
-        information=solution.phi,
-        curve=curve,
-        readings=observation.count,
-        prefix=_prefix(solution.phi, [each.information for each in planes], problem.structure),
-        search=options.search,
-        objective=options.describe()["objective"],  # type: ignore[arg-type]
-        note="" if len(solution) else _why_none(curve),
-        settings=_settings(observation, options),
-    )
+    return separable_model(observation, options, objective, settings, regions)
 
 
 def find_in_cloud(
@@ -220,18 +159,6 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
     ):
         out["noise"] = observation.estimate.describe()
     return out
-
-
-def _prefix(phi: float, worth: list[float], structure: NDArray[np.float64]) -> tuple[float, ...]:
-    """Phi with the best 0 ... N planes, the readings of the others on none."""
-    n = len(worth)
-    lost = np.concatenate((np.cumsum(worth[::-1])[::-1], [0.0]))
-    return tuple((phi - lost - (structure[n] - structure[: n + 1])).tolist())
-
-
-def _why_none(curve: Curve) -> str:
-    """Why there is no plane, by the curve of a search that found none, or none that pays."""
-    return curve.reason if len(curve) == 1 else NOTHING_PAYS
 
 
 def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:

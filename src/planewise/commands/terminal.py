@@ -15,13 +15,13 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from planewise.metrics.confidence import Interval
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
 from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.calibration.estimate import NoiseEstimate
+    from planewise.metrics.confidence import Interval
     from planewise.reproduce.section import Check
 
 _OUT, _ERR = Console(highlight=False), Console(stderr=True, highlight=False)
