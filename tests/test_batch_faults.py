@@ -10,7 +10,7 @@ import time
 import pytest
 from benchmarks.faults import Tally, batch_of, compare, fill, kill_again_and_again, write_frames
 
-from planewise.batch import Batch, LocalEngine, Store, local_engine, workers
+from planewise.batch import Batch, LocalEngine, RayEngine, Store, local_engine, workers
 from planewise.errors import PlanewiseError
 from tests.batch_sources import Deadly
 
@@ -68,6 +68,13 @@ def test_a_worker_that_dies_once_costs_nothing(frames, reference, tmp_path):
     tally = Tally()
     compare(store, reference, tally)
     assert (tally.lost, tally.double, tally.corrupt) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("engine", [LocalEngine, RayEngine])
+@pytest.mark.parametrize("workers", [0, 2.5, "two"])
+def test_workers_are_a_whole_number(engine, workers):
+    with pytest.raises(ValueError, match="workers"):
+        engine(workers=workers)
 
 
 def test_workers_that_cannot_start_are_given_up(frames, tmp_path, monkeypatch):

@@ -111,6 +111,14 @@ def test_one_camera_for_frames_of_two_sizes_is_warned_of(frames, tmp_path):
     assert "half.png has 160 x 120 pixels and frames before it 320 x 240" in errors
 
 
+def test_a_unit_that_nobody_states_is_told_once(frames, tmp_path):
+    given = ("calibrate", frames, "--camera", CAMERA[1], "-o", tmp_path / "s.json")
+    _, _, errors = run(*given, "--resolution", "0.0002")
+    assert errors.count("warning: whole numbers are taken in units of 0.2 mm") == 1
+    _, _, errors = run(*given, "--resolution", "0.0002", "--depth-scale", "0.001")
+    assert "units of" not in errors
+
+
 def test_frames_that_tell_nothing_are_reported_and_not_counted(frames, tmp_path):
     folder = tmp_path / "frames"
     folder.mkdir()

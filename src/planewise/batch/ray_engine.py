@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from planewise.arguments import make_counts
 from planewise.batch.frame_work import FrameWork, Outcome, failure
 from planewise.errors import PlanewiseError, needs
 
@@ -66,8 +67,8 @@ class RayEngine:
     gpus: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise PlanewiseError(f"workers must be at least 1, got {self.workers}")
+        if self.workers is not None:
+            make_counts(self, "workers")
         if not 0 <= self.gpus < float("inf"):
             raise PlanewiseError(f"gpus must not be negative, got {self.gpus}")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,13 @@ import typer
 
 from planewise.arguments import checked_scale
 from planewise.commands import terminal
-from planewise.commands.command_line import check_output, check_seed, preset_of, reported
+from planewise.commands.command_line import (
+    check_output,
+    check_seed,
+    preset_of,
+    reported,
+    unusual_unit,
+)
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.shared_options import (
@@ -101,6 +107,8 @@ def calibrate(
                 terminal.error(result)
             else:
                 cells.append(result)
+        for unit in filter(None, job.units):
+            terminal.warning(unit)
         if not cells:
             raise typer.Exit(FAILED)
         noise = pooled(cells, base, seed)
@@ -138,6 +146,7 @@ class _Reading:
     camera: Camera | None
     depth_scale: float | None
     sizes: FrameSizes
+    units: set[str] = field(default_factory=set)  # to be said, once for all frames
 
     def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
@@ -157,6 +166,8 @@ class _Reading:
         if camera is None:
             raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
+        if scale is None and frame.depth.dtype.kind != "f":
+            self.units.add(unusual_unit(self.sensor.resolution))
         cells = cells_of_frame(frame.depth, camera, self.sensor, scale)
         flat = int(cells.usable.sum())
         if flat < FEWEST:
