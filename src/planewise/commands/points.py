@@ -30,6 +30,7 @@ from planewise.outlines.outlines import Surface
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
 from planewise.results.image import OUTLINE_FILES
 from planewise.sensor import Sensor
+from planewise.threads import allowed, chosen
 from planewise.whole_files import output_folder
 from planewise.wording import counted
 
@@ -152,16 +153,17 @@ def points(
 
                 surfaces = outline_points(model, read.points, instances=instances)
                 write_outlines(folder, surfaces, frame="the cloud file's", offset=read.offset)
-            write_cloud_results(
-                folder,
-                model,
-                cloud=read,
-                sensor=sensor,
-                source=cloud,
-                las=las,
-                surfaces=surfaces,
-                memory=memory,
-            )
+            with allowed(chosen(threads)):
+                write_cloud_results(
+                    folder,
+                    model,
+                    cloud=read,
+                    sensor=sensor,
+                    source=cloud,
+                    las=las,
+                    surfaces=surfaces,
+                    memory=memory,
+                )
         terminal.show_planes(model)
         if len(model) and read.offset.any():
             place_of = " ".join(f"{each:.0f}" for each in read.offset)

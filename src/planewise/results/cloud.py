@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise import threads
 from planewise._version import __version__
 from planewise.clouds.memory import Memory
 from planewise.drawing.palette import distinct_colours
@@ -68,20 +69,23 @@ def write_cloud_results(
     from planewise.drawing.cloud import draw_cloud
     from planewise.drawing.curve import draw_curve
 
-    record = describe_cloud_model(model, cloud=cloud, sensor=sensor, source=source.name)
-    text = json.dumps(record, indent=2, allow_nan=False) + "\n"
-    (folder / "planes.json").write_text(text, encoding="utf-8")
-    memory = memory or Memory()
-    _write_ply(folder / "labelled.ply", cloud, model, memory)
-    ending = source.suffix.lower()
-    if ending in _LAS:
-        from planewise.files.las import copy_with_planes
+    def draw() -> None:
+        write_image(folder / "preview.png", draw_cloud(cloud.points, model, surfaces=surfaces))
+        write_image(folder / "curve.png", draw_curve(model.curve))
 
-        copy_with_planes(source, folder / f"labelled{ending}", model.labels)
-    elif las:
-        _write_las(folder / "labelled.las", cloud, model, memory)
-    write_image(folder / "preview.png", draw_cloud(cloud.points, model, surfaces=surfaces))
-    write_image(folder / "curve.png", draw_curve(model.curve))
+    memory = memory or Memory()
+    with threads.beside(draw):
+        record = describe_cloud_model(model, cloud=cloud, sensor=sensor, source=source.name)
+        text = json.dumps(record, indent=2, allow_nan=False) + "\n"
+        (folder / "planes.json").write_text(text, encoding="utf-8")
+        _write_ply(folder / "labelled.ply", cloud, model, memory)
+        ending = source.suffix.lower()
+        if ending in _LAS:
+            from planewise.files.las import copy_with_planes
+
+            copy_with_planes(source, folder / f"labelled{ending}", model.labels)
+        elif las:
+            _write_las(folder / "labelled.las", cloud, model, memory)
 
 
 def plane_colours(model: PlaneModel) -> NDArray[np.uint8]:
