@@ -92,8 +92,7 @@ class SphericalCamera:
         angles.check_elevation(np.array(self.elevation))
         along = self._continuous()
         angles.check_azimuth(along)
-        usual = float(np.median(np.abs(np.diff(along))))
-        angles.check_offset(np.array(self.azimuth_offset), usual)
+        angles.check_offset(np.array(self.azimuth_offset), angles.usual_step(along))
 
     def __repr__(self) -> str:
         up, round_about = self.elevation, self.azimuth
@@ -161,11 +160,8 @@ class SphericalCamera:
     @property
     def pixel_size(self) -> tuple[float, float]:
         """Usual angles between columns and between rows, in radians: metres at one metre."""
-        along, down = np.diff(self._continuous()), np.diff(self.elevation)
-        return (
-            float(np.radians(np.median(np.abs(along)))),
-            float(np.radians(np.mean(np.abs(down)))),
-        )
+        across, down = angles.usual_step(self._continuous()), np.diff(self.elevation)
+        return float(np.radians(across)), float(np.radians(np.mean(np.abs(down))))
 
     def check(self, shape: tuple[int, int]) -> None:
         """Refuse an image of another size.
