@@ -37,6 +37,11 @@ def unmasked(name: str, given: ArrayLike) -> NDArray[Any]:
         raise ValueError(f"{name} cannot be made an array: {error}") from None
 
 
+def unit_told(depth: NDArray[np.generic], depth_scale: float | None) -> bool:
+    """Whether the unit of readings is stated, and not taken from the sensor's resolution."""
+    return depth_scale is not None or depth.dtype.kind == "f"
+
+
 def checked_points(points: ArrayLike, columns: int | None = None) -> NDArray[np.floating]:
     """Points as an array of floating-point numbers, the same one where they are; NaN where masked.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import checked_scale
+from planewise.arguments import checked_scale, unit_told
 from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
@@ -182,7 +182,7 @@ class FrameWork:
             shape=observed.shape,
             present=observed.image.present,
             out_of_range=2 * observed.count < observed.image.present,
-            unit_told=detector.depth_scale is not None or seen.depth.dtype.kind == "f",
+            unit_told=unit_told(seen.depth, detector.depth_scale),
             milliseconds=times,
         )
 

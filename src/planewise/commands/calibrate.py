@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from planewise.arguments import checked_scale
+from planewise.arguments import checked_scale, unit_told
 from planewise.commands import terminal
 from planewise.commands.command_line import (
     check_output,
@@ -107,7 +107,7 @@ def calibrate(
                 terminal.error(result)
             else:
                 cells.append(result)
-        for unit in filter(None, job.units):
+        if not job.unit_told and (unit := unusual_unit(base.resolution)):
             terminal.warning(unit)
         if not cells:
             raise typer.Exit(FAILED)
@@ -138,15 +138,18 @@ class _Frame:
     read: Callable[[], SourceFrame]
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Reading:
-    """What all frames have in common; what is ``None`` their files have to say."""
+    """What all frames have in common; what is ``None`` their files have to say.
+
+    `unit_told` becomes false with the first frame whose unit nobody states.
+    """
 
     sensor: Sensor
     camera: Camera | None
     depth_scale: float | None
     sizes: FrameSizes
-    units: set[str] = field(default_factory=set)  # to be said, once for all frames
+    unit_told: bool = True
 
     def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
@@ -166,8 +169,7 @@ class _Reading:
         if camera is None:
             raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
-        if scale is None and frame.depth.dtype.kind != "f":
-            self.units.add(unusual_unit(self.sensor.resolution))
+        self.unit_told &= unit_told(frame.depth, scale)
         cells = cells_of_frame(frame.depth, camera, self.sensor, scale)
         flat = int(cells.usable.sum())
         if flat < FEWEST:

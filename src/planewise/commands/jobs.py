@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
+from planewise.arguments import unit_told
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept, unusual_unit
 from planewise.errors import PlanewiseError, naming
@@ -110,8 +111,7 @@ class Job:
         if camera is None:
             raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
-        told = scale is not None or frame.depth.dtype.kind == "f"
-        unit = "" if told else unusual_unit(self.sensor.resolution)
+        unit = "" if unit_told(frame.depth, scale) else unusual_unit(self.sensor.resolution)
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
