@@ -58,14 +58,14 @@ def find(
     if options.reassign is not None and not isinstance(observation, RayObservation):
         raise ValueError("reassign needs a depth image; free points have no neighbours")
     objective = PAPER if spatial else as_objective(options.objective or "paper")
+    settings = _settings(observation, options)
     if observation.count < observation.dimension:
-        return _no_planes(observation, options, objective.empty(observation))
+        return _no_planes(observation, options, settings, objective.empty(observation))
 
     image = isinstance(observation, RayObservation)
     compilation.announce("spatial" if spatial else "paper" if image else "points")
     keep_freed()
     regions = _regions(observation, options, rgb)
-    settings = _settings(observation, options)
     if spatial and isinstance(observation, RayObservation):
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.model import spatial_model
@@ -161,7 +161,9 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
     return out
 
 
-def _no_planes(observation: Observation, options: Options, empty: float) -> PlaneModel:
+def _no_planes(
+    observation: Observation, options: Options, settings: dict[str, object], empty: float
+) -> PlaneModel:
     return PlaneModel(
         labels=np.zeros(observation.shape, np.uint16),
         planes=(),
@@ -170,7 +172,7 @@ def _no_planes(observation: Observation, options: Options, empty: float) -> Plan
         readings=observation.count,
         prefix=(empty,),
         search=options.search,
-        objective=options.describe()["objective"],  # type: ignore[arg-type]
+        objective=settings["objective"],  # type: ignore[arg-type]
         note=observation.note,
-        settings=_settings(observation, options),
+        settings=settings,
     )

@@ -92,7 +92,7 @@ def separable_model(
         readings=observation.count,
         prefix=_prefix(solution.phi, [each.information for each in planes], problem.structure),
         search=options.search,
-        objective=options.describe()["objective"],  # type: ignore[arg-type]
+        objective=settings["objective"],  # type: ignore[arg-type]
         note="" if len(solution) else _why_none(curve),
         settings=settings,
     )
