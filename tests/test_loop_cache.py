@@ -176,6 +176,19 @@ def test_what_is_kept_needs_nothing_that_numba_compiles(called, tmp_path):
     assert done.stdout.split("\n")[:3] == ["2.0", "", ""]
 
 
+def test_loops_of_others_find_all_that_numba_compiles(called):
+    pytest.importorskip("scipy", reason="Numba multiplies matrices by SciPy's BLAS")
+    called("spread")
+    product = """
+import numpy as np
+from numba import njit
+import loops
+loops.spread(np.arange(5.0))
+assert njit(lambda a: a @ a)(np.full((2, 2), 2.0)).sum() == 32.0
+"""
+    assert called("spread", before=product) == ([2.0], [])
+
+
 def powers_in(source):
     """Whole powers in the loops of a source, by line."""
     return [
