@@ -214,7 +214,7 @@ def strays(label, planes, kinds, offset, x, y, far, step):
     return np.reshape(out, (-1, 3))
 
 
-def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, price):
+def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, sure, price):
     """Change sides of the lines in which planes meet where that costs less, stray by stray.
 
     cost (planes, H, W): of a reading on each plane. Returns labels, and how often it paid and not.
@@ -234,15 +234,16 @@ def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, pri
             continue
         parts = ndimage.label(wanted)[0]
         part = parts == parts[i, j]
-        excess = (cost[there] - cost[here])[part].sum()
+        excess = readings = (cost[there] - cost[here])[part].sum()
         for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
             for inner, outer in ((one, other), (other, one)):
                 at = part.flat[inner] & ~part.flat[outer]
                 then, beside = out.flat[outer[at]], ahead.flat[outer[at]]
                 excess -= price * np.count_nonzero(then == there)
                 excess += price * np.count_nonzero((then == here) & (beside > 0))
-        paid[int(excess >= 0)] += 1
+        pays = excess < 0 and (readings < 0 or far <= sure)
+        paid[int(not pays)] += 1
         tried[part] = there
-        if excess < 0:
+        if pays:
             out[part], tried[part] = there, 0
     return out, paid

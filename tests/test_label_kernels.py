@@ -310,14 +310,15 @@ def borders_of(label):
     return out[: creases.find_borders(*flat, marks.label.shape[1], out)]
 
 
-def creases_of(label, planes, x, y, reach=5, p=None):
-    """Borders, which planes meet, and in which lines."""
+def creases_of(label, planes, x, y, reach=5, p=None, widest=None):
+    """Borders, which planes meet, and in which lines; 16 pixels from these they change sides."""
     p = np.ones(label.shape, np.float32) if p is None else p.astype(np.float32)
     borders, count = borders_of(label), len(planes)
-    crease, lines = np.full((count, count), 9, np.int32), np.empty((count**2, 4))
+    crease, lines = np.full((count, count), 9, np.int32), np.empty((count**2, 5))
     found = creases.find_creases(
-        borders, label.astype(np.uint16), planes, p, *alike(x, y), reach, UNIT, crease, lines
-    )
+        borders, label.astype(np.uint16), planes, p, *alike(x, y), (reach, widest or reach),
+        16 - reach, UNIT, crease, lines,
+    )  # fmt: skip
     return borders, crease, lines[:found]
 
 
@@ -391,6 +392,21 @@ def test_a_crease_beside_missing_readings_is_one():
     assert kinds_of(planes, crease, lines)[1, 2] == 1
 
 
+@pytest.mark.parametrize(("away", "sigma", "apart"), [(3, 1.0, 5), (9, 1.0, None), (9, 14.0, 14)])
+def test_planes_meet_as_far_from_their_border_as_readings_hardly_tell_them_apart(
+    away, sigma, apart
+):
+    """sigma: of a reading, in the difference of the planes a pixel from their line."""
+    (_, _, x, y), planes, label = roof(20, tilt=0.0)
+    difference = np.hypot(*(planes[1] - planes[2])[1:]) / UNIT
+    p = np.full(label.shape, 1 / (1.001 * sigma * difference) ** 2)
+    label = np.roll(label, away, axis=1)
+    label[:, :away] = label[:, away : away + 1]
+    _, crease, lines = creases_of(label, planes, x, y, 5, p, 15)
+    assert_array_equal(crease[1, 2] >= 0, apart is not None)
+    assert_array_equal(lines[:, 4], [] if apart is None else [apart + 11])
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_crease_offsets(seed):
     rng = np.random.default_rng(seed)
@@ -421,24 +437,26 @@ def test_crease_offsets(seed):
     assert cost[at] == pytest.approx(cost.min())
 
 
-def strays_of(label, crease, lines, offset, x, y, far=16.0, step=8, room=10_000):
+def strays_of(label, crease, lines, offset, x, y, step=8, room=10_000):
     out = np.empty((room, 3), np.int32)
-    arguments = (crease, lines, offset, x, y, far, step, out)
+    arguments = (crease, lines, offset, x, y, step, out)
     return out[: creases.find_strays(borders_of(label), label.astype(np.uint16), *arguments)]
 
 
 def put(
-    label, planes, crease, lines, offset, images, slow=0.0, price=DIFFERING, far=16, most=np.inf
-):
+    label, planes, crease, lines, offset, images, slow=0.0, price=DIFFERING, far=16, most=np.inf,
+    sure=np.inf,
+):  # fmt: skip
     """Labels once creases are put in their place; slow and variance of all readings alike."""
     w, p, x, y = images
     marks = Marks(label, p > 0)
     marks.state[:] = 0
     slow, none, offset = np.full(1, slow), np.zeros(len(planes)), np.full(len(lines), offset)
+    lines = np.column_stack((lines[:, :4], np.full(len(lines), far)))
     strays = strays_of(label, crease, lines, offset, x, y)
     creases.put_creases(
         strays, marks.label, crease, lines, offset, planes, none, w, x, y, SIGMA**2 + slow, slow,
-        PER_METRE, far, price, most, marks.state, np.empty((label.size, 2), np.int32),
+        PER_METRE, sure, price, most, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     return marks.labels()
 
@@ -475,6 +493,9 @@ def test_a_border_leaves_the_line_where_readings_say_so():
     # Not where nothing but noise tells the difference, or a border off the line is dear.
     assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5), label)
     assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0), label)
+    # About a line that may lie far from the border readings themselves have to be for it.
+    assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, sure=8.0), truth)
+    assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5, sure=8.0), label)
     assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, most=0.0), truth)
 
 
@@ -522,12 +543,12 @@ def compare_put_creases(seed):
     kinds = np.zeros((4, 4), np.int8)
     kinds[1, 2] = kinds[2, 1] = 1
     kinds[1, 3] = kinds[3, 1] = -1
-    crease, lines = np.full((4, 4), -1, np.int32), np.empty((2, 4))
+    crease, lines = np.full((4, 4), -1, np.int32), np.empty((2, 5))
     for number, (a, b) in enumerate(((1, 2), (1, 3))):
         crease[a, b] = crease[b, a] = number
         difference = planes[a] - planes[b]
         slope = np.hypot(difference[1], difference[2]) / UNIT
-        lines[number] = *(kinds[a, b] * difference / slope), slope
+        lines[number, :4] = *(kinds[a, b] * difference / slope), slope
     shift = rng.uniform(-1, 1, 2)
     offset = np.zeros((4, 4))
     offset[1, 2], offset[1, 3] = shift
@@ -535,22 +556,23 @@ def compare_put_creases(seed):
     slow = SIGMA**2 * rng.uniform(0, 1, table.shape)
     row = np.rint(PER_METRE / np.where(w > 0, w, 1).astype(np.float64)).astype(int)
     lateral, far, price = SIGMA**2 * rng.uniform(0, 1, 4), (5, 16)[seed % 2], (1.0, 4.0)[seed // 6]
+    lines[:, 4], sure = far, (far, far - 1.0)[seed % 3 == 0]
     border, straight = (crease, lines, shift), (alike(x, y) if seed % 2 else (x, y))
-    strays = strays_of(label, *border, *straight, far, 3 + seed % 2)
+    strays = strays_of(label, *border, *straight, 3 + seed % 2)
     assert_array_equal(
         strays, oracles.strays(label, planes, kinds, offset, x, y, far, 3 + seed % 2)
     )
-    assert_array_equal(strays_of(label, *border, *straight, far, 3 + seed % 2, 5), strays[:5])
+    assert_array_equal(strays_of(label, *border, *straight, 3 + seed % 2, 5), strays[:5])
     cost = np.minimum(oracles.costs(w, x, y, variance, planes, lateral, NULL), 8.0)
     expected, paid = oracles.put_creases(
         label, strays, cost, planes, kinds, offset, x, y,
-        slow[np.minimum(row, slow.size - 1)], far, price,
+        slow[np.minimum(row, slow.size - 1)], far, sure, price,
     )  # fmt: skip
     marks = Marks(label, p > 0)
     marks.state[:] = 0
     creases.put_creases(
-        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, PER_METRE, far,
-        price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
+        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, PER_METRE,
+        sure, price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     assert_array_equal(marks.labels(), expected)
     return paid

@@ -2,10 +2,11 @@
 
 A border is a row (i, j, k): pixel (i, j) and the one to its right (k = 0) or below it (k = 1) are
 on different planes. label (H, W): 0 for no plane. Planes, w, p, x, y and variances by depth are
-those of `kernels.labels`. A line is a row (d0, d1, d2, slope): d0 + d1 x + d2 y is the distance in
-pixels to where planes a < b intersect, positive on a's side; slope: how fast their w part, per
-pixel. crease (planes, planes): row of the line in which two planes meet, -1 where they do not.
-Unsigned indices spare the check for negative ones.
+those of `kernels.labels`. A line is a row (d0, d1, d2, slope, far): d0 + d1 x + d2 y is the
+distance in pixels to where planes a < b intersect, positive on a's side; slope: how fast their w
+part, per pixel; far: how many pixels from it those that change sides may be. crease (planes,
+planes): row of the line in which two planes meet, -1 where they do not. Unsigned indices spare the
+check for negative ones.
 """
 
 from __future__ import annotations
@@ -61,25 +62,35 @@ def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
+def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, lines):  # type: ignore[no-untyped-def]
     """Find pairs of planes that meet in the image, and the lines in which they do.
 
-    `reach` pixels on either side of their border, or less where there is no reading, on a convex
-    edge each side's plane is the nearer of the two, on a concave one the farther; where one surface
-    passes in front of the other, neither. unit: pixels per unit of x and y. Writes crease and
-    lines; returns the number of lines.
+    On either side of their border, on a convex edge each side's plane is the nearer of the two, on
+    a concave one the farther; where one surface passes in front of the other, neither. They are
+    compared as far from it as a reading hardly tells them apart: where they differ by its standard
+    deviation, by `reach` (least, most) pixels, or less where there is no reading. `beyond` pixels
+    farther they may change sides. unit: pixels per unit of x and y. Writes crease and lines;
+    returns the number of lines.
     """
-    height, width, most = np.uintp(label.shape[0]), np.uintp(label.shape[1]), np.uintp(reach)
+    height, width = np.uintp(label.shape[0]), np.uintp(label.shape[1])
+    least, widest = reach
     count, own = planes.shape[0], _1 if x.shape[0] > 1 else _0
-    votes, touching = np.empty((count, count), np.int32), np.empty((count, count), np.int32)
+    votes, touching, apart = np.empty((3, count, count), np.int32)
     for a in range(count):
         for b in range(count):
-            votes[a, b] = touching[a, b] = 0
+            votes[a, b] = touching[a, b] = apart[a, b] = 0
     for n in range(borders.shape[0]):
         i, j, down = np.uintp(borders[n, 0]), np.uintp(borders[n, 1]), np.uintp(borders[n, 2])
         right = _1 - down
         row, column = i + down, j + right
         here, there = label[i, j], label[row, column]
+        s, t = planes[here], planes[there]
+        d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
+        told = p[i, j] * (d1 * d1 + d2 * d2)
+        pixels = least if told * least * least >= unit * unit else widest
+        if pixels > least and told * widest * widest > unit * unit:
+            pixels = int(unit / np.sqrt(told))
+        most = np.uintp(pixels)
         back = min(most, i if down == _1 else j)
         while p[i - down * back, j - right * back] <= 0.0:
             back -= _1
@@ -89,12 +100,11 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
         # Differences of the two planes on this side and on the other.
         ia, ja = i - down * back, j - right * back
         ib, jb = row + down * on, column + right * on
-        s, t = planes[here], planes[there]
-        d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
         near = d0 + d1 * x[own * ia, ja] + d2 * y[ia, own * ja]
         far = -d0 - d1 * x[own * ib, jb] - d2 * y[ib, own * jb]
         a, b = min(here, there), max(here, there)
         touching[a, b] += 1
+        apart[a, b] = max(apart[a, b], pixels)
         if near > 0.0 and far > 0.0:
             votes[a, b] += 1
         elif near < 0.0 and far < 0.0:
@@ -110,7 +120,7 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
                 scale = (1.0 if votes[a, b] > 0 else -1.0) / slope
                 line = lines[found]
                 line[0], line[1] = scale * (s[0] - t[0]), scale * d1
-                line[2], line[3] = scale * d2, slope
+                line[2], line[3], line[4] = scale * d2, slope, apart[a, b] + beyond
                 crease[a, b] = crease[b, a] = found
                 found += 1
     return found
@@ -176,11 +186,11 @@ def crease_offsets(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):  # type: ignore[no-untyped-def]
+def find_strays(borders, label, crease, lines, offset, x, y, step, strays):  # type: ignore[no-untyped-def]
     """List pixels that lie on the other's side of a line in which their plane meets another.
 
-    All that are beside a border of the two, and of those less than `far` pixels from the line one
-    in `step` rows and columns: a wall seen past a cupboard may touch its own plane nowhere. Writes
+    All that are beside a border of the two, and of those that are not too far from the line one in
+    `step` rows and columns: a wall seen past a cupboard may touch its own plane nowhere. Writes
     rows (i, j, label of the other) as far as there is room; returns how many.
     """
     count, alike = crease.shape[0], x.shape[0] == 1
@@ -218,7 +228,7 @@ def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):
                 number = crease[here, there]
                 place = _place(lines[number], offset[number], x, y, i, j, alike)
                 place *= 1.0 if there < here else -1.0
-                if 0.0 < place < far and found < strays.shape[0]:
+                if 0.0 < place < lines[number, 4] and found < strays.shape[0]:
                     strays[found, 0], strays[found, 1], strays[found, 2] = i, j, there
                     found += 1
     return found
@@ -227,18 +237,20 @@ def find_strays(borders, label, crease, lines, offset, x, y, far, step, strays):
 @compiled
 def put_creases(  # type: ignore[no-untyped-def]
     strays, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
-    per_metre, far, price, most, state, part,
+    per_metre, sure, price, most, state, part,
 ):  # fmt: skip
     """Where two planes meet, make their line of intersection the border if that costs less.
 
     A stray and all pixels of its plane that are connected with it on the other's side of the line,
-    less than `far` pixels away, change sides together if it lowers the sum of
+    not too far away, change sides together if it lowers the sum of
 
         (w - plane)^2 / (2 (variance + lateral)), `_MOST` at most,
         + price * (borders between pixels that the line does not part),
 
-    and the sum is not `most` higher on the way. label has a margin and is changed in place; state:
-    zeros of its shape; part: room for as many rows as pixels may change sides together.
+    and the sum is not `most` higher on the way; about a line that may be more than `sure` pixels
+    from the border, only if it lowers the sum over readings alone, too. label has a margin and is
+    changed in place; state: zeros of its shape; part: room for as many rows as pixels may change
+    sides together.
     """
     last, alike = variance.size - 1, x.shape[0] == 1
     own = _0 if alike else _1
@@ -252,11 +264,11 @@ def put_creases(  # type: ignore[no-untyped-def]
         line, shift, side = lines[number], offset[number], 1.0 if there < here else -1.0
         place = side * _place(line, shift, x, y, i - _1, j - _1, alike)
         depth = min(int(per_metre / np.float64(w[i - _1, j - _1]) + 0.5), last)
-        if place <= 0.0 or place >= far or slow[depth] >= line[3] * line[3]:
+        if place <= 0.0 or place >= line[4] or slow[depth] >= line[3] * line[3]:
             continue
         s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
         part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
-        size, done, excess = 1, 0, 0.0
+        size, done, excess, readings = 1, 0, 0.0, 0.0
         while done < size and excess < most:
             i, j = np.uintp(part[done, 0]), np.uintp(part[done, 1])
             done += 1
@@ -264,15 +276,16 @@ def put_creases(  # type: ignore[no-untyped-def]
             xj, yj = x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)]
             v = variance[min(int(per_metre / value + 0.5), last)]
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
-            excess += min(0.5 * et * et / (v + vt), _MOST)
-            excess -= min(0.5 * es * es / (v + vs), _MOST)
+            told = min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
+            excess += told
+            readings += told
             for down, right in ((_0, _1), (_0, ~_0), (_1, _0), (~_0, _0)):  # they wrap around
                 r, c = i + down, j + right
                 if label[r, c] == there:
                     excess -= price
                 elif label[r, c] == here and state[r, c] != _IN_PART:
                     place = side * _place(line, shift, x, y, r - _1, c - _1, alike)
-                    if 0.0 < place < far and size < part.shape[0]:
+                    if 0.0 < place < line[4] and size < part.shape[0]:
                         part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
                         size += 1
                     elif place > 0.0:
@@ -280,7 +293,7 @@ def put_creases(  # type: ignore[no-untyped-def]
         for m in range(size):
             i, j = np.uintp(part[m, 0]), np.uintp(part[m, 1])
             state[i, j] = tried
-            if excess < 0.0:
+            if excess < 0.0 and (readings < 0.0 or line[4] <= sure):
                 label[i, j], state[i, j] = there, 0
 
 

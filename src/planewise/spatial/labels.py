@@ -26,11 +26,12 @@ _DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
 _SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look
-_CREASE_REACH = 5  # pixels beside a border where the two planes are compared
+_CREASE_REACH = 5, 15  # pixels beside a border where the two planes are compared, at least and most
 _CREASE_BAND = 4  # pixels about a border whose readings say where it lies
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
 _CREASE_APART = 50.0  # nats by which readings have to speak against that line for another one
-_CREASE_FAR = 8  # pixels from the line of intersection
+_CREASE_BEYOND = 3  # pixels farther from the line of intersection that may change sides
+_CREASE_ROOM = 16  # pixels that may change sides together, times rows and columns
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
@@ -196,12 +197,13 @@ def _put_creases(
     variance, slow = variances
     affine = _with_none(affine_planes(planes))
     crease = np.empty((len(affine), len(affine)), np.int32)
-    lines = np.empty((len(affine) * len(planes) // 2, 4))
+    lines = np.empty((len(affine) * len(planes) // 2, 5))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
     lateral = _lateral(cells, affine)
     found = crease_loops.find_creases(
-        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
-    )
+        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, _CREASE_BEYOND, UNIT,
+        crease, lines,
+    )  # fmt: skip
     if not found:
         return False
     offset = np.empty(found)
@@ -224,7 +226,7 @@ def _put_creases(
     marks.state[:] = 0
     strays = workspace.empty((2 * len(borders) + labels.size // _CREASE_STEP**2, 3), np.int32)
     straying = crease_loops.find_strays(
-        borders, labels, crease, lines, offset, *coordinates, _CREASE_FAR, _CREASE_STEP, strays
+        borders, labels, crease, lines, offset, *coordinates, _CREASE_STEP, strays
     )
     crease_loops.put_creases(
         strays[:straying],
@@ -239,11 +241,11 @@ def _put_creases(
         variance,
         slow,
         per_metre,
-        _CREASE_FAR,
+        _CREASE_REACH[0] + _CREASE_BEYOND,
         _CREASE_PRICE,
         _CREASE_MOST,
         marks.state,
-        workspace.empty((2 * _CREASE_FAR * sum(frame.w.shape), 2), np.int32),
+        workspace.empty((_CREASE_ROOM * sum(frame.w.shape), 2), np.int32),
     )
     return True
 
@@ -328,8 +330,9 @@ def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -
     Shape (2, L).
     """
     table, error = frame.table, cells.error
+    drift = error.local if error.walk else 0.0  # not what a frame shows of it by chance
     both: Array = (workspace or Workspace()).empty((2, table.white.size))
-    sizes = error.white, error.near, _PIXEL_DRIFT * error.local
+    sizes = error.white, error.near, _PIXEL_DRIFT * drift
     error_loops.reading_variances(
         table.white, table.shared, table.drift, table.step, sizes, both[0], both[1]
     )
