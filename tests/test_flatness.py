@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from benchmarks import flat_edges
 from benchmarks.bulging import flat, scored, wave
 
 import planewise as pw
@@ -22,6 +23,17 @@ def test_walls_that_bulge_are_planes(scene, bulge, sigma):
     with flat():
         fallen_apart = scored(scene, bulge, sigma, 5)
     assert fallen_apart.labelled.variation_of_information > 0.2
+
+
+def test_a_wave_of_a_wall_is_one_plane_in_an_image():
+    x, y = flat_edges.wall((480, 640))
+    relief = flat_edges.SMOOTH["wave of 2 m, 3 mm high"](x, y)
+    model = flat_edges.found(relief, 5e-4)
+    assert len(model) == 1
+    assert model.planes[0].count > 0.99 * relief.size
+    with flat():
+        fallen_apart = flat_edges.found(relief, 5e-4)
+    assert len(fallen_apart) == 4
 
 
 @pytest.mark.parametrize(("bulge", "sigma"), [(0.02, 5e-4), (0.03, 0.001), (0.04, 0.003)])

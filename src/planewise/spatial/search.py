@@ -33,6 +33,7 @@ from planewise.spatial.labels import (
 from planewise.spatial.merging import Border, between, merged
 from planewise.spatial.seams import Neighbours
 from planewise.spatial.segments import Segments
+from planewise.spatial.splitting import split
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -45,6 +46,7 @@ _PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay f
 _PLANE_COST = 1.0, 3.5  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
 _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
 _MOST_DRIFTING = 0.5  # of frames where what would pay but for its border is looked at again
+_STEADY = 0.1  # drift of frames whose planes have residuals that are all but white
 _OFF = 64.0  # squared offset of a cell against its variance, where error drifts: too far off
 _FEWEST_OFF = 12  # cells side by side that might be a plane of their own
 _MOST_NUMBERS = np.iinfo(np.int16).max  # of planes in sectors, while pixels are labelled
@@ -149,6 +151,14 @@ def segment(
         worth, accepted = _accept(
             cells, frame.sectors, beside, segments, charges, significance, workspace
         )
+        if frame.sectors.count == 1 and cells.error.drifting < _STEADY:
+            parted = split(cells, segments, accepted, frame.sectors, charges.plane)
+            if parted is not segments:
+                saved, pays = _accept(
+                    cells, frame.sectors, beside, parted, charges, significance, workspace
+                )
+                if np.count_nonzero(pays) > np.count_nonzero(accepted):
+                    segments, worth, accepted = parted, saved, pays
         if frame.sectors.count == 1 and cells.error.drifting:
             segments, worth, accepted = _looked_at_again(
                 cells, frame.sectors, segments, worth, accepted, cost, significance, workspace

@@ -1,0 +1,177 @@
+"""Loops that find where the units of one segment are two planes, on either side of a line.
+
+A point is x, y, its height over some plane, and the precision of that; sums over points are the
+first ten of a row of moments (`kernels.cells`), which tell chi^2 of their plane.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planewise.kernels.cells import own_plane
+from planewise.kernels.jit import called, compiled, internal
+
+SUMS = 10
+_BINS = 64  # places of a line of one direction
+_DIRECTIONS, _FINER = 8, 3  # that are tried, and how often the angle between them is halved then
+_MANY = 2000  # points of which some can stand for all
+_STEPS = 8  # of the line towards where its two planes meet
+
+
+@compiled
+def residual_squares(rows, of_unit, planes, out):  # type: ignore[no-untyped-def]
+    """Add up how far units lie off the plane of their segment: writes out (n, 2).
+
+    Squares of residuals in standard deviations, and units. rows (m, 13), of_unit (m,): of units;
+    planes (n, 3): (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    """
+    out[:] = 0.0
+    for k in range(of_unit.size):
+        s, m = of_unit[k], rows[k]
+        off = m[6] - planes[s, 0] * m[0] - planes[s, 1] * m[1] - planes[s, 2] * m[2]
+        out[s, 0] += off * off / m[0]
+        out[s, 1] += 1.0
+
+
+@internal
+def _add(sums, point):  # type: ignore[no-untyped-def]
+    """Add a point to the sums (SUMS,)."""
+    x, y, w, p = point
+    px, py, pw = p * x, p * y, p * w
+    sums[0] += p
+    sums[1] += px
+    sums[2] += py
+    sums[3] += px * x
+    sums[4] += px * y
+    sums[5] += py * y
+    sums[6] += pw
+    sums[7] += pw * x
+    sums[8] += pw * y
+    sums[9] += pw * w
+
+
+@internal
+def _apart(one, other, both):  # type: ignore[no-untyped-def]
+    """chi^2 of the planes of `one` and of what it leaves of both, which is written to `other`."""
+    for e in range(SUMS):
+        other[e] = both[e] - one[e]
+    return own_plane(one)[8] + own_plane(other)[8]
+
+
+@called
+def _try_lines(points, step, angle, fewest, bins, parts, best):  # type: ignore[no-untyped-def]
+    """Try lines at right angles to a direction; every `step` points one counts.
+
+    bins (_BINS, SUMS + 1), parts (3, SUMS): room to work in; best (4,): chi^2 of the best line so
+    far, and those x cos + y sin = c it is: cos, sin and c.
+    """
+    cos, sin = math.cos(angle), math.sin(angle)
+    one, other, both = parts
+    low, high = np.inf, -np.inf
+    for k in range(0, points.shape[0], step):
+        at = cos * points[k, 0] + sin * points[k, 1]
+        low, high = min(low, at), max(high, at)
+    scale = _BINS / (high - low) if high > low else 0.0
+    bins[:] = 0.0
+    for k in range(0, points.shape[0], step):
+        x, y, w, p = points[k]
+        b = min(int((cos * x + sin * y - low) * scale), _BINS - 1)
+        _add(bins[b], (x, y, w, p))
+        bins[b, SUMS] += step
+    every, here = 0.0, 0.0
+    both[:] = one[:] = 0.0
+    for b in range(_BINS):
+        every += bins[b, SUMS]
+        for e in range(SUMS):
+            both[e] += bins[b, e]
+    for b in range(_BINS - 1):
+        here += bins[b, SUMS]
+        for e in range(SUMS):
+            one[e] += bins[b, e]
+        if min(here, every - here) >= fewest:
+            chi2 = _apart(one, other, both)
+            if chi2 < best[0]:
+                best[0], best[1], best[2], best[3] = chi2, cos, sin, low + (b + 1) / scale
+
+
+@compiled
+def halve(points, fewest, side):  # type: ignore[no-untyped-def]
+    """Find the line on either side of which points (n, 4) lie on a plane: writes side (n,), bool.
+
+    The best one of many, and then where its two planes meet, as long as that is better. Returns
+    whether there is one with `fewest` points, at least, on each side.
+    """
+    size, best, parts = points.shape[0], np.empty(4), np.empty((3, SUMS))
+    bins, one, other, both = np.empty((_BINS, SUMS + 1)), parts[0], parts[1], parts[2]
+    best[0], best[1], best[2], best[3] = np.inf, 1.0, 0.0, 0.0
+    step = (size // _MANY) | 1  # odd: an even one may have a factor in common with rows of cells
+    turn = math.pi / _DIRECTIONS
+    for k in range(_DIRECTIONS):
+        _try_lines(points, step, k * turn, fewest, bins, parts, best)
+    for _ in range(_FINER):
+        turn *= 0.5
+        middle = math.atan2(best[2], best[1])
+        _try_lines(points, step, middle - turn, fewest, bins, parts, best)
+        _try_lines(points, step, middle + turn, fewest, bins, parts, best)
+    if best[0] == np.inf:
+        return False
+    # side is where d0 + d1 x + d2 y > 0.
+    d0, d1, d2, least = -best[3], best[1], best[2], np.inf
+    for trial in range(_STEPS):
+        both[:] = one[:] = 0.0
+        count = 0
+        for k in range(size):
+            x, y, w, p = points[k]
+            _add(both, (x, y, w, p))
+            if d0 + d1 * x + d2 * y > 0.0:
+                _add(one, (x, y, w, p))
+                count += 1
+        chi2 = _apart(one, other, both)
+        if trial and (min(count, size - count) < fewest or chi2 >= least):
+            break
+        least = chi2
+        for k in range(size):
+            side[k] = d0 + d1 * points[k, 0] + d2 * points[k, 1] > 0.0
+        ax, ay, aw, a1, a2, _, _, _, _ = own_plane(one)
+        bx, by, bw, b1, b2, _, _, _, _ = own_plane(other)
+        d0, d1, d2 = aw - bw - a1 * ax - a2 * ay + b1 * bx + b2 * by, a1 - b1, a2 - b2
+        if d1 * (ax - bx) + d2 * (ay - by) < 0.0:  # `one` is where it is larger
+            d0, d1, d2 = -d0, -d1, -d2
+    return True
+
+
+@compiled
+def correlate(points, part, sides, sums, out):  # type: ignore[no-untyped-def]
+    """Sums over the points (n, 4) of every part (n,): writes sums (parts, SUMS) and out (parts, 3).
+
+    out: over pairs of points within it, sides (m, 2), of residuals about its plane in standard
+    deviations: the product, the mean square; and of pairs.
+    """
+    sums[:] = 0.0
+    for k in range(part.size):
+        x, y, w, p = points[k]
+        _add(sums[part[k]], (x, y, w, p))
+    off, planes = np.empty(part.size), np.empty((out.shape[0], 5))
+    for j in range(out.shape[0]):
+        cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[j])
+        planes[j, 0], planes[j, 1], planes[j, 2], planes[j, 3], planes[j, 4] = cx, cy, mean, tx, ty
+    for k in range(part.size):
+        x, y, w, p = points[k]
+        t = planes[part[k]]
+        off[k] = math.sqrt(p) * (w - t[2] - t[3] * (x - t[0]) - t[4] * (y - t[1]))
+    out[:] = 0.0
+    for e in range(sides.shape[0]):
+        a, b = sides[e, 0], sides[e, 1]
+        if part[a] == part[b]:
+            out[part[a], 0] += off[a] * off[b]
+            out[part[a], 1] += 0.5 * (off[a] * off[a] + off[b] * off[b])
+            out[part[a], 2] += 1.0
+
+
+@compiled
+def misfits(sums, out):  # type: ignore[no-untyped-def]
+    """chi^2 of the planes of sums over points (n, SUMS): writes out (n,)."""
+    for j in range(out.size):
+        out[j] = own_plane(sums[j])[8]

@@ -1,0 +1,156 @@
+"""Planes that meet at very flat angles are several; smooth surfaces are not."""
+
+import numpy as np
+import pytest
+from benchmarks import flat_edges
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.kernels import splits
+
+from . import spatial_oracles as oracles
+
+SIZE = 480, 640
+X, Y = flat_edges.wall(SIZE)
+
+
+def valley(rng, size, angle, place, turn, sigma=0.1):
+    """Points on two planes that meet in a line, and on which of them each is."""
+    x, y = rng.uniform(-1.5, 1.5, (2, size))
+    across = x * np.cos(angle) + y * np.sin(angle) - place
+    p = rng.uniform(0.5, 2.0, size) / sigma**2
+    height = 0.3 + 0.2 * x - 0.4 * y + turn * np.maximum(across, 0.0)
+    height += rng.standard_normal(size) / np.sqrt(p)
+    return np.column_stack((x, y, height, p)), across
+
+
+def chi2(points):
+    x, y, height, p = points.T
+    return oracles.misfit(height, p, x, y)
+
+
+def halved(points, fewest=12):
+    side = np.empty(len(points), np.bool_)
+    return side if splits.halve(points, fewest, side) else None
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.integers(60, 5000),
+    st.floats(0, np.pi),
+    st.floats(-0.7, 0.7),
+    st.sampled_from([-2.0, -0.5, 0.5, 2.0]),
+)
+def test_halve_finds_the_line_in_which_two_planes_meet(seed, size, angle, place, turn):
+    points, across = valley(np.random.default_rng(seed), size, angle, place, turn)
+    kept, truth = points.copy(), across > 0
+    side = halved(points)
+    assert_array_equal(points, kept)
+    found = chi2(points[side]) + chi2(points[~side])
+    assert (
+        found < chi2(points[truth]) + chi2(points[~truth]) + 12.0
+    )  # about as good as the true one
+    clear = abs(turn * across) > 0.5  # five standard deviations of a point
+    wrong = side[clear] != truth[clear]
+    assert size < 200 or min(np.count_nonzero(wrong), np.count_nonzero(~wrong)) == 0
+
+
+def test_halve_tells_a_step_from_an_edge():
+    x, y = np.random.default_rng(0).uniform(-1, 1, (2, 500))
+    points = np.column_stack((x, y, 1.0 * (x > 0.2 * y + 0.3), np.full(500, 1e4)))
+    side = halved(points)
+    behind = x > 0.2 * y + 0.3
+    assert min(np.count_nonzero(side != behind), np.count_nonzero(side == behind)) <= 5
+
+
+def test_halve_leaves_enough_on_either_side_or_nothing():
+    rng = np.random.default_rng(0)
+    points, across = valley(rng, 200, 0.0, 1.45, 30.0)
+    assert np.count_nonzero(across > 0) < 12
+    side = halved(points)
+    assert 12 <= np.count_nonzero(side) <= 188
+    assert halved(points[:23]) is None
+    assert halved(np.repeat(points[:1], 50, axis=0)) is None  # all in one place
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_correlation_of_residuals_is_that_of_neighbours(seed):
+    rng = np.random.default_rng(seed)
+    points, _ = valley(rng, 80, 0.3, 0.0, 1.0)
+    part = rng.integers(0, 3, 80).astype(np.intp)
+    sides = rng.integers(0, 80, (150, 2)).astype(np.intp)
+    sums, out, misfits = np.empty((3, splits.SUMS)), np.empty((3, 3)), np.empty(3)
+    splits.correlate(points, part, sides, sums, out)
+    splits.misfits(sums, misfits)
+    for k in range(3):
+        mine = points[part == k]
+        x, y, height, p = mine.T
+        root = np.sqrt(p)
+        t = np.linalg.lstsq(root[:, None] * oracles.design(x, y), root * height, rcond=None)[0]
+        off = np.sqrt(points[:, 3]) * (points[:, 2] - oracles.design(*points[:, :2].T) @ t)
+        a, b = sides[(part[sides] == k).all(axis=1)].T
+        expected = (off[a] * off[b]).sum(), 0.5 * (off[a] ** 2 + off[b] ** 2).sum(), len(a)
+        assert_allclose(out[k], expected, rtol=1e-6, atol=1e-6)
+        assert_allclose(sums[k], oracles.moments(height, p, x, y)[: splits.SUMS], rtol=1e-9)
+        assert_allclose(misfits[k], chi2(mine), rtol=1e-6)
+
+
+def test_residuals_are_those_of_mean_inverse_depth():
+    rng = np.random.default_rng(0)
+    rows, of_unit = np.zeros((50, 13)), rng.integers(0, 4, 50).astype(np.int32)
+    p, x, y, w = rng.uniform(1, 2, 50), *rng.uniform(-1, 1, (3, 50))
+    rows[:, 0], rows[:, 1], rows[:, 2], rows[:, 6] = p, p * x, p * y, p * w
+    planes, out = rng.uniform(-1, 1, (4, 3)), np.empty((4, 2))
+    splits.residual_squares(rows, of_unit, planes, out)
+    off = w - (oracles.design(x, y) * planes[of_unit]).sum(axis=1)
+    assert_allclose(out[:, 0], np.bincount(of_unit, p * off**2, 4))
+    assert_array_equal(out[:, 1], np.bincount(of_unit, minlength=4))
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.002])
+@pytest.mark.parametrize("name", flat_edges.EDGES)
+def test_planes_at_flat_angles_are_several(name, sigma):
+    scene, degrees = flat_edges.EDGES[name]
+    relief, truth = scene(X, Y, degrees)
+    model = flat_edges.found(relief, sigma)
+    assert len(model) == len(np.unique(truth))
+    assert flat_edges.wrong(model.labels, truth) < 0.025
+
+
+@pytest.mark.parametrize("name", ["edge, 1 degree", "four planes about a point, 0.6 degrees"])
+def test_phi_is_lower_once_they_are_split(name):
+    scene, degrees = flat_edges.EDGES[name]
+    relief, truth = scene(X, Y, degrees)
+    with flat_edges.unsplit():
+        before = flat_edges.found(relief, 0.0005)
+    after = flat_edges.found(relief, 0.0005)
+    assert len(before) < len(after) == len(np.unique(truth))
+    assert after.information < before.information - 1000
+    assert before.planes[0].residual_correlation > 0.9
+    assert max(plane.residual_correlation for plane in after.planes) < 0.1
+    assert min(plane.significance for plane in after.planes) > 1000
+
+
+@pytest.mark.parametrize("sigma", [0.0005, 0.001, 0.004])
+@pytest.mark.parametrize("name", flat_edges.SMOOTH)
+def test_smooth_surfaces_are_not_split(name, sigma):
+    relief = flat_edges.SMOOTH[name](X, Y)
+    with flat_edges.unsplit():
+        before = flat_edges.found(relief, sigma)
+    after = flat_edges.found(relief, sigma)
+    assert_array_equal(after.labels, before.labels)
+    assert after.information == before.information
+
+
+def test_the_same_planes_for_any_number_of_threads():
+    relief, _ = flat_edges.facets(X, Y, 1.5)
+    depth = 1 / (0.5 + relief / 4) + np.random.default_rng(0).normal(0, 0.001, SIZE)
+    sensor = pw.Sensor(max_depth=5.0, resolution=1e-4, noise=0.001)
+    one, two = (
+        pw.detect_planes(depth, flat_edges.camera(SIZE), sensor, threads=count) for count in (1, 2)
+    )
+    assert len(one) == 4
+    assert_array_equal(one.labels, two.labels)
+    assert one.information == two.information
