@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _CLEAR = 10.0  # times the price: what the misfit of a segment costs, and each part of it saves
-_CORRELATED = 0.3  # residuals side by side of a segment that may be several planes
+_CORRELATED = 0.5  # residuals side by side of a segment that may be several planes
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
 _SMALL = 24, 0.02  # units, and share of the segment: fewer may be mixed cells along an edge
