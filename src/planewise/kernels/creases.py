@@ -87,9 +87,9 @@ def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, l
         s, t = planes[here], planes[there]
         d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
         told = p[i, j] * (d1 * d1 + d2 * d2)
-        pixels = least if told * least * least >= unit * unit else widest
-        if pixels > least and told * widest * widest > unit * unit:
-            pixels = int(unit / np.sqrt(told))
+        pixels = widest
+        if told * widest * widest > unit * unit:
+            pixels = max(least, int(unit / np.sqrt(told)))
         most = np.uintp(pixels)
         back = min(most, i if down == _1 else j)
         while p[i - down * back, j - right * back] <= 0.0:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,26 +67,6 @@ class Segments:
             offset_prior=np.concatenate((self.offset_prior, pieces.offset_prior[chosen])),
             slope_prior=np.concatenate((self.slope_prior, pieces.slope_prior[chosen])),
             home=np.concatenate((self.home, pieces.home[chosen])),
-            of_unit=of_unit,
-        )
-
-    def parted(self, segment: int, parts: Sequence[NDArray[np.intp]], rows: Array) -> Segments:
-        """With one of them in parts, the first in its place, the others behind all that there were.
-
-        parts: units of each; rows (., 13): of each.
-        """
-        of_unit, number = self.of_unit.copy(), len(self.rows)
-        every = np.concatenate((self.rows, rows[1:]))
-        every[segment] = rows[0]
-        for more, units in enumerate(parts[1:]):
-            of_unit[units] = number + more
-        like = np.append(np.arange(number), np.full(len(parts) - 1, segment))
-        return Segments(
-            rows=every,
-            drift=self.drift[like],
-            offset_prior=self.offset_prior[like],
-            slope_prior=self.slope_prior[like],
-            home=self.home[like],
             of_unit=of_unit,
         )
 

@@ -76,13 +76,28 @@ def split(
         mine = place[sides[segments.of_unit[sides[:, 0]] == s]]
         part = _parts(_points(cells.rows[units], planes[s]), mine, price)
         if part is not None:
-            parts = [units[part == k] for k in range(part.max() + 1)]
-            rows = np.array([_row(cells.rows[each], segments.rows[s]) for each in parts])
-            saved, small = rows[:, FREE] - 0.5 * rows[:, MISFIT], _is_small(part)
+            parts = _segments_of(part, cells.rows[units], segments, s)
+            rows, small = parts.rows, _is_small(part)
+            saved = rows[:, FREE] - 0.5 * rows[:, MISFIT]
             if (saved[~small] > _CLEAR * price).all():
                 rows[small, FREE] = 0.0  # mixed cells are no plane
-                out = out.parted(s, parts, rows)
+                out = out.divided(parts, np.arange(1, len(rows)), units, cells.rows)
+                out.rows[s] = rows[0]
     return out
+
+
+def _segments_of(part: Index, units: Array, segments: Segments, segment: int) -> Segments:
+    """Parts (m,) of the units of a segment, whose rows are (m, 13), as segments like it."""
+    whole = segments.rows[segment]
+    like = np.full(part.max() + 1, segment)
+    return Segments(
+        rows=np.array([_row(units[part == k], whole) for k in range(len(like))]),
+        drift=segments.drift[like],
+        offset_prior=segments.offset_prior[like],
+        slope_prior=segments.slope_prior[like],
+        home=segments.home[like],
+        of_unit=part.astype(np.int32),
+    )
 
 
 def _row(units: Array, whole: Array) -> Array:
@@ -120,15 +135,14 @@ def _points(rows: Array, plane: Array) -> Array:
 
 
 def _parts(points: Array, sides: Index, price: float) -> Index | None:
-    """Part of every point of a segment that is several planes; None if it is not.
+    """Part of every point of a bent segment that is several planes; None if it is not.
 
     sides (m, 2): points side by side, each as often as they share a side of a cell.
     """
-    part, count, fresh = np.zeros(len(points), np.intp), 1, [0]
-    while fresh:
-        bent, _ = _bent(points, part, sides)
-        parts, fresh = [k for k in fresh if bent[k]], []
-        for k in parts:
+    part, count, bent = np.zeros(len(points), np.intp), 1, [0]
+    while bent:
+        fresh = []
+        for k in bent:
             mine = np.flatnonzero(part == k)
             side = np.empty(len(mine), np.bool_)
             if kernels.halve(points[mine], _FEWEST, side):
@@ -137,11 +151,13 @@ def _parts(points: Array, sides: Index, price: float) -> Index | None:
                 count += 1
         if count > _MOST:
             return None
-    part = _joined(points, part, sides, price)
-    bent, sums = _bent(points, part, sides)
+        is_bent, sums = _bent(points, part, sides)
+        bent = [k for k in fresh if is_bent[k]]
+    part = _joined(part, sums, sides, price)
+    is_bent, sums = _bent(points, part, sides)
     large = ~_is_small(part)
     if (
-        bent.any()
+        is_bent.any()
         or np.count_nonzero(large) < 2
         or _widths(points, sides, sums)[large].min() < _NARROW
     ):
@@ -166,9 +182,9 @@ def _bent(points: Array, part: Index, sides: Index) -> tuple[NDArray[np.bool_], 
     return (product > limit * square) & ~_is_small(part), sums
 
 
-def _joined(points: Array, part: Index, sides: Index, price: float) -> Index:
-    """The same with parts side by side that are one plane as one part."""
-    part, (_, sums) = part.copy(), _bent(points, part, sides)
+def _joined(part: Index, sums: Array, sides: Index, price: float) -> Index:
+    """The same with parts side by side that are one plane as one part; sums: of their points."""
+    part, sums = part.copy(), sums.copy()
     while pairs := _side_by_side(part, sides):
         first, second = np.array(pairs).T
         chi2 = _chi2(sums)
