@@ -20,6 +20,8 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.arguments import parser_of
 from planewise.spatial import search
+from planewise.spatial.cells import Cells
+from planewise.spatial.segments import Segments
 
 Array = NDArray[np.float64]
 Relief = tuple[Array, Array]
@@ -119,7 +121,13 @@ def wrong(labels: NDArray[np.uint16], truth: Array) -> float:
 @contextmanager
 def unsplit() -> Iterator[None]:
     """Inside the block segments stay as they are."""
-    with patch.object(search, "split", lambda cells, segments, *_: segments):
+
+    def unchanged(
+        cells: Cells, segments: Segments, accepted: NDArray[np.bool_], *_: object
+    ) -> tuple[Segments, NDArray[np.bool_]]:
+        return segments, np.zeros_like(accepted)
+
+    with patch.object(search, "split", unchanged):
         yield
 
 

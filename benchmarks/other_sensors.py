@@ -192,6 +192,8 @@ READINGS = (
     Reading("Kinect", kinect, KINECT),
     Reading("Kinect, error that wanders", kinect_drift, KINECT),
     Reading("Kinect, 2/5 in-painted", kinect_filled, KINECT),
+    Reading("Kinect, 1920 x 1080", kinect, KINECT, (1080, 1920)),
+    Reading("Kinect, 1280 x 720", kinect, KINECT, (720, 1280)),
     Reading("Kinect, 320 x 240", kinect, KINECT, (240, 320)),
     Reading("Kinect, 160 x 120", kinect, KINECT, (120, 160)),
     Reading("stereo, smooth over 8 px", stereo(3.4), STEREO),

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise.kernels import splits
+from planewise.metrics import evaluate
 
 from . import spatial_oracles as oracles
 
@@ -142,6 +143,47 @@ def test_smooth_surfaces_are_not_split(name, sigma):
     after = flat_edges.found(relief, sigma)
     assert_array_equal(after.labels, before.labels)
     assert after.information == before.information
+
+
+def fine_room(seed):
+    """A room of 1280 x 720 pixels, every flat face labelled, its planes without and with splits."""
+    scene = pw.scenes.room(seed, size=(720, 1280), every_face=True)
+
+    def planes():
+        return pw.detect_planes(scene.depth, scene.camera, scene.sensor).labels
+
+    with flat_edges.unsplit():
+        before = planes()
+    return scene.labels, before, planes()
+
+
+def test_facets_of_round_things_are_no_planes():
+    truth, before, after = fine_room(0)
+
+    def on_round_things(labels):
+        return sum(np.mean(truth[labels == k] == 0) > 0.7 for k in range(1, labels.max() + 1))
+
+    assert on_round_things(before) == 2
+    assert on_round_things(after) == 0
+    scores = [evaluate(labels, truth).row() for labels in (before, after)]
+    assert scores[0]["precision@0.5"] < 0.9
+    assert scores[1]["precision@0.5"] == 1.0
+
+
+def test_narrow_faces_that_were_one_segment_are_told_apart():
+    truth, before, after = fine_room(20)
+    scores = [evaluate(labels, truth).row() for labels in (before, after)]
+    for score in ("precision@0.5", "recall@0.5", "recall@0.8"):
+        assert scores[1][score] > scores[0][score] + 0.03, score
+
+
+@pytest.mark.parametrize("radius", [0.1, 0.5])
+@pytest.mark.parametrize("degrees", [3, 12])
+def test_rounded_edges_have_no_planes_of_their_own(degrees, radius):
+    slope = np.tan(np.radians(degrees))
+    half = 0.5 * radius * slope  # of the piece of a parabola between the walls
+    relief = slope * np.where(np.abs(X) < half, (X + half) ** 2 / (4 * half), np.maximum(X, 0.0))
+    assert len(flat_edges.found(relief, 0.002)) == 2
 
 
 def test_the_same_planes_for_any_number_of_threads():

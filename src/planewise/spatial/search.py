@@ -152,13 +152,10 @@ def segment(
             cells, frame.sectors, beside, segments, charges, significance, workspace
         )
         if frame.sectors.count == 1 and cells.error.drifting < _STEADY:
-            parted = split(cells, segments, accepted, frame.sectors, charges.plane)
-            if parted is not segments:
-                saved, pays = _accept(
-                    cells, frame.sectors, beside, parted, charges, significance, workspace
-                )
-                if np.count_nonzero(pays) > np.count_nonzero(accepted):
-                    segments, worth, accepted = parted, saved, pays
+            segments, worth, accepted = _without_bends(
+                cells, frame.sectors, beside, segments, worth, accepted, charges, significance,
+                workspace,
+            )  # fmt: skip
         if frame.sectors.count == 1 and cells.error.drifting:
             segments, worth, accepted = _looked_at_again(
                 cells, frame.sectors, segments, worth, accepted, cost, significance, workspace
@@ -224,6 +221,31 @@ def planes_within(
     mine = np.zeros(len(worth), np.bool_)
     mine[segments.of_unit[inside]] = True
     return segments, worth, np.flatnonzero(mine & accepted)
+
+
+def _without_bends(
+    cells: Cells,
+    sectors: Sectors,
+    beside: Neighbours,
+    segments: Segments,
+    worth: Array,
+    accepted: NDArray[np.bool_],
+    charges: Charges,
+    significance: float,
+    workspace: Workspace,
+) -> tuple[Segments, Array, NDArray[np.bool_]]:
+    """Segments, what they save and which are planes; split, or none, where these bend.
+
+    They are split only if more of them are planes then.
+    """
+    parts, curved = split(cells, segments, accepted, sectors, charges.plane)
+    if parts is not segments:
+        saved, pays = _accept(cells, sectors, beside, parts, charges, significance, workspace)
+        if np.count_nonzero(pays) > np.count_nonzero(accepted):
+            segments, worth, accepted = parts, saved, pays
+    (none,) = curved.nonzero()
+    accepted[none], worth[none] = False, 0.0
+    return segments, worth, accepted
 
 
 def _looked_at_again(

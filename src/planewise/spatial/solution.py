@@ -38,6 +38,7 @@ Array = NDArray[np.float64]
 _BENDS = 0.5  # correlation of residuals of cells side by side
 _LEAST = 3.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _PAID = _LEAST[0] - 1, _LEAST[1] - 1  # the same of one whose parameters are paid for
+_WIDE = 0.01  # of the readings: no search is made again for a plane of fewer
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 
 
@@ -140,12 +141,21 @@ def solve(
     # Of planes that hardly pay, neither is telling.
     sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
     clear = first.found.significance > sure
-    cut = first.book.order[first.best :]
-    if not clear[cut].any() and not (clear & first.bent).any():
+    cut = np.ones_like(clear)
+    cut[first.book.order[: first.best]] = False
+    telling = clear & (first.bent | cut)
+    if not telling.any() or not (telling & _wide(frame, first.found)).any():
         return first
     closer = look(replace(cells, drift=cells.told_drift))
     bent = closer.bent & (closer.found.significance > sure)
     return closer if closer.information < first.information and not bent.any() else first
+
+
+def _wide(frame: Frame, found: Segmentation) -> NDArray[np.bool_]:
+    """Planes of so many of the readings that it is worth while to search again for their sake."""
+    labels = found.labels[frame.p > 0]
+    count = np.bincount(labels, minlength=len(found.affine) + 1)[1:]
+    return np.asarray(frame.sectors.summed(count) >= _WIDE * len(labels))
 
 
 def judged(
