@@ -243,8 +243,8 @@ def _without_bends(
         saved, pays = _accept(cells, sectors, beside, parts, charges, significance, workspace)
         if np.count_nonzero(pays) > np.count_nonzero(accepted):
             segments, worth, accepted = parts, saved, pays
-    (none,) = curved.nonzero()
-    accepted[none], worth[none] = False, 0.0
+    (no_planes,) = curved.nonzero()
+    accepted[no_planes], worth[no_planes] = False, 0.0
     return segments, worth, accepted
 
 

@@ -230,9 +230,9 @@ def _has_edges(points: Array, part: Index, sides: Index, sums: Array, price: flo
     A strip of a rounded edge and the wall beside it are no smooth surface, but are one near where
     they meet.
     """
-    chi2, narrow = _chi2(sums), _widths(points, sides, sums) < _NARROW
+    chi2, narrow, small = _chi2(sums), _widths(points, sides, sums) < _NARROW, _is_small(part)
     for a, b in _side_by_side(part, sides):
-        if _is_small(part)[[a, b]].any():
+        if small[a] or small[b]:
             continue
         if _chi2_of_cubic(points[(part == a) | (part == b)]) <= chi2[a] + chi2[b]:
             return False
