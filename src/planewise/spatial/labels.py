@@ -22,6 +22,8 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
+BENT = 0.5  # `residual_correlation` beyond which a surface bends
+
 _DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6

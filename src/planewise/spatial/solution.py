@@ -25,7 +25,7 @@ from planewise.spatial.information import (
     mask_of,
 )
 from planewise.spatial.joining import joined
-from planewise.spatial.labels import residual_correlation, units_inside
+from planewise.spatial.labels import BENT, residual_correlation, units_inside
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, price_of_planes, segment
@@ -35,7 +35,6 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-_BENDS = 0.5  # correlation of residuals of cells side by side
 _LEAST = 3.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _PAID = _LEAST[0] - 1, _LEAST[1] - 1  # the same of one whose parameters are paid for
 _WIDE = 0.01  # of the readings: no search is made again for a plane of fewer
@@ -74,7 +73,7 @@ class SpatialSolution:
     @property
     def bent(self) -> NDArray[np.bool_]:
         """Which planes have residuals that are not white."""
-        return self.found.residual_correlation > _BENDS  # not where it is NaN
+        return self.found.residual_correlation > BENT  # not where it is NaN
 
     @property
     def information(self) -> float:
@@ -153,9 +152,8 @@ def solve(
 
 def _wide(frame: Frame, found: Segmentation) -> NDArray[np.bool_]:
     """Planes of so many of the readings that it is worth while to search again for their sake."""
-    labels = found.labels[frame.p > 0]
-    count = np.bincount(labels, minlength=len(found.affine) + 1)[1:]
-    return np.asarray(frame.sectors.summed(count) >= _WIDE * len(labels))
+    count = np.bincount(found.labels.reshape(-1), minlength=len(found.affine) + 1)[1:]
+    return np.asarray(frame.sectors.summed(count) >= _WIDE * np.count_nonzero(frame.p))
 
 
 def judged(

@@ -20,14 +20,13 @@ from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.labels import affine_planes, residual_correlation
+from planewise.spatial.labels import BENT, affine_planes, residual_correlation
 from planewise.spatial.segments import Segments
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 _CLEAR = 10.0  # times the price: what the misfit of a segment costs, and each part of it saves
-_CORRELATED = 0.5  # residuals side by side of a segment that bends
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
 _SMALL = 24, 0.02  # units, and share of the segment: fewer may be mixed cells along an edge
@@ -75,7 +74,7 @@ def split(
     doubtful = accepted & (chi2 - count > 2 * price) & (count >= 2 * _SMALL[0])
     if doubtful.any():
         correlation = residual_correlation(cells, segments.of_unit + np.int32(1), planes, sectors)
-        doubtful &= correlation > _CORRELATED  # not where it is NaN
+        doubtful &= correlation > BENT  # not where it is NaN
     if not doubtful.any():
         return segments, curved
     bent, place, out = np.flatnonzero(doubtful), np.empty(len(cells.rows), np.intp), segments
