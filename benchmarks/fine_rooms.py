@@ -4,13 +4,16 @@ python -m benchmarks.fine_rooms [--rooms N]
 
 Means over rooms as a Kinect reads them: planes found, precision and recall at an IoU of 0.5, F1 at
 0.8, and VOI; faces of fewer pixels than 400 of 640 x 480 are neither hit nor miss. First without
-looking at segments that bend (`planewise.spatial.splitting`), then with it.
+looking at segments that bend (`planewise.spatial.splitting`) nor at planes that are two faces
+(`planewise.spatial.faces`), then with the first, then with both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
+from contextlib import ExitStack, contextmanager
+from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,20 +23,37 @@ from benchmarks.arguments import parser_of
 from benchmarks.flat_edges import unsplit
 from planewise.metrics import evaluate
 from planewise.metrics.scores import MINIMUM_PIXELS
+from planewise.spatial import labels
+from planewise.spatial.frame import Frame
+
+Array = NDArray[np.float64]
 
 _SIZES = (640, 480), (1280, 720), (1920, 1080)
 _FIRST = 200  # seed of the first room
 _SCORES = "planes_predicted", "precision@0.5", "recall@0.5", "f1@0.8", "voi_labelled"
 
 
-def scored(size: tuple[int, int], seed: int) -> NDArray[np.float64]:
-    """Scores of a room, shape (2, 5): without and with."""
+@contextmanager
+def unparted() -> Iterator[None]:
+    """Inside the block planes that are two faces stay one."""
+
+    def unchanged(_frame: Frame, _white: float, rows: Array, *_: object) -> tuple[Array, ...]:
+        return rows, np.empty(0), np.empty(0, np.int64)
+
+    with patch.object(labels, "parted", unchanged):
+        yield
+
+
+def scored(size: tuple[int, int], seed: int) -> Array:
+    """Scores of a room, shape (3, 5): without, with the one and with both."""
     width, height = size
     scene = pw.scenes.room(seed, size=(height, width), every_face=True)
     least = MINIMUM_PIXELS * width * height // (640 * 480)
     rows = []
-    for way in (unsplit(), nullcontext()):
-        with way:
+    for without in ((unsplit, unparted), (unparted,), ()):
+        with ExitStack() as ways:
+            for each in without:
+                ways.enter_context(each())
             model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, threads=1)
         row = evaluate(model.labels, scene.labels, minimum_pixels=least).row()
         rows.append([row[name] for name in _SCORES])
@@ -49,7 +69,7 @@ def main() -> None:
         for size in _SIZES:
             seeds = range(_FIRST, _FIRST + rooms)
             means = np.mean(list(workers.map(scored, [size] * rooms, seeds)), axis=0)
-            cells = " | ".join(f"{without:.3f}, {parted:.3f}" for without, parted in means.T)
+            cells = " | ".join(", ".join(f"{each:.3f}" for each in ways) for ways in means.T)
             print(f"| {size[0]} x {size[1]} | {cells} |", flush=True)
 
 

@@ -28,18 +28,21 @@ from planewise.kernels.curvature import (
     meet,
     surface_borders,
 )
+from planewise.kernels.faces import wait_about
 from planewise.kernels.forms import FORM
 from planewise.kernels.planes import in_space
 from planewise.kernels.quadrics import spread
 from planewise.kernels.segments import agglomerate, room
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
+from planewise.spatial.faces import parted
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.joining import joined
 from planewise.spatial.labels import label_planes, residual_correlation, units_inside
+from planewise.spatial.marks import Marks
 from planewise.spatial.merging import merged
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation
@@ -124,11 +127,17 @@ def valuing() -> None:
 
 
 def labelling() -> None:
-    """Label pixels."""
+    """Label pixels, and part both planes of the valley, as if they were one."""
     valley = _valley()
     cells, both = valley.cells, np.arange(2)
     limits: Any = SimpleNamespace(range=_LIMITS[0], resolution=_LIMITS[1])
-    label_planes(valley.frame, cells, valley.of_unit, both, valley.rows[None], both, limits)
+    of_planes = cells, valley.of_unit, both, valley.rows[None], both, limits, None, 1.0
+    label_planes(valley.frame, *of_planes)
+    labels = np.ones((_SIZE, _SIZE), np.uint16)
+    _, _, pixels = parted(valley.frame, 1.0, valley.rows.sum(axis=0)[None], labels, 1.0, 0.0)
+    marks = Marks.of(labels.shape, Workspace())
+    named = np.ones(3, np.bool_)
+    wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
 
 
 def surfaces() -> None:

@@ -16,7 +16,6 @@ from planewise.kernels.jit import called, compiled, internal
 SUMS = 10
 _BINS = 64  # places of a line of one direction
 _DIRECTIONS, _FINER = 8, 3  # that are tried, and how often the angle between them is halved then
-_MANY = 2000  # points of which some can stand for all
 _STEPS = 8  # of the line towards where its two planes meet
 
 
@@ -36,7 +35,7 @@ def residual_squares(rows, of_unit, planes, out):  # type: ignore[no-untyped-def
 
 
 @internal
-def _add(sums, point):  # type: ignore[no-untyped-def]
+def add_point(sums, point):  # type: ignore[no-untyped-def]
     """Add a point to the sums (SUMS,)."""
     x, y, w, p = point
     px, py, pw = p * x, p * y, p * w
@@ -78,7 +77,7 @@ def _try_lines(points, step, angle, fewest, bins, parts, best):  # type: ignore[
     for k in range(0, points.shape[0], step):
         x, y, w, p = points[k]
         b = min(int((cos * x + sin * y - low) * scale), _BINS - 1)
-        _add(bins[b], (x, y, w, p))
+        add_point(bins[b], (x, y, w, p))
         bins[b, SUMS] += step
     every, here = 0.0, 0.0
     both[:] = one[:] = 0.0
@@ -97,16 +96,16 @@ def _try_lines(points, step, angle, fewest, bins, parts, best):  # type: ignore[
 
 
 @compiled
-def halve(points, fewest, side):  # type: ignore[no-untyped-def]
+def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
     """Find the line on either side of which points (n, 4) lie on a plane: writes side (n,), bool.
 
-    The best one of many, and then where its two planes meet, as long as that is better. Returns
-    whether there is one with `fewest` points, at least, on each side.
+    The best one that is tried on so many points of all, and then where its two planes meet, as long
+    as that is better. Returns whether there is one with `fewest` points, at least, on each side.
     """
     size, best, parts = points.shape[0], np.empty(4), np.empty((3, SUMS))
     bins, one, other, both = np.empty((_BINS, SUMS + 1)), parts[0], parts[1], parts[2]
     best[0], best[1], best[2], best[3] = np.inf, 1.0, 0.0, 0.0
-    step = (size // _MANY) | 1  # odd: an even one may have a factor in common with rows of cells
+    step = (size // many) | 1  # odd: an even one may have a factor in common with rows of cells
     turn = math.pi / _DIRECTIONS
     for k in range(_DIRECTIONS):
         _try_lines(points, step, k * turn, fewest, bins, parts, best)
@@ -124,9 +123,9 @@ def halve(points, fewest, side):  # type: ignore[no-untyped-def]
         count = 0
         for k in range(size):
             x, y, w, p = points[k]
-            _add(both, (x, y, w, p))
+            add_point(both, (x, y, w, p))
             if d0 + d1 * x + d2 * y > 0.0:
-                _add(one, (x, y, w, p))
+                add_point(one, (x, y, w, p))
                 count += 1
         chi2 = _apart(one, other, both)
         if trial and (min(count, size - count) < fewest or chi2 >= least):
@@ -152,7 +151,7 @@ def correlate(points, part, sides, sums, out):  # type: ignore[no-untyped-def]
     sums[:] = 0.0
     for k in range(part.size):
         x, y, w, p = points[k]
-        _add(sums[part[k]], (x, y, w, p))
+        add_point(sums[part[k]], (x, y, w, p))
     off, planes = np.empty(part.size), np.empty((out.shape[0], 5))
     for j in range(out.shape[0]):
         cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[j])

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from planewise import threads
 from planewise.kernels import creases as crease_loops
+from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
 from planewise.kernels import planes as plane_loops
@@ -15,6 +16,7 @@ from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
+from planewise.spatial.faces import parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.workspace import Workspace
@@ -63,7 +65,9 @@ def label_planes(
     owner: NDArray[np.int64],
     observation: RayObservation,
     workspace: Workspace | None = None,
-) -> tuple[Array, Labels]:
+    price: float | None = None,
+    significance: float = 0.0,
+) -> tuple[Array, Labels, Array]:
     """Give every pixel near a border its label, refit the planes, put creases in their place.
 
     Parameters
@@ -80,6 +84,8 @@ def label_planes(
         For range and resolution.
     workspace : Workspace, optional
         Memory to work in; the labels returned are part of it.
+    price, significance : float, optional
+        Nats that a plane takes, and has to save beyond, where those that are two faces are parted.
 
     Returns
     -------
@@ -87,6 +93,8 @@ def label_planes(
         Rows of the refitted planes, those of one plane in all sectors together.
     labels : ndarray of uint16, shape (H, W')
         In sectors: 0 for none, j for row j - 1.
+    saved : ndarray
+        Nats that each of the last planes saves: those that were parted from others.
     """
     workspace = workspace or Workspace()
     marks = Marks.of(frame.w.shape, workspace)
@@ -102,8 +110,7 @@ def label_planes(
     null = float(np.log(observation.range / observation.resolution))
     variances = _variances(frame, cells, workspace)
     _label_pixels(frame, cells, number, planes, variances[0], null, marks, workspace)
-    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
-    borders, found = workspace.empty((most, 3), np.int32), 0
+    borders, found = _room_for_borders(marks, workspace), 0
 
     def find_borders() -> None:
         nonlocal found
@@ -113,9 +120,19 @@ def label_planes(
     with threads.beside(find_borders):
         label_loops.without_margin(marks.label, labels)
         planes = _refit(frame, cells, labels, planes)
+    saved = np.empty(0)
+    if price is not None:
+        planes, saved, pixels = parted(
+            frame, cells.error.white, planes, labels, price, significance
+        )
+        if len(saved):
+            _look_again(frame, cells, planes, variances[0], null, marks, labels, pixels)
+            label_loops.without_margin(marks.label, labels)
+            borders = _room_for_borders(marks, workspace)
+            find_borders()
     if _put_creases(frame, cells, planes, variances, marks, labels, borders[:found], workspace):
         label_loops.without_margin(marks.label, labels)
-    return planes, labels
+    return planes, labels, saved
 
 
 def _label_pixels(
@@ -153,6 +170,24 @@ def _label_pixels(
     marks.hide_beyond(frame.sectors)
 
 
+def _look_again(
+    frame: Frame,
+    cells: Cells,
+    planes: Array,
+    variance: Array,
+    null: float,
+    marks: Marks,
+    labels: Labels,
+    pixels: NDArray[np.int64],
+) -> None:
+    """Label pixels once more that have new labels, and those without a plane about them."""
+    mine = np.zeros(len(planes) + 1, np.bool_)
+    mine[labels.reshape(-1)[pixels]] = mine[0] = True
+    face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
+    affine, coordinates = _with_none(affine_planes(planes)), frame.sectors.coordinates
+    _sweep(frame, cells, marks, frame.w, *coordinates, affine, variance, null)
+
+
 def _sweep(
     frame: Frame,
     cells: Cells,
@@ -183,6 +218,12 @@ def _sweep(
         _DIFFERING,
         _SWEEPS,
     )
+
+
+def _room_for_borders(marks: Marks, workspace: Workspace) -> NDArray[np.int32]:
+    most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
+    room: NDArray[np.int32] = workspace.empty((most, 3), np.int32)
+    return room
 
 
 def _put_creases(

@@ -151,7 +151,8 @@ def segment(
         worth, accepted = _accept(
             cells, frame.sectors, beside, segments, charges, significance, workspace
         )
-        if frame.sectors.count == 1 and cells.error.drifting < _STEADY:
+        steady = frame.sectors.count == 1 and cells.error.drifting < _STEADY
+        if steady:
             segments, worth, accepted = _without_bends(
                 cells, frame.sectors, beside, segments, worth, accepted, charges, significance,
                 workspace,
@@ -168,11 +169,12 @@ def segment(
     if not count:
         return _nothing(frame.w.shape)
     with stage("labels"), workspace.stage():
-        rows, labels = label_planes(
-            frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace
-        )
+        rows, labels, saved = label_planes(
+            frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace,
+            charges.plane if steady else None, significance,
+        )  # fmt: skip
     total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]  # -1 is no plane
-    return _segmentation(rows, labels, np.asarray(total), frame.sectors)
+    return _segmentation(rows, labels, np.concatenate((total, saved)), frame.sectors)
 
 
 def planes_within(

@@ -29,6 +29,7 @@ Index = NDArray[np.intp]
 _CLEAR = 10.0  # times the price: what the misfit of a segment costs, and each part of it saves
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
+_MANY = 2000  # of which some can stand for all
 _SMALL = 24, 0.02  # units, and share of the segment: fewer may be mixed cells along an edge
 _NARROW = 7.0  # units across: strips of rounded edges are as flat as planes ...
 _SHARP = 0.5  # ... unless a smooth surface fits worse by so many times the price at their border
@@ -157,7 +158,7 @@ def _parts(points: Array, sides: Index, price: float) -> Index | None:
         for k in bent:
             mine = np.flatnonzero(part == k)
             side = np.empty(len(mine), np.bool_)
-            if kernels.halve(points[mine], _FEWEST, side):
+            if kernels.halve(points[mine], _FEWEST, _MANY, side):
                 part[mine[side]] = count
                 fresh += [k, count]
                 count += 1
@@ -304,7 +305,7 @@ def _turn(points: Array, units: Array, plane: Array, sectors: Sectors) -> float:
 def _chi2_of_two(points: Array) -> float:
     """chi^2 of the planes on either side of the best line."""
     side = np.empty(len(points), np.bool_)
-    if not kernels.halve(points, _FEWEST, side):
+    if not kernels.halve(points, _FEWEST, _MANY, side):
         return np.inf
     return _polynomial(points[side], 3)[0] + _polynomial(points[~side], 3)[0]
 

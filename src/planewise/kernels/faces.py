@@ -1,0 +1,235 @@
+"""Loops over the pixels of planes that may be two faces (`spatial.faces`).
+
+label (H, W) uint16: 0 for no plane and where there is no reading; w, p, x, y, planes as in
+`kernels.labels`. Pixels are places in the flattened image.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planewise.kernels.cells import own_plane
+from planewise.kernels.jit import called, compiled
+from planewise.kernels.labels import CHUNK, NONE, WAITING
+from planewise.kernels.masks import list_marked
+from planewise.kernels.splits import SUMS, add_point, halve
+
+_TERMS = 10  # of a polynomial of the third degree
+_SINGULAR = 1e-9  # of its square: what is left of a term that the others make up
+
+
+@compiled
+def label_misfits(label, w, p, x, y, planes, every, most, out):  # type: ignore[no-untyped-def]
+    """How far readings lie off the plane of their label: writes out (labels, 2).
+
+    Sum of (w - plane)^2 p, each `most` at most, and readings; of every so many rows one counts.
+    """
+    out[:] = 0.0
+    width, alike = label.shape[1], x.shape[0] == 1
+    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
+    line = np.empty(width, y.dtype)
+    for k in range(last.size):
+        last[k] = k == width - 1
+    for i in range(every // 2, label.shape[0], every):
+        row, stop = label[i], 0
+        line[:] = y[i, 0]
+        for k in range(width - 1):
+            last[k] = row[k] != row[k + 1]
+        for n in range(list_marked(last, places)):
+            start, stop = stop, int(places[n]) + 1
+            mine = row[start]
+            if mine == 0:
+                continue
+            t0, t1, t2 = planes[mine, 0], planes[mine, 1], planes[mine, 2]
+            v, weight, a = w[i, start:stop], p[i, start:stop], x[0 if alike else i, start:stop]
+            b = line[start:stop] if alike else y[i, start:stop]
+            square = 0.0
+            for k in range(v.size):
+                e = v[k] - t0 - t1 * a[k] - t2 * b[k]
+                square += min(e * e * weight[k], most)
+            out[mine, 0] += square
+            out[mine, 1] += v.size
+
+
+@compiled
+def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-def]
+    """List the pixels of some labels in raster order.
+
+    slot (labels,): number of each that is listed, -1 of the others; first, stop (n,): where there
+    is room for the pixels of each in pixels. Writes them, and where they end to stop. Returns
+    whether there was room.
+    """
+    height, width = label.shape
+    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
+    for k in range(last.size):
+        last[k] = k == width - 1
+    room = stop.copy()
+    stop[:] = first
+    for i in range(height):
+        row, end = label[i], 0
+        for k in range(width - 1):
+            last[k] = row[k] != row[k + 1]
+        for n in range(list_marked(last, places)):
+            start, end = end, int(places[n]) + 1
+            s = slot[row[start]]
+            if s >= 0:
+                at = stop[s]
+                if at + end - start > room[s]:
+                    return False
+                for j in range(start, end):
+                    pixels[at + j - start] = i * width + j
+                stop[s] = at + end - start
+    return True
+
+
+@called
+def cubic_misfit(points):  # type: ignore[no-untyped-def]
+    """chi^2 of the best polynomial of the third degree through points (n, 4) (`kernels.splits`)."""
+    size, extent = points.shape[0], 0.0
+    for k in range(size):
+        extent = max(extent, abs(points[k, 0]), abs(points[k, 1]))
+    table, row = np.zeros((_TERMS + 1, _TERMS + 1)), np.empty(_TERMS + 1)
+    for k in range(size):
+        a, b, h, q = points[k, 0] / extent, points[k, 1] / extent, points[k, 2], points[k, 3]
+        row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, a, b, a * a, a * b, b * b
+        row[6], row[7], row[8], row[9] = a * a * a, a * a * b, a * b * b, b * b * b
+        row[_TERMS] = h
+        for e in range(_TERMS + 1):
+            weighted = q * row[e]
+            for f in range(e, _TERMS + 1):
+                table[e, f] += weighted * row[f]
+    # Gauss: what is left of the last square once all terms are eliminated.
+    for e in range(_TERMS):
+        row[e] = table[e, e]
+    for e in range(_TERMS):
+        if table[e, e] > _SINGULAR * row[e]:
+            for f in range(e + 1, _TERMS + 1):
+                share = table[e, f] / table[e, e]
+                for g in range(f, _TERMS + 1):
+                    table[f, g] -= share * table[e, g]
+    return table[_TERMS, _TERMS]
+
+
+@called
+def _sum_up(sums, points, side, chosen):  # type: ignore[no-untyped-def]
+    """Add up points of one side: writes sums (SUMS,); returns how many there are."""
+    sums[:] = 0.0
+    count = 0
+    for k in range(points.shape[0]):
+        if side[k] == chosen:
+            add_point(sums, (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
+            count += 1
+    return count
+
+
+@called
+def _is_narrow(sums, narrowest):  # type: ignore[no-untyped-def]
+    """Whether points are less wide than that in the narrow direction, as if in a rectangle."""
+    cx, cy = sums[1] / sums[0], sums[2] / sums[0]
+    xx, xy, yy = (
+        sums[3] / sums[0] - cx * cx,
+        sums[4] / sums[0] - cx * cy,
+        sums[5] / sums[0] - cy * cy,
+    )
+    narrow = 0.5 * (xx + yy - math.hypot(xx - yy, 2.0 * xy))
+    return 12.0 * narrow < narrowest * narrowest
+
+
+@compiled
+def two_faces(  # type: ignore[no-untyped-def]
+    pixels, w, p, x, y, white, clear, worse, fewest, narrowest, many, most, second, planes,
+    information,
+):  # fmt: skip
+    """Whether readings of pixels (n,) lie on two planes, on either side of a line.
+
+    On each there are `fewest` of them, and none is narrower than `narrowest`; chi^2 of both is less
+    by `clear`, and by a factor of `worse`, than that of one plane, and less than that of a
+    polynomial of the third degree. What lies off the one by more than `most` variances, times the
+    mean square, has no say. many: as in `splits.halve`. Writes second (n,): which are on the
+    smaller face; planes (2, 3) of both, and information (2, 6), the upper triangle of P. Returns
+    what they save in chi^2, 0 if there are no two.
+    """
+    size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
+    points, tame = np.empty((size, 4)), np.empty((size, 4))
+    sums = np.zeros((2, SUMS))
+    for k in range(size):
+        i, j = pixels[k] // width, pixels[k] % width
+        a, b = np.float64(x[0 if alike else i, j]), np.float64(y[i, 0 if alike else j])
+        points[k, 0], points[k, 1], points[k, 2] = a, b, w[i, j]
+        points[k, 3] = p[i, j] / white
+        add_point(sums[0], (a, b, points[k, 2], points[k, 3]))
+    cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[0])
+    square = capped = 0.0
+    for k in range(size):
+        points[k, 0] -= cx
+        points[k, 1] -= cy
+        points[k, 2] -= mean + tx * points[k, 0] + ty * points[k, 1]
+        e = points[k, 2] * points[k, 2] * points[k, 3]
+        square += e
+        capped += min(e, most)
+    if capped - size < clear:
+        return 0.0
+    limit, count = most * max(square / size, 1.0), 0
+    for k in range(size):
+        second[k] = points[k, 2] * points[k, 2] * points[k, 3] < limit
+        if second[k]:
+            tame[count] = points[k]
+            count += 1
+    tame, side = tame[:count], np.zeros(count, np.bool_)
+    _sum_up(sums[0], tame, side, False)
+    one = own_plane(sums[0])[8]
+    if count < 2 * fewest or one - count < clear or not halve(tame, fewest, many, side):
+        return 0.0
+    smaller = 2 * _sum_up(sums[1], tame, side, True) <= count
+    _sum_up(sums[1 if smaller else 0], tame, side, True)
+    _sum_up(sums[0 if smaller else 1], tame, side, False)
+    both = own_plane(sums[0])[8] + own_plane(sums[1])[8]
+    if one - both < clear or one < worse * both:
+        return 0.0
+    if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
+        return 0.0
+    if cubic_misfit(tame) <= both:
+        return 0.0
+    for n in range(2):
+        s = sums[n]
+        ax, ay, height, t1, t2, _, _, _, _ = own_plane(s)
+        planes[n, 1], planes[n, 2] = tx + t1, ty + t2
+        planes[n, 0] = mean - tx * cx - ty * cy + height - t1 * (ax + cx) - t2 * (ay + cy)
+        out = information[n]
+        out[0], out[1], out[2] = s[0], s[1] + cx * s[0], s[2] + cy * s[0]
+        out[3] = s[3] + cx * (2 * s[1] + cx * s[0])
+        out[4] = s[4] + cx * s[2] + cy * s[1] + cx * cy * s[0]
+        out[5] = s[5] + cy * (2 * s[2] + cy * s[0])
+    count = 0
+    for k in range(size):
+        if second[k]:
+            second[k] = side[count] == smaller
+            count += 1
+        else:
+            a, b = points[k, 0] + cx, points[k, 1] + cy
+            value = points[k, 2] + mean + tx * points[k, 0] + ty * points[k, 1]
+            here = abs(value - planes[0, 0] - planes[0, 1] * a - planes[0, 2] * b)
+            second[k] = abs(value - planes[1, 0] - planes[1, 1] * a - planes[1, 2] * b) < here
+    return one - both
+
+
+@compiled
+def wait_about(pixels, named, mine, label, state, busy, seen):  # type: ignore[no-untyped-def]
+    """Write new labels of pixels, and let them wait for a look with what is about them.
+
+    named (H, W): their labels, among others; mine (labels,): those of these pixels, and 0: what
+    else is about them does not wait. label, state, busy and seen as in `kernels.labels`.
+    """
+    width = named.shape[1]
+    for k in range(pixels.size):
+        i, j = pixels[k] // width, pixels[k] % width
+        label[i + 1, j + 1] = named[i, j]
+    for k in range(pixels.size):
+        i, j = pixels[k] // width, pixels[k] % width
+        for r in range(i, i + 3):
+            for c in range(j, j + 3):
+                if label[r, c] != NONE and mine[label[r, c]]:
+                    state[r, c] = WAITING
+                    busy[r, c // CHUNK] = seen[r, c // CHUNK] = True

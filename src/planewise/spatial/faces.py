@@ -1,0 +1,135 @@
+"""Planes that turn out to be two faces, on either side of an edge between them.
+
+Of a face that is but two or three cells wide most cells lie across its edge. They are no plane, and
+as little as they are trusted they join the face beside it. Pixels tell: readings of both faces lie
+off any one plane by more than noise, on either side of a line by no more, and a smooth surface
+through them is off by more than the two planes are.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import faces as kernels
+from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.planes import affine_planes
+from planewise.spatial.frame import Frame
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+_CLEAR = 4.0  # times the price: what two planes have to save
+_WORSE = 1.15  # times the misfit of two planes: what that of one has to be
+_FEWEST = 64  # readings of a face
+_NARROWEST = 2.0  # pixels: two columns beside a jump of depth may be mixed of both sides
+_TURN = 0.2  # radians between the faces: walls bulge by less
+_MOST = 16.0  # squared residual in variances of a reading that says nothing about planes
+_MANY = 300  # of its readings, by which a line between two is looked for first
+_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of P in its upper triangle
+_MOST_PLANES = np.iinfo(np.int16).max  # of a label while pixels are labelled
+_EVERY = 5  # rows of which one tells whether to look closer
+
+
+def parted(
+    frame: Frame,
+    white: float,
+    rows: Array,
+    labels: NDArray[np.uint16],
+    price: float,
+    significance: float,
+) -> tuple[Array, Array, Index]:
+    """Part planes that are two faces, in a frame whose error is all but white.
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings; of one sector.
+    white : float
+        Size of their white error (`spatial.frame_error.FrameError`).
+    rows : ndarray, shape (N, 13)
+        Of the planes (`kernels.cells`).
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1. Pixels of a second face are given its label.
+    price : float
+        Nats that a plane takes.
+    significance : float
+        Nats that it has to save beyond.
+
+    Returns
+    -------
+    rows : ndarray, shape (N + M, 13)
+        The same with second faces behind them.
+    saved : ndarray, shape (M,)
+        Nats that each second face saves, its price paid.
+    pixels : ndarray of int
+        All of the planes that were parted, as places in the flattened image.
+    """
+    least = max(_CLEAR * price, price + significance)
+    affine, off = np.zeros((len(rows) + 1, 3)), np.empty((len(rows) + 1, 2))
+    affine_planes(rows, affine[1:])
+    images = frame.w, frame.p, *frame.sectors.coordinates
+    kernels.label_misfits(labels, *images, affine, _EVERY, _MOST * white, off)
+    chi2, count = off.T
+    doubtful = _EVERY * (chi2 - white * count) > least * white
+    doubtful &= chi2 > 0.5 * (1.0 + _WORSE) * white * count
+    doubtful[0] = False
+    if not doubtful.any():
+        return rows, np.empty(0), np.empty(0, np.int64)
+    flat, out, saved, changed = labels.reshape(-1), list(rows), [], []
+    waiting = _pixels(labels, doubtful, _EVERY * count)
+    while waiting and len(out) < _MOST_PLANES:
+        label, pixels = waiting.pop()
+        second = np.empty(len(pixels), np.bool_)
+        planes, information = np.empty((2, 3)), np.empty((2, 6))
+        chi2 = kernels.two_faces(
+            pixels, *images, white, 2 * least, _WORSE, _FEWEST, _NARROWEST / UNIT, _MANY, _MOST,
+            second, planes, information,
+        )  # fmt: skip
+        if not chi2 or not _meet(planes, frame.sectors.turn[0]):
+            continue
+        faces, like = (pixels[~second], pixels[second]), out[label - 1]
+        out[label - 1] = _row(like, planes[0], information[0], len(faces[0]))
+        out.append(_row(like, planes[1], information[1], len(faces[1])))
+        flat[faces[1]] = len(out)
+        saved.append(0.5 * chi2 - price)
+        changed.append(faces[1])
+        waiting += zip((label, len(out)), faces, strict=True)
+    if not saved:
+        return rows, np.empty(0), np.empty(0, np.int64)
+    return np.array(out), np.array(saved), np.concatenate(changed)
+
+
+def _pixels(
+    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], about: Array
+) -> list[tuple[int, Index]]:
+    """Chosen labels and the pixels of each; `about` (labels,): as many there may be."""
+    slot = np.where(chosen, np.cumsum(chosen) - 1, -1)
+    listed, width = np.flatnonzero(chosen), labels.shape[1]
+    room = (1.1 * about[listed]).astype(np.int64) + 4 * width
+    while True:
+        stop = np.cumsum(room)
+        first, pixels = stop - room, np.empty(stop[-1], np.int64)
+        if kernels.list_pixels(labels, slot, first, stop, pixels):
+            return [
+                (j, pixels[a:b])
+                for j, a, b in zip(listed.tolist(), first.tolist(), stop.tolist(), strict=True)
+            ]
+        room *= 2
+
+
+def _meet(planes: Array, turn: Array) -> bool:
+    """Whether two planes meet in an edge. turn (3, 3): from (t0, t1, t2) to space."""
+    one, other = planes @ turn.T
+    return bool(one @ other < math.cos(_TURN) * math.sqrt((one @ one) * (other @ other)))
+
+
+def _row(like: Array, plane: Array, information: Array, count: int) -> Array:
+    """Row of a face, as if its readings erred apart."""
+    row = like.copy()
+    row[:6] = information
+    row[6:9] = information.take(_MATRIX) @ plane
+    row[COUNT] = count
+    return row

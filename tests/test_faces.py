@@ -1,0 +1,289 @@
+"""Planes that are two faces are parted; what is one plane, or round, is not."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.kernels import faces
+from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
+from planewise.spatial.faces import parted
+from planewise.spatial.frame import tame_frame
+
+SIZE = 60, 80
+SIGMA = 1e-3
+CLEAR, WORSE, FEWEST, NARROWEST, MANY, MOST = 200.0, 1.15, 64, 0.02, 300, 16.0
+
+
+def images(rng, w, alike=True):
+    """w with noise, p, x, y as the loops take them."""
+    p = (rng.uniform(0.5, 2.0, SIZE) / SIGMA**2).astype(np.float32)
+    noisy = (w + rng.standard_normal(SIZE) / np.sqrt(p)).astype(np.float32)
+    x = ((np.arange(SIZE[1], dtype=np.float32) - 30) / 100)[None]
+    y = ((np.arange(SIZE[0], dtype=np.float32) - 20) / 100)[:, None]
+    return (noisy, p, x, y) if alike else (noisy, p, *map(np.ascontiguousarray, grid(x, y)))
+
+
+def grid(x, y):
+    return np.broadcast_to(x, SIZE), np.broadcast_to(y, SIZE)
+
+
+def ridge(column, turn):
+    """Inverse depth of two planes that meet in a column, by `turn` in slope."""
+    _, _, x, y = images(np.random.default_rng(0), np.zeros(SIZE))
+    return 0.5 + 0.1 * x - 0.2 * y + turn * np.maximum(x - x[0, column], 0.0)
+
+
+def told(w, p, x, y, pixels, white=1.0):
+    second = np.empty(len(pixels), np.bool_)
+    planes, information = np.empty((2, 3)), np.empty((2, 6))
+    saved = faces.two_faces(
+        pixels,
+        w,
+        p,
+        x,
+        y,
+        white,
+        CLEAR,
+        WORSE,
+        FEWEST,
+        NARROWEST,
+        MANY,
+        MOST,
+        second,
+        planes,
+        information,
+    )
+    return saved, second, planes, information
+
+
+def squares(images, pixels):
+    """Squared residuals of readings about their best plane, in variances."""
+    w, p, x, y = images
+    x, y, w, p = (each.reshape(-1)[pixels].astype(float) for each in (*grid(x, y), w, p))
+    root, terms = np.sqrt(p), np.stack((np.ones_like(x), x, y))
+    plane = np.linalg.lstsq((terms * root).T, w * root, rcond=None)[0]
+    return (w - plane @ terms) ** 2 * p
+
+
+def chi2(images, pixels):
+    return squares(images, pixels).sum()
+
+
+@pytest.mark.parametrize("alike", [True, False])
+@pytest.mark.parametrize(("column", "small"), [(70, np.s_[71:]), (8, np.s_[:8])])
+def test_two_faces_are_told_apart(alike, column, small):
+    rng = np.random.default_rng(column)
+    seen = images(rng, ridge(column, -0.04), alike)
+    pixels = np.flatnonzero(rng.random(SIZE[0] * SIZE[1]) < 0.7)  # the others are on other planes
+    kept = [each.copy() for each in seen]
+    saved, second, planes, information = told(*seen, pixels)
+    for each, before in zip(seen, kept, strict=True):
+        assert_array_equal(each, before)
+    truth = np.zeros(SIZE, np.bool_)
+    truth[:, small] = True
+    assert (second == truth.reshape(-1)[pixels]).mean() > 0.97
+    tame = squares(seen, pixels)
+    tame = tame < MOST * max(tame.mean(), 1.0)
+    pixels, second = pixels[tame], second[tame]
+    one, first, other = (chi2(seen, each) for each in (pixels, pixels[~second], pixels[second]))
+    assert_allclose(saved, one - first - other, rtol=1e-6)
+    for mine, plane, matrix in zip((~second, second), planes, information, strict=True):
+        w, p, x, y = seen
+        at = pixels[mine]
+        x, y = (each.reshape(-1)[at].astype(float) for each in grid(x, y))
+        terms, weight = np.stack((np.ones_like(x), x, y)), p.reshape(-1)[at].astype(float)
+        normal = (terms * weight) @ terms.T
+        assert_allclose(matrix, normal[np.triu_indices(3)], rtol=1e-6, atol=1e-3 * matrix[0])
+        right = (terms * weight) @ w.reshape(-1)[at]
+        assert_allclose(plane, np.linalg.solve(normal, right), rtol=1e-5)
+
+
+def test_the_size_of_the_noise_counts():
+    seen = images(np.random.default_rng(1), ridge(70, -0.05))
+    pixels = np.arange(SIZE[0] * SIZE[1])
+    assert told(*seen, pixels)[0] > CLEAR
+    assert told(*seen, pixels, white=9.0)[0] == 0.0
+
+
+def flat(x, y):
+    return 0.5 + 0.1 * x - 0.2 * y
+
+
+def sphere(x, y):
+    return flat(x, y) - 0.4 * x * x - 0.4 * y * y
+
+
+def saddle(x, y):
+    return flat(x, y) + 0.4 * x * x - 0.5 * y * y
+
+
+@pytest.mark.parametrize("surface", [flat, sphere, saddle])
+@pytest.mark.parametrize("seed", range(3))
+def test_one_smooth_surface_is_no_two_faces(surface, seed):
+    rng = np.random.default_rng(seed)
+    _, _, x, y = images(rng, np.zeros(SIZE))
+    assert told(*images(rng, surface(x, y)), np.arange(SIZE[0] * SIZE[1]))[0] == 0.0
+
+
+def test_too_few_readings_are_no_face():
+    seen = images(np.random.default_rng(2), ridge(40, -0.05))
+    assert told(*seen, np.arange(2 * FEWEST - 1))[0] == 0.0
+    assert told(*seen, np.arange(10 * SIZE[1]))[0] > CLEAR
+
+
+@pytest.mark.parametrize(("wide", "found"), [(1, False), (2, False), (3, True), (4, True)])
+def test_two_columns_may_be_mixed_and_are_no_face(wide, found):
+    w = ridge(40, 0.0)
+    w[:, -wide:] += 3 * SIGMA
+    pixels = np.arange(SIZE[0] * SIZE[1]).reshape(SIZE)[:, 20:].ravel()
+    assert (told(*images(np.random.default_rng(wide), w), pixels)[0] > CLEAR) == found
+
+
+def test_wild_readings_make_no_face():
+    rng = np.random.default_rng(3)
+    w, p, x, y = images(rng, ridge(70, 0.0))
+    wild = rng.random(SIZE) < 0.05
+    w[wild] += rng.uniform(-0.1, 0.1, wild.sum()).astype(np.float32)
+    assert told(w, p, x, y, np.arange(w.size))[0] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_cubic_misfit(seed):
+    rng = np.random.default_rng(seed)
+    x, y, p = rng.uniform(-2, 3, 300), rng.uniform(-1, 1, 300), rng.uniform(1, 3, 300)
+    height = x**3 - y * x + 0.3 * rng.standard_normal(300)
+    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)])
+    root = np.sqrt(p)
+    left = np.linalg.lstsq((terms * root).T, height * root, rcond=None)[1]
+    points = np.column_stack((x, y, height, p))
+    assert_allclose(_cubic(points), left[0], rtol=1e-6)
+    points[:, 1] = 0.0  # in a line: as many terms as that has
+    left = np.linalg.lstsq(np.vander(x, 4) * root[:, None], height * root, rcond=None)[1]
+    assert_allclose(_cubic(points), left[0], rtol=1e-6)
+
+
+def _cubic(points):
+    return faces.cubic_misfit.py_func(points)  # no loop of its own: part of `two_faces`
+
+
+@pytest.mark.parametrize("alike", [True, False])
+def test_label_misfits(alike):
+    rng = np.random.default_rng(4)
+    w, p, x, y = images(rng, ridge(40, 0.1), alike)
+    label = np.kron(rng.integers(0, 4, (6, 8)), np.ones((10, 10))).astype(np.uint16)
+    p[label == 0] = 0
+    planes = np.vstack((np.zeros(3), 0.5 + 0.01 * rng.standard_normal((3, 3))))
+    out = np.full((4, 2), 9.0)
+    faces.label_misfits(label, w, p, x, y, planes, 5, 1e4, out)
+    rows = np.s_[2::5]
+    a, b = grid(x, y)
+    off = w - planes[label, 0] - planes[label, 1] * a - planes[label, 2] * b
+    square = np.minimum(off**2 * p, 1e4)[rows]
+    expected = [
+        (square[label[rows] == j].sum(), (label[rows] == j).sum()) if j else (0, 0)
+        for j in range(4)
+    ]
+    assert_allclose(out, expected, rtol=1e-5)
+    assert (out[1:, 0] > 1e4).all()
+
+
+def test_list_pixels():
+    rng = np.random.default_rng(5)
+    label = np.kron(rng.integers(0, 4, (6, 8)), np.ones((10, 10))).astype(np.uint16)
+    slot = np.array([-1, 1, -1, 0])
+    counts = np.array([(label == 3).sum(), (label == 1).sum()])
+    room = counts + np.array([7, 0])
+    stop, pixels = np.cumsum(room), np.full(room.sum(), -5)
+    first = stop - room
+    assert faces.list_pixels(label, slot, first, stop, pixels)
+    assert_array_equal(stop - first, counts)
+    for j, a, b in zip((3, 1), first, stop, strict=True):
+        assert_array_equal(pixels[a:b], np.flatnonzero(label == j))
+    stop = np.cumsum(counts - np.array([0, 1]))
+    assert not faces.list_pixels(label, slot, stop - counts + np.array([0, 1]), stop, pixels)
+
+
+def test_wait_about():
+    rng = np.random.default_rng(6)
+    named = rng.integers(0, 5, SIZE).astype(np.uint16)
+    label = np.full((SIZE[0] + 2, 6 * CHUNK), NONE)
+    label[1:-1, 1 : SIZE[1] + 1] = np.where(rng.random(SIZE) < 0.1, NONE, rng.integers(0, 5, SIZE))
+    state = np.where(label == NONE, FIXED, np.uint8(0))
+    there = np.flatnonzero(label[1:-1, 1 : SIZE[1] + 1] != NONE)
+    pixels = rng.choice(there, 40, replace=False)
+    mine = np.array([True, False, True, False, True])
+    busy, seen = np.zeros((2, len(label), 6), np.bool_)
+    new = label.copy()
+    new[pixels // SIZE[1] + 1, pixels % SIZE[1] + 1] = named.reshape(-1)[pixels]
+    waits = np.zeros(label.shape, np.bool_)
+    for i, j in zip(pixels // SIZE[1], pixels % SIZE[1], strict=True):
+        waits[i : i + 3, j : j + 3] = True
+    waits &= (new != NONE) & mine[new]
+    faces.wait_about(pixels, named, mine, label, state, busy, seen)
+    assert_array_equal(label, new)
+    assert_array_equal(state == WAITING, waits)
+    assert_array_equal(busy, waits.reshape(len(label), 6, CHUNK).any(axis=2))
+    assert_array_equal(seen, busy)
+
+
+def box(width, sigma=0.004, size=(240, 320)):
+    """A box before a wall, seen at its edge: a wide face, and one that is `width` columns wide."""
+    camera = pw.PinholeCamera(fx=260, fy=260, cx=(size[1] - 1) / 2, cy=(size[0] - 1) / 2)
+    x, y = np.moveaxis(camera.rays(size)[..., :2], -1, 0)
+    depth, truth = np.full(size, 4.0), np.ones(size, np.uint16)
+    inside = (np.abs(y) < 0.25) & (x > -0.3) & (x < width / 260)
+    near = 2.0 / np.where(x < 0, 1 - 0.4 * x, 1 - 2.0 * x)  # they meet at x = 0, at right angles
+    depth[inside], truth[inside & (x < 0)], truth[inside & (x >= 0)] = near[inside], 2, 3
+    noise = sigma * np.random.default_rng(0).standard_normal(size)
+    return depth + noise, truth, camera, pw.Sensor(noise=sigma)
+
+
+@pytest.mark.parametrize(("room", "pair"), [(3, (15, 21)), (5, (13, 14)), (10, (12, 15))])
+def test_narrow_faces_of_boxes_are_not_one(room, pair):
+    scene = pw.scenes.room(room, every_face=True)
+    model, again = (
+        pw.detect_planes(scene.depth, scene.camera, scene.sensor, threads=threads)
+        for threads in (1, 2)
+    )
+    assert_array_equal(model.labels, again.labels)
+    assert model.information == again.information
+    for face in pair:
+        true = scene.labels == face
+        mine = model.labels == np.bincount(model.labels[true]).argmax()
+        assert (mine & true).sum() > 0.7 * (mine | true).sum()
+
+
+def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
+    depth, truth, camera, sensor = box(8)
+    observation = pw.observe(depth, camera, sensor)
+    frame = tame_frame(observation)
+    rows = np.zeros((3, 13))
+    for j in range(3):
+        w, p, x, y = (
+            np.broadcast_to(each, truth.shape)[truth == j + 1].astype(float)
+            for each in (frame.w, frame.p, *frame.sectors.coordinates)
+        )
+        terms = np.stack((np.ones_like(x), x, y))
+        normal = (terms * p) @ terms.T
+        rows[j, :6], rows[j, 6:9] = normal[np.triu_indices(3)], (terms * p) @ w
+    labels = truth.copy()
+    out, saved, pixels = parted(frame, 1.0, rows, labels, 30.0, 0.0)
+    assert_array_equal(out, rows)
+    assert_array_equal(labels, truth)
+    assert not saved.size
+    assert not pixels.size
+
+    both = np.minimum(truth, 2)  # as if the faces of the box were one
+    terms = rows[1] + rows[2]
+    kept = both.copy()
+    out, saved, pixels = parted(frame, 1.0, np.array([rows[0], terms]), both, 30.0, 0.0)
+    assert saved.shape == (1,)
+    assert saved[0] > 4 * 30
+    assert (both[truth == 3] == 3).mean() > 0.9
+    assert (both[truth == 2] == 2).mean() > 0.97
+    assert_array_equal(np.sort(pixels), np.flatnonzero(both != kept))
+    narrow = rows[2, :9]
+    plane = np.linalg.solve(narrow[[0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), narrow[6:])
+    found = np.linalg.solve(out[2, [0, 1, 2, 1, 3, 4, 2, 4, 5]].reshape(3, 3), out[2, 6:9])
+    assert_allclose(found, plane, atol=0.02)
