@@ -12,7 +12,7 @@ from planewise.spatial.frame import tame_frame
 
 SIZE = 60, 80
 SIGMA = 1e-3
-CLEAR, WORSE, FEWEST, NARROWEST, MANY, MOST = 200.0, 1.15, 64, 0.02, 300, 16.0
+CLEAR, WORSE, ROUGH, FEWEST, NARROWEST, MANY, MOST = 200.0, 1.15, 2.0, 64, 0.02, 300, 16.0
 
 
 def images(rng, w, alike=True):
@@ -46,6 +46,7 @@ def told(w, p, x, y, pixels, white=1.0):
         white,
         CLEAR,
         WORSE,
+        ROUGH,
         FEWEST,
         NARROWEST,
         MANY,
@@ -138,6 +139,15 @@ def test_two_columns_may_be_mixed_and_are_no_face(wide, found):
     w[:, -wide:] += 3 * SIGMA
     pixels = np.arange(SIZE[0] * SIZE[1]).reshape(SIZE)[:, 20:].ravel()
     assert (told(*images(np.random.default_rng(wide), w), pixels)[0] > CLEAR) == found
+
+
+def test_what_is_no_plane_itself_is_no_face():
+    rng = np.random.default_rng(8)
+    w, p, x, y = images(rng, ridge(60, -0.08))
+    pixels = np.arange(w.size)
+    assert told(w, p, x, y, pixels)[0] > CLEAR
+    w[:, 61:] += 1.5 * SIGMA * rng.standard_normal((SIZE[0], SIZE[1] - 61)).astype(np.float32)
+    assert told(w, p, x, y, pixels)[0] == 0.0
 
 
 def test_wild_readings_make_no_face():

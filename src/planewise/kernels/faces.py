@@ -139,17 +139,18 @@ def _is_narrow(sums, narrowest):  # type: ignore[no-untyped-def]
 
 @compiled
 def two_faces(  # type: ignore[no-untyped-def]
-    pixels, w, p, x, y, white, clear, worse, fewest, narrowest, many, most, second, planes,
+    pixels, w, p, x, y, white, clear, worse, rough, fewest, narrowest, many, most, second, planes,
     information,
 ):  # fmt: skip
     """Whether readings of pixels (n,) lie on two planes, on either side of a line.
 
     On each there are `fewest` of them, and none is narrower than `narrowest`; chi^2 of both is less
-    by `clear`, and by a factor of `worse`, than that of one plane, and less than that of a
-    polynomial of the third degree. What lies off the one by more than `most` variances, times the
-    mean square, has no say. many: as in `splits.halve`. Writes second (n,): which are on the
-    smaller face; planes (2, 3) of both, and information (2, 6), the upper triangle of P. Returns
-    what they save in chi^2, 0 if there are no two.
+    by `clear`, and by a factor of `worse`, than that of one plane, less than that of a polynomial
+    of the third degree, and of either no more than `rough` times its readings. What lies off the
+    one by more than `most` variances, times the mean square, has no say. many: as in
+    `splits.halve`. Writes second (n,): which are on the smaller face; planes (2, 3) of both, and
+    information (2, 6), the upper triangle of P. Returns what they save in chi^2, 0 if there are no
+    two.
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
@@ -182,11 +183,15 @@ def two_faces(  # type: ignore[no-untyped-def]
     one = own_plane(sums[0])[8]
     if count < 2 * fewest or one - count < clear or not halve(tame, fewest, many, side):
         return 0.0
-    smaller = 2 * _sum_up(sums[1], tame, side, True) <= count
+    few = _sum_up(sums[1], tame, side, True)
+    smaller, few = 2 * few <= count, min(few, count - few)
     _sum_up(sums[1 if smaller else 0], tame, side, True)
     _sum_up(sums[0 if smaller else 1], tame, side, False)
-    both = own_plane(sums[0])[8] + own_plane(sums[1])[8]
+    first, other = own_plane(sums[0])[8], own_plane(sums[1])[8]
+    both = first + other
     if one - both < clear or one < worse * both:
+        return 0.0
+    if first > rough * (count - few) or other > rough * few:
         return 0.0
     if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
         return 0.0

@@ -23,6 +23,7 @@ Index = NDArray[np.int64]
 
 _CLEAR = 4.0  # times the price: what two planes have to save
 _WORSE = 1.15  # times the misfit of two planes: what that of one has to be
+_ROUGH = 2.0  # times what noise makes it: misfit of either at most, or it is no plane itself
 _FEWEST = 64  # readings of a face
 _NARROWEST = 2.0  # pixels: two columns beside a jump of depth may be mixed of both sides
 _TURN = 0.2  # radians between the faces: walls bulge by less
@@ -85,8 +86,8 @@ def parted(
         second = np.empty(len(pixels), np.bool_)
         planes, information = np.empty((2, 3)), np.empty((2, 6))
         chi2 = kernels.two_faces(
-            pixels, *images, white, 2 * least, _WORSE, _FEWEST, _NARROWEST / UNIT, _MANY, _MOST,
-            second, planes, information,
+            pixels, *images, white, 2 * least, _WORSE, _ROUGH, _FEWEST, _NARROWEST / UNIT, _MANY,
+            _MOST, second, planes, information,
         )  # fmt: skip
         if not chi2 or not _meet(planes, frame.sectors.turn[0]):
             continue
