@@ -1,9 +1,9 @@
 """Planes that turn out to be two faces, on either side of an edge between them.
 
-Of a face that is but two or three cells wide most cells lie across its edge. They are no plane, and
-as little as they are trusted they join the face beside it. Pixels tell: readings of both faces lie
-off any one plane by more than noise, on either side of a line by no more, and a smooth surface
-through them is off by more than the two planes are.
+Of a face that is but two or three cells wide most cells lie across its edge. They are no plane, or
+one that is trusted little, and join the face beside it. Pixels tell: readings of both faces lie off
+any one plane by more than noise has them, off a plane on either side of a line by no more, and off
+a smooth surface through all by more than off those two.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ _FEWEST = 64  # readings of a face
 _NARROWEST = 2.0  # pixels: two columns beside a jump of depth may be mixed of both sides
 _TURN = 0.2  # radians between the faces: walls bulge by less
 _MOST = 16.0  # squared residual in variances of a reading that says nothing about planes
+_SAMPLE = 8000  # of its readings that tell whether to look at more
+_LEAST = 12  # of these on a face
 _MANY = 300  # of its readings, by which a line between two is looked for first
 _MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of P in its upper triangle
 _MOST_PLANES = np.iinfo(np.int16).max  # of a label while pixels are labelled
@@ -66,7 +68,7 @@ def parted(
     saved : ndarray, shape (M,)
         Nats that each second face saves, its price paid.
     pixels : ndarray of int
-        All of the planes that were parted, as places in the flattened image.
+        Those of second faces, as places in the flattened image.
     """
     least = max(_CLEAR * price, price + significance)
     affine, off = np.zeros((len(rows) + 1, 3)), np.empty((len(rows) + 1, 2))
@@ -80,22 +82,31 @@ def parted(
     if not doubtful.any():
         return rows, np.empty(0), np.empty(0, np.int64)
     flat, out, saved, changed = labels.reshape(-1), list(rows), [], []
+
+    def told(pixels: Index, part: int = 1) -> tuple[float, NDArray[np.bool_], Array, Array]:
+        """As of `kernels.two_faces`; part: of how many pixels one is given."""
+        second = np.empty(len(pixels), np.bool_)
+        planes, information = np.empty((2, 3)), np.empty((2, 6))
+        less = kernels.two_faces(
+            pixels, *images, white, 2 * least / part, _WORSE, _ROUGH, max(_FEWEST // part, _LEAST),
+            _NARROWEST / UNIT, _MANY, _MOST, second, planes, information,
+        )  # fmt: skip
+        return less, second, planes, information
+
     waiting = _pixels(labels, doubtful, _EVERY * count)
     while waiting and len(out) < _MOST_PLANES:
         label, pixels = waiting.pop()
-        second = np.empty(len(pixels), np.bool_)
-        planes, information = np.empty((2, 3)), np.empty((2, 6))
-        chi2 = kernels.two_faces(
-            pixels, *images, white, 2 * least, _WORSE, _ROUGH, _FEWEST, _NARROWEST / UNIT, _MANY,
-            _MOST, second, planes, information,
-        )  # fmt: skip
-        if not chi2 or not _meet(planes, frame.sectors.turn[0]):
+        part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
+        if part > 1 and not told(pixels[::part].copy(), part)[0]:
+            continue
+        less, second, planes, information = told(pixels)
+        if not less or not _meet(planes, frame.sectors.turn[0]):
             continue
         faces, like = (pixels[~second], pixels[second]), out[label - 1]
         out[label - 1] = _row(like, planes[0], information[0], len(faces[0]))
         out.append(_row(like, planes[1], information[1], len(faces[1])))
         flat[faces[1]] = len(out)
-        saved.append(0.5 * chi2 - price)
+        saved.append(0.5 * less - price)
         changed.append(faces[1])
         waiting += zip((label, len(out)), faces, strict=True)
     if not saved:

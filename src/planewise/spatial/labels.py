@@ -180,7 +180,7 @@ def _look_again(
     labels: Labels,
     pixels: NDArray[np.int64],
 ) -> None:
-    """Label pixels once more that have new labels, and those without a plane about them."""
+    """Label pixels of second faces once more, and those without a plane about them."""
     mine = np.zeros(len(planes) + 1, np.bool_)
     mine[labels.reshape(-1)[pixels]] = mine[0] = True
     face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
