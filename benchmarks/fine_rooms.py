@@ -38,7 +38,7 @@ def unparted() -> Iterator[None]:
     """Inside the block planes that are two faces stay one."""
 
     def unchanged(_frame: Frame, _white: float, rows: Array, *_: object) -> tuple[Array, ...]:
-        return rows, np.empty(0), np.empty(0, np.int64)
+        return rows, np.empty(0), np.empty(0, np.int32)
 
     with patch.object(labels, "parted", unchanged):
         yield

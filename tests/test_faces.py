@@ -9,6 +9,7 @@ from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
 from planewise.spatial.faces import parted
 from planewise.spatial.frame import tame_frame
+from planewise.workspace import Workspace
 
 SIZE = 60, 80
 SIGMA = 1e-3
@@ -204,7 +205,7 @@ def test_list_pixels():
     slot = np.array([-1, 1, -1, 0])
     counts = np.array([(label == 3).sum(), (label == 1).sum()])
     room = counts + np.array([7, 0])
-    stop, pixels = np.cumsum(room), np.full(room.sum(), -5)
+    stop, pixels = np.cumsum(room), np.full(room.sum(), -5, np.int32)
     first = stop - room
     assert faces.list_pixels(label, slot, first, stop, pixels)
     assert_array_equal(stop - first, counts)
@@ -278,7 +279,7 @@ def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
         normal = (terms * p) @ terms.T
         rows[j, :6], rows[j, 6:9] = normal[np.triu_indices(3)], (terms * p) @ w
     labels = truth.copy()
-    out, saved, pixels = parted(frame, 1.0, rows, labels, 30.0, 0.0)
+    out, saved, pixels = parted(frame, 1.0, rows, labels, 30.0, 0.0, Workspace())
     assert_array_equal(out, rows)
     assert_array_equal(labels, truth)
     assert not saved.size
@@ -287,7 +288,9 @@ def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
     both = np.minimum(truth, 2)  # as if the faces of the box were one
     terms = rows[1] + rows[2]
     kept = both.copy()
-    out, saved, pixels = parted(frame, 1.0, np.array([rows[0], terms]), both, 30.0, 0.0)
+    out, saved, pixels = parted(
+        frame, 1.0, np.array([rows[0], terms]), both, 30.0, 0.0, Workspace()
+    )
     assert saved.shape == (1,)
     assert saved[0] > 4 * 30
     assert (both[truth == 3] == 3).mean() > 0.9

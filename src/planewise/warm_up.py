@@ -30,6 +30,7 @@ from planewise.kernels.curvature import (
 )
 from planewise.kernels.faces import wait_about
 from planewise.kernels.forms import FORM
+from planewise.kernels.labels import rename
 from planewise.kernels.planes import in_space
 from planewise.kernels.quadrics import spread
 from planewise.kernels.segments import agglomerate, room
@@ -124,6 +125,7 @@ def valuing() -> None:
     _, data = refitted(groups, _PLANES, before)
     book_of(groups, data, mask_of(frame, labels), *_LIMITS)
     residual_correlation(cells, units_inside(frame, cells, labels), _PLANES, frame.sectors)
+    rename(labels.reshape(-1), np.arange(3, dtype=np.uint16), labels.reshape(-1))
 
 
 def labelling() -> None:
@@ -134,8 +136,9 @@ def labelling() -> None:
     of_planes = cells, valley.of_unit, both, valley.rows[None], both, limits, None, 1.0
     label_planes(valley.frame, *of_planes)
     labels = np.ones((_SIZE, _SIZE), np.uint16)
-    _, _, pixels = parted(valley.frame, 1.0, valley.rows.sum(axis=0)[None], labels, 1.0, 0.0)
-    marks = Marks.of(labels.shape, Workspace())
+    one, work = valley.rows.sum(axis=0)[None], Workspace()
+    _, _, pixels = parted(valley.frame, 1.0, one, labels, 1.0, 0.0, work)
+    marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
 

@@ -17,9 +17,10 @@ from planewise.kernels import faces as kernels
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.planes import affine_planes
 from planewise.spatial.frame import Frame
+from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
-Index = NDArray[np.int64]
+Index = NDArray[np.int32]
 
 _CLEAR = 4.0  # times the price: what two planes have to save
 _WORSE = 1.15  # times the misfit of two planes: what that of one has to be
@@ -43,6 +44,7 @@ def parted(
     labels: NDArray[np.uint16],
     price: float,
     significance: float,
+    workspace: Workspace,
 ) -> tuple[Array, Array, Index]:
     """Part planes that are two faces, in a frame whose error is all but white.
 
@@ -60,6 +62,8 @@ def parted(
         Nats that a plane takes.
     significance : float
         Nats that it has to save beyond.
+    workspace : Workspace
+        Memory to work in.
 
     Returns
     -------
@@ -80,7 +84,7 @@ def parted(
     doubtful &= chi2 > 0.5 * (1.0 + _WORSE) * white * count
     doubtful[0] = False
     if not doubtful.any():
-        return rows, np.empty(0), np.empty(0, np.int64)
+        return rows, np.empty(0), np.empty(0, np.int32)
     flat, out, saved, changed = labels.reshape(-1), list(rows), [], []
 
     def told(pixels: Index, part: int = 1) -> tuple[float, NDArray[np.bool_], Array, Array]:
@@ -93,7 +97,7 @@ def parted(
         )  # fmt: skip
         return less, second, planes, information
 
-    waiting = _pixels(labels, doubtful, _EVERY * count)
+    waiting = _pixels(labels, doubtful, _EVERY * count, workspace)
     while waiting and len(out) < _MOST_PLANES:
         label, pixels = waiting.pop()
         part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
@@ -110,12 +114,12 @@ def parted(
         changed.append(faces[1])
         waiting += zip((label, len(out)), faces, strict=True)
     if not saved:
-        return rows, np.empty(0), np.empty(0, np.int64)
+        return rows, np.empty(0), np.empty(0, np.int32)
     return np.array(out), np.array(saved), np.concatenate(changed)
 
 
 def _pixels(
-    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], about: Array
+    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], about: Array, workspace: Workspace
 ) -> list[tuple[int, Index]]:
     """Chosen labels and the pixels of each; `about` (labels,): as many there may be."""
     slot = np.where(chosen, np.cumsum(chosen) - 1, -1)
@@ -123,7 +127,7 @@ def _pixels(
     room = (1.1 * about[listed]).astype(np.int64) + 4 * width
     while True:
         stop = np.cumsum(room)
-        first, pixels = stop - room, np.empty(stop[-1], np.int64)
+        first, pixels = stop - room, workspace.empty(int(stop[-1]), np.int32)
         if kernels.list_pixels(labels, slot, first, stop, pixels):
             return [
                 (j, pixels[a:b])

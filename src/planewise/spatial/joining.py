@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels.groups import merge_groups
-from planewise.kernels.labels import rename
 from planewise.kernels.planes import nearest_planes
 from planewise.spatial.information import GroupData, Groups
 from planewise.spatial.search import Segmentation
@@ -44,7 +43,7 @@ def joined(
     Groups
     Segmentation
     GroupData
-        The same objects where all planes stand apart.
+        The same objects where all planes stand apart. Labels are not changed.
     ndarray of uint16, shape (N K + 1,), optional
         What every label has become, ``None`` where all planes stand apart.
     """
@@ -63,8 +62,6 @@ def joined(
     alive, part = np.unique(_parts(more), return_inverse=True)
     named = 1 + count * part[:, None] + np.arange(count)
     place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
-    labels = np.empty_like(found.labels)
-    rename(found.labels.reshape(-1), place, labels.reshape(-1))
     merge_groups(groups.moments, groups.label, groups.first, place)
     readings = np.zeros(len(alive) * count + 1, np.int64)
     np.add.at(readings, place, groups.readings)
@@ -72,7 +69,6 @@ def joined(
     np.add.at(together, part, found.information)
     one = replace(
         found,
-        labels=labels,
         affine=found.affine.reshape(-1, count, 3)[alive].reshape(-1, 3),
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),

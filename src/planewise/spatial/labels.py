@@ -123,7 +123,7 @@ def label_planes(
     saved = np.empty(0)
     if price is not None:
         planes, saved, pixels = parted(
-            frame, cells.error.white, planes, labels, price, significance
+            frame, cells.error.white, planes, labels, price, significance, workspace
         )
         if len(saved):
             _look_again(frame, cells, planes, variances[0], null, marks, labels, pixels)
@@ -178,7 +178,7 @@ def _look_again(
     null: float,
     marks: Marks,
     labels: Labels,
-    pixels: NDArray[np.int64],
+    pixels: NDArray[np.int32],
 ) -> None:
     """Label pixels of second faces once more, and those without a plane about them."""
     mine = np.zeros(len(planes) + 1, np.bool_)

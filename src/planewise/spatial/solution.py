@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planewise import prices, threads
 from planewise.information import plane_information
+from planewise.kernels.labels import rename
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.spatial.cells import Cells
@@ -180,7 +181,7 @@ def judged(
     blocks : Blocks, optional
         Of the frame, if they were made before.
     join : bool
-        Make those planes one that turn out to be (`spatial.joining`).
+        Make those planes one that turn out to be (`spatial.joining`), and name labels anew.
     paid : bool
         Whether they are surfaces of planes that pay: they keep these, whose parameters are paid.
     """
@@ -197,7 +198,10 @@ def judged(
         affine = found.affine
         if not paid:
             affine, data = refitted(groups, affine, data)
-    mask = masks[0] if place is None else masks[0].renamed(place)
+    mask = masks[0]
+    if place is not None:
+        mask = mask.renamed(place)
+        rename(labels.reshape(-1), place, labels.reshape(-1))
     correlation: list[Array] = []
 
     def correlate() -> None:
