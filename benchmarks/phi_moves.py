@@ -27,6 +27,7 @@ from planewise.spatial.frame import frame_of
 from planewise.spatial.information import Ledger, ledger
 from planewise.spatial.marks import Marks
 from planewise.spatial.model import spatial_model
+from planewise.spatial.segments import affine_planes, with_none
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -147,7 +148,7 @@ def refit(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
         if not mine.any():
             continue
         if rows[j - 1].any():
-            plane = spatial_labels.affine_planes(rows[j - 1 : j])[0]
+            plane = affine_planes(rows[j - 1 : j])[0]
             now = judge.lower(now, _moved(now, j, plane), now.labels)
         now = judge.lower(now, _moved(now, j, _plane_of(judge, mine)), now.labels)
         values, vectors = np.linalg.eigh(_normal_equations(judge, mine)[0])
@@ -269,7 +270,7 @@ def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: fl
     marks.state[inside] = np.where(there, 1, label_loops.FIXED)
     with patch.object(spatial_labels, "_PIXEL_DRIFT", drift):
         variance, _ = spatial_labels._variances(frame, cells)
-    affine = spatial_labels._with_none(now.affine)
+    affine = with_none(now.affine)
     anything = np.log(judge.observation.range / judge.observation.resolution)
     label_loops.label_pixels(
         marks.label.reshape(-1), marks.state.reshape(-1), marks.busy.reshape(-1),

@@ -13,7 +13,7 @@ import numpy as np
 from planewise.kernels.cells import own_plane
 from planewise.kernels.jit import called, compiled
 from planewise.kernels.labels import CHUNK, NONE, WAITING
-from planewise.kernels.masks import list_marked
+from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, add_point, halve
 
 _TERMS = 10  # of a polynomial of the third degree
@@ -28,16 +28,12 @@ def label_misfits(label, w, p, x, y, planes, every, most, out):  # type: ignore[
     """
     out[:] = 0.0
     width, alike = label.shape[1], x.shape[0] == 1
-    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
+    last, places = room_for_runs(width)
     line = np.empty(width, y.dtype)
-    for k in range(last.size):
-        last[k] = k == width - 1
     for i in range(every // 2, label.shape[0], every):
         row, stop = label[i], 0
         line[:] = y[i, 0]
-        for k in range(width - 1):
-            last[k] = row[k] != row[k + 1]
-        for n in range(list_marked(last, places)):
+        for n in range(list_runs(row, last, places)):
             start, stop = stop, int(places[n]) + 1
             mine = row[start]
             if mine == 0:
@@ -62,16 +58,12 @@ def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-de
     whether there was room.
     """
     height, width = label.shape
-    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
-    for k in range(last.size):
-        last[k] = k == width - 1
+    last, places = room_for_runs(width)
     room = stop.copy()
     stop[:] = first
     for i in range(height):
         row, end = label[i], 0
-        for k in range(width - 1):
-            last[k] = row[k] != row[k + 1]
-        for n in range(list_marked(last, places)):
+        for n in range(list_runs(row, last, places)):
             start, end = end, int(places[n]) + 1
             s = slot[row[start]]
             if s >= 0:
@@ -183,10 +175,9 @@ def two_faces(  # type: ignore[no-untyped-def]
     one = own_plane(sums[0])[8]
     if count < 2 * fewest or one - count < clear or not halve(tame, fewest, many, side):
         return 0.0
-    few = _sum_up(sums[1], tame, side, True)
-    smaller, few = 2 * few <= count, min(few, count - few)
-    _sum_up(sums[1 if smaller else 0], tame, side, True)
-    _sum_up(sums[0 if smaller else 1], tame, side, False)
+    chosen = 2 * np.sum(side) <= count  # the smaller face
+    few = _sum_up(sums[1], tame, side, chosen)
+    _sum_up(sums[0], tame, side, not chosen)
     first, other = own_plane(sums[0])[8], own_plane(sums[1])[8]
     both = first + other
     if one - both < clear or one < worse * both:
@@ -210,7 +201,7 @@ def two_faces(  # type: ignore[no-untyped-def]
     count = 0
     for k in range(size):
         if second[k]:
-            second[k] = side[count] == smaller
+            second[k] = side[count] == chosen
             count += 1
         else:
             a, b = points[k, 0] + cx, points[k, 1] + cy

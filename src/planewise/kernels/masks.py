@@ -159,6 +159,23 @@ def list_marked(marked, places):  # type: ignore[no-untyped-def]
     return listed
 
 
+@internal
+def room_for_runs(width):  # type: ignore[no-untyped-def]
+    """Room that `list_runs` works in, for rows of so many pixels: last and places."""
+    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
+    for k in range(last.size):
+        last[k] = k == width - 1
+    return last, places
+
+
+@internal
+def list_runs(row, last, places):  # type: ignore[no-untyped-def]
+    """List the last pixel of every run of a row of labels; returns how many there are."""
+    for k in range(row.size - 1):
+        last[k] = row[k] != row[k + 1]
+    return list_marked(last, places)
+
+
 @in_order
 def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: ignore[no-untyped-def]
     """Count with which neighbours labels come, where these have not all the same label.

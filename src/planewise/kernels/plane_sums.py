@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.jit import compiled
-from planewise.kernels.masks import list_marked
+from planewise.kernels.masks import list_runs, room_for_runs
 
 _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
 
@@ -27,16 +27,11 @@ def plane_sums(  # type: ignore[no-untyped-def]
     boxes[:, 2:] = 0
     width = labels.shape[1]
     line = np.empty(width, y.dtype)
-    # Last pixels of the runs of a row.
-    last, places = np.empty(-(-width // 8) * 8, np.uint8), np.empty(width + 8, np.uintp)
-    for k in range(last.size):
-        last[k] = k == width - 1
+    last, places = room_for_runs(width)
     for i in range(labels.shape[0]):
         row, stop = labels[i], 0
         line[:] = y[i, 0]
-        for k in range(width - 1):
-            last[k] = row[k] != row[k + 1]
-        for n in range(list_marked(last, places)):
+        for n in range(list_runs(row, last, places)):
             start, stop = stop, int(places[n]) + 1
             rank = place[row[start]]
             ranked[i, start:stop] = rank

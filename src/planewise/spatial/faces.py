@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from planewise.kernels import faces as kernels
 from planewise.kernels.cells import COUNT, UNIT
-from planewise.kernels.planes import affine_planes
 from planewise.spatial.frame import Frame
+from planewise.spatial.segments import affine_planes, information_matrices, with_none
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -32,7 +32,6 @@ _MOST = 16.0  # squared residual in variances of a reading that says nothing abo
 _SAMPLE = 8000  # of its readings that tell whether to look at more
 _LEAST = 12  # of these on a face
 _MANY = 300  # of its readings, by which a line between two is looked for first
-_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of P in its upper triangle
 _MOST_PLANES = np.iinfo(np.int16).max  # of a label while pixels are labelled
 _EVERY = 5  # rows of which one tells whether to look closer
 
@@ -75,8 +74,7 @@ def parted(
         Those of second faces, as places in the flattened image.
     """
     least = max(_CLEAR * price, price + significance)
-    affine, off = np.zeros((len(rows) + 1, 3)), np.empty((len(rows) + 1, 2))
-    affine_planes(rows, affine[1:])
+    affine, off = with_none(affine_planes(rows)), np.empty((len(rows) + 1, 2))
     images = frame.w, frame.p, *frame.sectors.coordinates
     kernels.label_misfits(labels, *images, affine, _EVERY, _MOST * white, off)
     chi2, count = off.T
@@ -146,6 +144,6 @@ def _row(like: Array, plane: Array, information: Array, count: int) -> Array:
     """Row of a face, as if its readings erred apart."""
     row = like.copy()
     row[:6] = information
-    row[6:9] = information.take(_MATRIX) @ plane
+    row[6:9] = information_matrices(row[None])[0] @ plane
     row[COUNT] = count
     return row

@@ -10,7 +10,6 @@ from planewise.kernels import creases as crease_loops
 from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
-from planewise.kernels import planes as plane_loops
 from planewise.kernels import units as unit_loops
 from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
@@ -19,6 +18,7 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.faces import parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
+from planewise.spatial.segments import affine_planes, information_matrices, with_none
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -39,21 +39,8 @@ _CREASE_ROOM = 16  # pixels that may change sides together, times rows and colum
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
-_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of a row that make P
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
-
-
-def information_matrices(rows: Array) -> Array:
-    """P (N, 3, 3) of segment rows, which begin with its upper triangle."""
-    return rows.take(_MATRIX, axis=1)
-
-
-def affine_planes(rows: Array) -> Array:
-    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
-    planes = np.empty((len(rows), 3))
-    plane_loops.affine_planes(rows, planes)
-    return planes
 
 
 def label_planes(
@@ -149,7 +136,7 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
-    affine = _with_none(affine_planes(planes))
+    affine = with_none(affine_planes(planes))
     bound = _SURE * cells.error.white * null
     x, y = frame.sectors.coordinates
 
@@ -184,7 +171,7 @@ def _look_again(
     mine = np.zeros(len(planes) + 1, np.bool_)
     mine[labels.reshape(-1)[pixels]] = mine[0] = True
     face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
-    affine, coordinates = _with_none(affine_planes(planes)), frame.sectors.coordinates
+    affine, coordinates = with_none(affine_planes(planes)), frame.sectors.coordinates
     _sweep(frame, cells, marks, frame.w, *coordinates, affine, variance, null)
 
 
@@ -238,7 +225,7 @@ def _put_creases(
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     variance, slow = variances
-    affine = _with_none(affine_planes(planes))
+    affine = with_none(affine_planes(planes))
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 5))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
@@ -299,7 +286,7 @@ def misfits(
     """Half the squared residual in variances of some pixels' readings; infinite on no plane."""
     w, x, y = (image.reshape(-1)[pixels] for image in (frame.w, frame.x, frame.y))
     label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
-    planes = _with_none(affine)
+    planes = with_none(affine)
     t, lateral = planes[label], _lateral(cells, planes)[label]
     with np.errstate(divide="ignore"):
         row = np.minimum(frame.table.per_metre / w + 0.5, by_depth.size - 1).astype(np.intp)
@@ -354,17 +341,10 @@ def relabelled(
         state[:, edge] = label_loops.FIXED if end else state[:, edge]
     marks.state[inner] = state
     variance = _variances(frame, cells)[0]
-    _sweep(frame, cells, marks, w, x, y, _with_none(affine), variance, null)
+    _sweep(frame, cells, marks, w, x, y, with_none(affine), variance, null)
     out = labels.copy()
     label_loops.without_margin(marks.label, out[box])
     return out
-
-
-def _with_none(affine: Array) -> Array:
-    """Planes by label: a row of zeros for none before them."""
-    planes = np.zeros((len(affine) + 1, 3))
-    planes[1:] = affine
-    return planes
 
 
 def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -> Array:
@@ -444,7 +424,7 @@ def residual_correlation(
     each (`units_inside`), 0 for none; affine (N K, 3): the planes in every sector.
     """
     sums = np.empty((len(affine) + 1, 3))
-    unit_loops.correlate(cells.grid, cells.rows, inside, _with_none(affine), sums)
+    unit_loops.correlate(cells.grid, cells.rows, inside, with_none(affine), sums)
     together, apart, pairs = sectors.summed(sums[1:]).T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
     return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told))

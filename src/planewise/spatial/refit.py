@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels.refits import refit_sums
 from planewise.spatial.information import GroupData, Groups
-from planewise.spatial.labels import affine_planes
+from planewise.spatial.segments import affine_planes
 
 Array = NDArray[np.float64]
 

@@ -22,12 +22,12 @@ from planewise.partition.regions import Regions
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.labels import (
-    affine_planes,
     misfits,
     pure_information,
     relabelled,
 )
 from planewise.spatial.search import Segmentation, planes_within
+from planewise.spatial.segments import affine_planes
 from planewise.spatial.solution import SpatialSolution, judged
 from planewise.workspace import Workspace
 

@@ -25,14 +25,10 @@ from planewise.spatial.curvature import curved_segments
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
-from planewise.spatial.labels import (
-    affine_planes,
-    information_matrices,
-    label_planes,
-)
+from planewise.spatial.labels import label_planes
 from planewise.spatial.merging import Border, between, merged
 from planewise.spatial.seams import Neighbours
-from planewise.spatial.segments import Segments
+from planewise.spatial.segments import Segments, affine_planes, information_matrices
 from planewise.spatial.splitting import split
 from planewise.stages import stage
 from planewise.workspace import Workspace

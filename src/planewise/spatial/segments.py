@@ -8,10 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import borders
+from planewise.kernels import planes as plane_loops
 from planewise.kernels.cells import MISFIT
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
+
+_MATRIX = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])  # entries of a row that make P
 
 
 @dataclass(frozen=True)
@@ -75,3 +78,22 @@ class Segments:
         out: NDArray[np.int32] = workspace.empty(grid.shape, np.int32)
         borders.segments_of_cells(grid, self.of_unit, out)
         return out
+
+
+def information_matrices(rows: Array) -> Array:
+    """P (N, 3, 3) of segment rows, which begin with its upper triangle."""
+    return rows.take(_MATRIX, axis=1)
+
+
+def affine_planes(rows: Array) -> Array:
+    """(t0, t1, t2) of w = t0 + t1 x + t2 y: the plane of every segment row."""
+    planes = np.empty((len(rows), 3))
+    plane_loops.affine_planes(rows, planes)
+    return planes
+
+
+def with_none(affine: Array) -> Array:
+    """Planes by label: a row of zeros for none before them."""
+    planes = np.zeros((len(affine) + 1, 3))
+    planes[1:] = affine
+    return planes
