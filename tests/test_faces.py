@@ -238,6 +238,37 @@ def test_wait_about():
     assert_array_equal(seen, busy)
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_labels_of_what_lies_off_their_plane_are_given_back(alike):
+    """Of four labels one takes in its own plane, one what bends away; one may not be taken back."""
+    rng = np.random.default_rng(7)
+    _, _, x, y = images(rng, np.zeros(SIZE))
+    named = np.kron(np.arange(5), np.ones((SIZE[0], 16))).astype(np.uint16)
+    label = np.full((SIZE[0] + 2, 6 * CHUNK), NONE)
+    label[1:-1, 1 : SIZE[1] + 1] = named
+    new = np.zeros(SIZE, np.bool_)
+    new[10:30, 16:] = rng.random((20, 64)) < 0.8
+    bent = flat(x, y) + new * np.float32([0, 0, 2, 2, 1.2])[named] * SIGMA * x * x / 0.02
+    w, p, x, y = images(rng, bent, alike)
+    named[new] = 0
+    seen = np.ones((len(label), 6), np.bool_)
+    mine = np.array([False, True, True, False, True])
+    expected, most = label.copy(), 2.0
+    for number in (1, 2, 4):
+        of = label[1:-1, 1 : SIZE[1] + 1] == number
+        kept, both = np.flatnonzero(of & ~new), np.flatnonzero(of)
+        added = chi2((w, p, x, y), both) - chi2((w, p, x, y), kept)
+        if added > most * (of & new).sum():
+            expected[1:-1, 1 : SIZE[1] + 1][of & new] = 0
+    assert {number for number in (1, 2, 4) if (expected != label)[label == number].any()} == {2, 4}
+    untouched = label.copy()
+    faces.give_back(named, untouched, ~seen, mine.copy(), w, p, x, y, most)
+    assert_array_equal(untouched, label)
+    faces.give_back(named, label, seen, mine, w, p, x, y, most)
+    assert_array_equal(label, expected)
+    assert_array_equal(np.flatnonzero(mine), [2, 4])
+
+
 def box(width, sigma=0.004, size=(240, 320)):
     """A box before a wall, seen at its edge: a wide face, and one that is `width` columns wide."""
     camera = pw.PinholeCamera(fx=260, fy=260, cx=(size[1] - 1) / 2, cy=(size[0] - 1) / 2)

@@ -28,7 +28,7 @@ from planewise.kernels.curvature import (
     meet,
     surface_borders,
 )
-from planewise.kernels.faces import wait_about
+from planewise.kernels.faces import give_back, wait_about
 from planewise.kernels.forms import FORM
 from planewise.kernels.labels import rename
 from planewise.kernels.planes import in_space
@@ -141,6 +141,8 @@ def labelling() -> None:
     marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
+    images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
+    give_back(labels, marks.label, marks.seen, named, *images, 1.0)
 
 
 def surfaces() -> None:

@@ -229,3 +229,46 @@ def wait_about(pixels, named, mine, label, state, busy, seen):  # type: ignore[n
                 if label[r, c] != NONE and mine[label[r, c]]:
                     state[r, c] = WAITING
                     busy[r, c // CHUNK] = seen[r, c // CHUNK] = True
+
+
+@compiled
+def give_back(named, label, seen, mine, w, p, x, y, most):  # type: ignore[no-untyped-def]
+    """Take labels back from pixels that had none and lie off the planes of the new ones.
+
+    named (H, W): labels before; label, seen as in `kernels.labels`; mine (labels,): those that may
+    be taken back, in which this remains written; most: chi^2 that a reading taken in adds to that
+    of the label's best plane, on average, at most.
+    """
+    height, width = named.shape
+    alike = x.shape[0] == 1
+    sums, taken = np.zeros((mine.size, 2, SUMS)), np.zeros(mine.size)
+    for i in range(height):
+        for c in range(seen.shape[1]):
+            if not seen[i + 1, c]:
+                continue
+            for j in range(max(c * CHUNK - 1, 0), min((c + 1) * CHUNK - 1, width)):
+                number = label[i + 1, j + 1]
+                if number > 0 and mine[number]:
+                    new = named[i, j] == 0
+                    taken[number] += new
+                    a, b = x[0 if alike else i, j], y[i, 0 if alike else j]
+                    point = np.float64(a), np.float64(b), np.float64(w[i, j]), np.float64(p[i, j])
+                    add_point(sums[number, 1 if new else 0], point)
+    for number in range(mine.size):
+        if taken[number] == 0:
+            mine[number] = False
+        elif mine[number]:
+            kept, added = sums[number]
+            before = own_plane(kept)[8] if kept[0] > 0.0 else 0.0
+            for e in range(SUMS):
+                added[e] += kept[e]
+            mine[number] = own_plane(added)[8] - before > most * taken[number]
+    if not np.any(mine):
+        return
+    for i in range(height):
+        for c in range(seen.shape[1]):
+            if seen[i + 1, c]:
+                for j in range(max(c * CHUNK - 1, 0), min((c + 1) * CHUNK - 1, width)):
+                    number = label[i + 1, j + 1]
+                    if number > 0 and mine[number] and named[i, j] == 0:
+                        label[i + 1, j + 1] = 0

@@ -24,7 +24,7 @@ Index = NDArray[np.int32]
 
 _CLEAR = 4.0  # times the price: what two planes have to save
 _WORSE = 1.15  # times the misfit of two planes: what that of one has to be
-_ROUGH = 2.0  # times what noise makes it: misfit of either at most, or it is no plane itself
+ROUGH = 2.0  # times what noise makes it: misfit of either at most, or it is no plane itself
 _FEWEST = 64  # readings of a face
 _NARROWEST = 2.0  # pixels: two columns beside a jump of depth may be mixed of both sides
 _TURN = 0.2  # radians between the faces: walls bulge by less
@@ -90,7 +90,7 @@ def parted(
         second = np.empty(len(pixels), np.bool_)
         planes, information = np.empty((2, 3)), np.empty((2, 6))
         less = kernels.two_faces(
-            pixels, *images, white, 2 * least / part, _WORSE, _ROUGH, max(_FEWEST // part, _LEAST),
+            pixels, *images, white, 2 * least / part, _WORSE, ROUGH, max(_FEWEST // part, _LEAST),
             _NARROWEST / UNIT, _MANY, _MOST, second, planes, information,
         )  # fmt: skip
         return less, second, planes, information

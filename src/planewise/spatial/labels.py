@@ -15,7 +15,7 @@ from planewise.kernels.cells import SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.faces import parted
+from planewise.spatial.faces import ROUGH, parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.spatial.segments import affine_planes, information_matrices, with_none
@@ -173,6 +173,11 @@ def _look_again(
     face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
     affine, coordinates = with_none(affine_planes(planes)), frame.sectors.coordinates
     _sweep(frame, cells, marks, frame.w, *coordinates, affine, variance, null)
+    mine[0] = False
+    face_loops.give_back(
+        labels, marks.label, marks.seen, mine, frame.w, frame.p, *coordinates,
+        ROUGH * cells.error.white,
+    )  # fmt: skip
 
 
 def _sweep(
