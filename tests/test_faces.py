@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
+from planewise.kernels.splits import halve
 from planewise.spatial.faces import parted
 from planewise.spatial.frame import tame_frame
 from planewise.workspace import Workspace
@@ -72,6 +73,21 @@ def chi2(images, pixels):
     return squares(images, pixels).sum()
 
 
+def sides(images, pixels):
+    """On which side of the best line each is, and which have a say: those near its plane there."""
+    w, p, x, y = images
+    x, y, w, p = (each.reshape(-1)[pixels].astype(float) for each in (*grid(x, y), w, p))
+    side, left = np.empty(len(pixels), np.bool_), np.ones(len(pixels), np.bool_)
+    points = np.column_stack((*(each - np.average(each, weights=p) for each in (x, y, w)), p))
+    assert halve(points, FEWEST, MANY, side)
+    square = np.empty(len(pixels))
+    for _ in range(3):
+        for here in (left & ~side, left & side):
+            square[here] = squares(images, pixels[here])
+        left &= square < 9.0 * max(1.0, square[left].mean())
+    return side, left
+
+
 @pytest.mark.parametrize("alike", [True, False])
 @pytest.mark.parametrize(("column", "small"), [(70, np.s_[71:]), (8, np.s_[:8])])
 def test_two_faces_are_told_apart(alike, column, small):
@@ -88,6 +104,10 @@ def test_two_faces_are_told_apart(alike, column, small):
     tame = squares(seen, pixels)
     tame = tame < MOST * max(tame.mean(), 1.0)
     pixels, second = pixels[tame], second[tame]
+    side, left = sides(seen, pixels)
+    assert 0.98 < left.mean() < 1.0
+    pixels, second = pixels[left], second[left]
+    assert_array_equal(second, side[left] == (side[left].mean() <= 0.5))
     one, first, other = (chi2(seen, each) for each in (pixels, pixels[~second], pixels[second]))
     assert_allclose(saved, one - first - other, rtol=1e-6)
     for mine, plane, matrix in zip((~second, second), planes, information, strict=True):
@@ -99,6 +119,42 @@ def test_two_faces_are_told_apart(alike, column, small):
         assert_allclose(matrix, normal[np.triu_indices(3)], rtol=1e-6, atol=1e-3 * matrix[0])
         right = (terms * weight) @ w.reshape(-1)[at]
         assert_allclose(plane, np.linalg.solve(normal, right), rtol=1e-5)
+
+
+def strip(w, seed):
+    """Images of w, and the pixels of some columns: as good as a smooth surface once they err."""
+    pixels = np.arange(w.size).reshape(SIZE)[:, 30:58].ravel()
+    return images(np.random.default_rng(seed), w), pixels
+
+
+def smooth(images, pixels):
+    """chi^2 of the best polynomial of the third degree."""
+    w, p, x, y = images
+    x, y, w, p = (each.reshape(-1)[pixels].astype(float) for each in (*grid(x, y), w, p))
+    return _cubic(np.column_stack((x - x.mean(), y - y.mean(), w - w.mean(), p)))
+
+
+def test_what_is_on_neither_of_two_faces_has_no_say():
+    w = ridge(44, -0.1)
+    before = told(*strip(w, 9)[0], strip(w, 9)[1])
+    w[-3:] += 8 * SIGMA
+    seen, pixels = strip(w, 9)
+    saved, second, planes, _ = told(*seen, pixels)
+    assert saved > CLEAR
+    assert_allclose(planes, before[2], atol=1e-3)
+    inside = pixels < w.size - 3 * SIZE[1]
+    assert (second == before[1])[inside].mean() > 0.99
+    side = pixels % SIZE[1] > 44
+    assert smooth(seen, pixels) < chi2(seen, pixels[side]) + chi2(seen, pixels[~side])
+
+
+def test_of_three_faces_two_are_told_apart():
+    _, _, _, y = images(np.random.default_rng(0), np.zeros(SIZE))
+    seen, pixels = strip(ridge(44, -0.05) - 0.08 * np.maximum(y - y[52], 0.0), 10)
+    saved, second, *_ = told(*seen, pixels)
+    assert saved > CLEAR
+    assert (second == (pixels % SIZE[1] > 44))[pixels < 52 * SIZE[1]].mean() > 0.95
+    assert smooth(seen, pixels) < chi2(seen, pixels[second]) + chi2(seen, pixels[~second])
 
 
 def test_the_size_of_the_noise_counts():

@@ -17,6 +17,8 @@ from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, add_point, halve
 
 _TERMS = 10  # of a polynomial of the third degree
+_OFF = 9.0  # squared residual in variances of a reading that is on neither of two planes
+_ROUNDS = 3  # of leaving these out
 _SINGULAR = 1e-9  # of its square: what is left of a term that the others make up
 
 
@@ -105,15 +107,36 @@ def cubic_misfit(points):  # type: ignore[no-untyped-def]
 
 
 @called
-def _sum_up(sums, points, side, chosen):  # type: ignore[no-untyped-def]
-    """Add up points of one side: writes sums (SUMS,); returns how many there are."""
+def _sum_up(sums, points, side):  # type: ignore[no-untyped-def]
+    """Add up points (n, 4) of both sides: writes sums (2, SUMS); how many are on the second."""
     sums[:] = 0.0
     count = 0
     for k in range(points.shape[0]):
-        if side[k] == chosen:
-            add_point(sums, (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
-            count += 1
+        add_point(
+            sums[1 if side[k] else 0], (points[k, 0], points[k, 1], points[k, 2], points[k, 3])
+        )
+        count += side[k]
     return count
+
+
+@called
+def _drop(sums, points, side, index):  # type: ignore[no-untyped-def]
+    """Drop points that lie off the plane of their side; how many are left, in the same order."""
+    left = 0
+    ax, ay, ah, a1, a2, _, _, _, first = own_plane(sums[0])
+    bx, by, bh, b1, b2, _, _, _, second = own_plane(sums[1])
+    most = _OFF * max(1.0, (first + second) / side.size)
+    for k in range(side.size):
+        x, y, h, q = points[k, 0], points[k, 1], points[k, 2], points[k, 3]
+        if side[k]:
+            e = h - bh - b1 * (x - bx) - b2 * (y - by)
+        else:
+            e = h - ah - a1 * (x - ax) - a2 * (y - ay)
+        if e * e * q < most:
+            points[left, 0], points[left, 1], points[left, 2], points[left, 3] = x, y, h, q
+            side[left], index[left] = side[k], index[k]
+            left += 1
+    return left
 
 
 @called
@@ -129,6 +152,52 @@ def _is_narrow(sums, narrowest):  # type: ignore[no-untyped-def]
     return 12.0 * narrow < narrowest * narrowest
 
 
+@called
+def _of_a_third(points, side, clear, fewest, many):  # type: ignore[no-untyped-def]
+    """What a third plane saves in chi^2, on a part of either side; 0 if less than `clear`."""
+    saved, sums = 0.0, np.empty((2, SUMS))
+    for chosen in (False, True):
+        here = points[side == chosen]
+        half = np.zeros(here.shape[0], np.bool_)
+        if here.shape[0] >= 2 * fewest and halve(here, fewest, many, half):
+            _sum_up(sums, here, half)
+            apart = own_plane(sums[0])[8] + own_plane(sums[1])[8]
+            saved = max(saved, own_plane(sums[0] + sums[1])[8] - apart)
+    return saved if saved >= clear else 0.0
+
+
+@called
+def _parted(  # type: ignore[no-untyped-def]
+    points, index, side, sums, clear, worse, rough, fewest, narrowest, many
+):
+    """Part points (n, 4) as `two_faces` does; what is on neither plane is dropped.
+
+    Writes points, index and side (n,), those that are left first, and sums (2, SUMS) of both sides.
+    Returns how many are left and what is saved in chi^2, 0 if they are not two faces.
+    """
+    count = side.size
+    if not halve(points, fewest, many, side):
+        return count, 0.0
+    few = _sum_up(sums, points, side)
+    for _ in range(_ROUNDS):
+        count = _drop(sums, points[:count], side[:count], index)
+        few = _sum_up(sums, points[:count], side[:count])
+    points, side = points[:count], side[:count]
+    first, second = own_plane(sums[0])[8], own_plane(sums[1])[8]
+    both = first + second
+    saved = own_plane(sums[0] + sums[1])[8] - both
+    if min(few, count - few) < fewest or saved < clear or saved < (worse - 1.0) * both:
+        return count, 0.0
+    if first > rough * (count - few) or second > rough * few:
+        return count, 0.0
+    if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
+        return count, 0.0
+    smooth = cubic_misfit(points)
+    if smooth <= both and smooth <= both - _of_a_third(points, side, clear, fewest, many):
+        return count, 0.0
+    return count, saved
+
+
 @compiled
 def two_faces(  # type: ignore[no-untyped-def]
     pixels, w, p, x, y, white, clear, worse, rough, fewest, narrowest, many, most, second, planes,
@@ -137,16 +206,17 @@ def two_faces(  # type: ignore[no-untyped-def]
     """Whether readings of pixels (n,) lie on two planes, on either side of a line.
 
     On each there are `fewest` of them, and none is narrower than `narrowest`; chi^2 of both is less
-    by `clear`, and by a factor of `worse`, than that of one plane, less than that of a polynomial
-    of the third degree, and of either no more than `rough` times its readings. What lies off the
-    one by more than `most` variances, times the mean square, has no say. many: as in
+    by `clear`, and by a factor of `worse`, than that of one plane, and of either no more than
+    `rough` times its readings; that of both, or of three where one of both is two once more, is
+    less than that of a polynomial of the third degree. What lies off the one by more than `most`
+    variances, times the mean square, has no say, nor what is on neither of the two. many: as in
     `splits.halve`. Writes second (n,): which are on the smaller face; planes (2, 3) of both, and
     information (2, 6), the upper triangle of P. Returns what they save in chi^2, 0 if there are no
     two.
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
-    sums = np.zeros((2, SUMS))
+    sums, index = np.zeros((2, SUMS)), np.empty(size, np.int32)
     for k in range(size):
         i, j = pixels[k] // width, pixels[k] % width
         a, b = np.float64(x[0 if alike else i, j]), np.float64(y[i, 0 if alike else j])
@@ -166,30 +236,22 @@ def two_faces(  # type: ignore[no-untyped-def]
         return 0.0
     limit, count = most * max(square / size, 1.0), 0
     for k in range(size):
-        second[k] = points[k, 2] * points[k, 2] * points[k, 3] < limit
-        if second[k]:
-            tame[count] = points[k]
+        if points[k, 2] * points[k, 2] * points[k, 3] < limit:
+            tame[count], index[count] = points[k], k
             count += 1
-    tame, side = tame[:count], np.zeros(count, np.bool_)
-    _sum_up(sums[0], tame, side, False)
-    one = own_plane(sums[0])[8]
-    if count < 2 * fewest or one - count < clear or not halve(tame, fewest, many, side):
+    side = np.zeros(count, np.bool_)
+    _sum_up(sums, tame[:count], side)
+    if count < 2 * fewest or own_plane(sums[0])[8] - count < clear:
         return 0.0
-    chosen = 2 * np.sum(side) <= count  # the smaller face
-    few = _sum_up(sums[1], tame, side, chosen)
-    _sum_up(sums[0], tame, side, not chosen)
-    first, other = own_plane(sums[0])[8], own_plane(sums[1])[8]
-    both = first + other
-    if one - both < clear or one < worse * both:
+    count, saved = _parted(
+        tame[:count], index, side, sums, clear, worse, rough, fewest, narrowest, many
+    )
+    if saved == 0.0:
         return 0.0
-    if first > rough * (count - few) or other > rough * few:
-        return 0.0
-    if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
-        return 0.0
-    if cubic_misfit(tame) <= both:
-        return 0.0
+    few = np.sum(side[:count])
+    chosen = 2 * few <= count  # the smaller face
     for n in range(2):
-        s = sums[n]
+        s = sums[n if chosen else 1 - n]
         ax, ay, height, t1, t2, _, _, _, _ = own_plane(s)
         planes[n, 1], planes[n, 2] = tx + t1, ty + t2
         planes[n, 0] = mean - tx * cx - ty * cy + height - t1 * (ax + cx) - t2 * (ay + cy)
@@ -198,17 +260,14 @@ def two_faces(  # type: ignore[no-untyped-def]
         out[3] = s[3] + cx * (2 * s[1] + cx * s[0])
         out[4] = s[4] + cx * s[2] + cy * s[1] + cx * cy * s[0]
         out[5] = s[5] + cy * (2 * s[2] + cy * s[0])
-    count = 0
     for k in range(size):
-        if second[k]:
-            second[k] = side[count] == chosen
-            count += 1
-        else:
-            a, b = points[k, 0] + cx, points[k, 1] + cy
-            value = points[k, 2] + mean + tx * points[k, 0] + ty * points[k, 1]
-            here = abs(value - planes[0, 0] - planes[0, 1] * a - planes[0, 2] * b)
-            second[k] = abs(value - planes[1, 0] - planes[1, 1] * a - planes[1, 2] * b) < here
-    return one - both
+        a, b = points[k, 0] + cx, points[k, 1] + cy
+        value = points[k, 2] + mean + tx * points[k, 0] + ty * points[k, 1]
+        here = abs(value - planes[0, 0] - planes[0, 1] * a - planes[0, 2] * b)
+        second[k] = abs(value - planes[1, 0] - planes[1, 1] * a - planes[1, 2] * b) < here
+    for k in range(count):
+        second[index[k]] = side[k] == chosen
+    return saved
 
 
 @compiled
