@@ -97,17 +97,8 @@ def label_planes(
     null = float(np.log(observation.range / observation.resolution))
     variances = _variances(frame, cells, workspace)
     _label_pixels(frame, cells, number, planes, variances[0], null, marks, workspace)
-    borders, found = _room_for_borders(marks, workspace), 0
-
-    def find_borders() -> None:
-        nonlocal found
-        flat = marks.label.reshape(-1), marks.seen.reshape(-1)
-        found = crease_loops.find_borders(*flat, marks.label.shape[1], borders)
-
-    with threads.beside(find_borders):
-        label_loops.without_margin(marks.label, labels)
-        planes = _refit(frame, cells, labels, planes)
-    saved = np.empty(0)
+    label_loops.without_margin(marks.label, labels)
+    planes, saved = _refit(frame, cells, labels, planes), np.empty(0)
     if price is not None:
         planes, saved, pixels = parted(
             frame, cells.error.white, planes, labels, price, significance, workspace
@@ -115,9 +106,7 @@ def label_planes(
         if len(saved):
             _look_again(frame, cells, planes, variances[0], null, marks, labels, pixels)
             label_loops.without_margin(marks.label, labels)
-            borders = _room_for_borders(marks, workspace)
-            find_borders()
-    if _put_creases(frame, cells, planes, variances, marks, labels, borders[:found], workspace):
+    if _put_creases(frame, cells, planes, variances, marks, labels, workspace):
         label_loops.without_margin(marks.label, labels)
     return planes, labels, saved
 
@@ -212,10 +201,12 @@ def _sweep(
     )
 
 
-def _room_for_borders(marks: Marks, workspace: Workspace) -> NDArray[np.int32]:
+def _borders(marks: Marks, workspace: Workspace) -> NDArray[np.int32]:
+    """Pixels beside a border, as `kernels.creases.find_borders` writes them."""
     most = 2 * label_loops.CHUNK * int(np.count_nonzero(marks.seen))
-    room: NDArray[np.int32] = workspace.empty((most, 3), np.int32)
-    return room
+    borders: NDArray[np.int32] = workspace.empty((most, 3), np.int32)
+    flat = marks.label.reshape(-1), marks.seen.reshape(-1)
+    return borders[: crease_loops.find_borders(*flat, marks.label.shape[1], borders)]
 
 
 def _put_creases(
@@ -225,11 +216,10 @@ def _put_creases(
     variances: Array,
     marks: Marks,
     labels: Labels,
-    borders: NDArray[np.int32],
     workspace: Workspace,
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
-    variance, slow = variances
+    borders, (variance, slow) = _borders(marks, workspace), variances
     affine = with_none(affine_planes(planes))
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 5))
