@@ -61,8 +61,9 @@ def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-de
     """
     height, width = label.shape
     last, places = room_for_runs(width)
-    room = stop.copy()
-    stop[:] = first
+    room = np.empty(stop.size, np.int64)
+    for s in range(stop.size):
+        room[s], stop[s] = stop[s], first[s]
     for i in range(height):
         row, end = label[i], 0
         for n in range(list_runs(row, last, places)):
@@ -84,7 +85,8 @@ def cubic_misfit(points):  # type: ignore[no-untyped-def]
     size, extent = points.shape[0], 0.0
     for k in range(size):
         extent = max(extent, abs(points[k, 0]), abs(points[k, 1]))
-    table, row = np.zeros((_TERMS + 1, _TERMS + 1)), np.empty(_TERMS + 1)
+    table, row = np.empty((_TERMS + 1, _TERMS + 1)), np.empty(_TERMS + 1)
+    table[:] = 0.0
     for k in range(size):
         a, b, h, q = points[k, 0] / extent, points[k, 1] / extent, points[k, 2], points[k, 3]
         row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, a, b, a * a, a * b, b * b
@@ -107,15 +109,22 @@ def cubic_misfit(points):  # type: ignore[no-untyped-def]
 
 
 @called
+def _misfit(sums):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of sums (SUMS,)."""
+    return own_plane(sums)[8]
+
+
+@called
 def _sum_up(sums, points, side):  # type: ignore[no-untyped-def]
-    """Add up points (n, 4) of both sides: writes sums (2, SUMS); how many are on the second."""
+    """Sums (3, SUMS) over the points (n, 4) of either side, and of both; n on the second."""
     sums[:] = 0.0
     count = 0
-    for k in range(points.shape[0]):
-        add_point(
-            sums[1 if side[k] else 0], (points[k, 0], points[k, 1], points[k, 2], points[k, 3])
-        )
-        count += side[k]
+    for k in range(side.size):
+        n = 1 if side[k] else 0
+        add_point(sums[n], (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
+        count += n
+    for e in range(SUMS):
+        sums[2, e] = sums[0, e] + sums[1, e]
     return count
 
 
@@ -155,14 +164,18 @@ def _is_narrow(sums, narrowest):  # type: ignore[no-untyped-def]
 @called
 def _of_a_third(points, side, clear, fewest, many):  # type: ignore[no-untyped-def]
     """What a third plane saves in chi^2, on a part of either side; 0 if less than `clear`."""
-    saved, sums = 0.0, np.empty((2, SUMS))
-    for chosen in (False, True):
-        here = points[side == chosen]
-        half = np.zeros(here.shape[0], np.bool_)
-        if here.shape[0] >= 2 * fewest and halve(here, fewest, many, half):
-            _sum_up(sums, here, half)
-            apart = own_plane(sums[0])[8] + own_plane(sums[1])[8]
-            saved = max(saved, own_plane(sums[0] + sums[1])[8] - apart)
+    saved, sums = 0.0, np.empty((3, SUMS))
+    here, half = np.empty(points.shape), np.empty(side.size, np.bool_)
+    for n in range(2):
+        count = 0
+        for k in range(side.size):
+            if side[k] == (n == 1):
+                for e in range(4):
+                    here[count, e] = points[k, e]
+                count += 1
+        if count >= 2 * fewest and halve(here[:count], fewest, many, half[:count]):
+            _sum_up(sums, here[:count], half[:count])
+            saved = max(saved, _misfit(sums[2]) - _misfit(sums[0]) - _misfit(sums[1]))
     return saved if saved >= clear else 0.0
 
 
@@ -172,30 +185,30 @@ def _parted(  # type: ignore[no-untyped-def]
 ):
     """Part points (n, 4) as `two_faces` does; what is on neither plane is dropped.
 
-    Writes points, index and side (n,), those that are left first, and sums (2, SUMS) of both sides.
-    Returns how many are left and what is saved in chi^2, 0 if they are not two faces.
+    Writes points, index and side (n,), those that are left first, and sums (3, SUMS). Returns how
+    many are left, how many of them on the second side, and what is saved in chi^2: 0 if they are
+    not two faces.
     """
     count = side.size
     if not halve(points, fewest, many, side):
-        return count, 0.0
+        return count, 0, 0.0
     few = _sum_up(sums, points, side)
     for _ in range(_ROUNDS):
         count = _drop(sums, points[:count], side[:count], index)
         few = _sum_up(sums, points[:count], side[:count])
-    points, side = points[:count], side[:count]
-    first, second = own_plane(sums[0])[8], own_plane(sums[1])[8]
+    first, second = _misfit(sums[0]), _misfit(sums[1])
     both = first + second
-    saved = own_plane(sums[0] + sums[1])[8] - both
+    saved = _misfit(sums[2]) - both
     if min(few, count - few) < fewest or saved < clear or saved < (worse - 1.0) * both:
-        return count, 0.0
+        return count, few, 0.0
     if first > rough * (count - few) or second > rough * few:
-        return count, 0.0
+        return count, few, 0.0
     if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
-        return count, 0.0
-    smooth = cubic_misfit(points)
-    if smooth <= both and smooth <= both - _of_a_third(points, side, clear, fewest, many):
-        return count, 0.0
-    return count, saved
+        return count, few, 0.0
+    smooth = cubic_misfit(points[:count])
+    if smooth <= both:
+        both -= _of_a_third(points[:count], side[:count], clear, fewest, many)
+    return count, few, saved if smooth > both else 0.0
 
 
 @compiled
@@ -216,7 +229,9 @@ def two_faces(  # type: ignore[no-untyped-def]
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
-    sums, index = np.zeros((2, SUMS)), np.empty(size, np.int32)
+    sums, index = np.empty((3, SUMS)), np.empty(size, np.int32)
+    side = np.empty(size, np.bool_)
+    sums[:] = 0.0
     for k in range(size):
         i, j = pixels[k] // width, pixels[k] % width
         a, b = np.float64(x[0 if alike else i, j]), np.float64(y[i, 0 if alike else j])
@@ -237,18 +252,18 @@ def two_faces(  # type: ignore[no-untyped-def]
     limit, count = most * max(square / size, 1.0), 0
     for k in range(size):
         if points[k, 2] * points[k, 2] * points[k, 3] < limit:
-            tame[count], index[count] = points[k], k
+            for e in range(4):
+                tame[count, e] = points[k, e]
+            index[count], side[count] = k, False
             count += 1
-    side = np.zeros(count, np.bool_)
-    _sum_up(sums, tame[:count], side)
-    if count < 2 * fewest or own_plane(sums[0])[8] - count < clear:
+    _sum_up(sums, tame[:count], side[:count])
+    if count < 2 * fewest or _misfit(sums[2]) - count < clear:
         return 0.0
-    count, saved = _parted(
-        tame[:count], index, side, sums, clear, worse, rough, fewest, narrowest, many
+    count, few, saved = _parted(
+        tame[:count], index, side[:count], sums, clear, worse, rough, fewest, narrowest, many
     )
     if saved == 0.0:
         return 0.0
-    few = np.sum(side[:count])
     chosen = 2 * few <= count  # the smaller face
     for n in range(2):
         s = sums[n if chosen else 1 - n]
@@ -300,7 +315,9 @@ def give_back(named, label, seen, mine, w, p, x, y, most):  # type: ignore[no-un
     """
     height, width = named.shape
     alike = x.shape[0] == 1
-    sums, taken = np.zeros((mine.size, 2, SUMS)), np.zeros(mine.size)
+    sums, taken = np.empty((mine.size, 2, SUMS)), np.empty(mine.size)
+    sums[:] = 0.0
+    taken[:] = 0.0
     for i in range(height):
         for c in range(seen.shape[1]):
             if not seen[i + 1, c]:
@@ -308,21 +325,22 @@ def give_back(named, label, seen, mine, w, p, x, y, most):  # type: ignore[no-un
             for j in range(max(c * CHUNK - 1, 0), min((c + 1) * CHUNK - 1, width)):
                 number = label[i + 1, j + 1]
                 if number > 0 and mine[number]:
-                    new = named[i, j] == 0
+                    new = 1 if named[i, j] == 0 else 0
                     taken[number] += new
                     a, b = x[0 if alike else i, j], y[i, 0 if alike else j]
                     point = np.float64(a), np.float64(b), np.float64(w[i, j]), np.float64(p[i, j])
-                    add_point(sums[number, 1 if new else 0], point)
+                    add_point(sums[number, new], point)
+    some = False
     for number in range(mine.size):
-        if taken[number] == 0:
-            mine[number] = False
-        elif mine[number]:
-            kept, added = sums[number]
-            before = own_plane(kept)[8] if kept[0] > 0.0 else 0.0
+        if taken[number] > 0.0:
+            before = _misfit(sums[number, 0]) if sums[number, 0, 0] > 0.0 else 0.0
             for e in range(SUMS):
-                added[e] += kept[e]
-            mine[number] = own_plane(added)[8] - before > most * taken[number]
-    if not np.any(mine):
+                sums[number, 1, e] += sums[number, 0, e]
+            mine[number] = _misfit(sums[number, 1]) - before > most * taken[number]
+            some |= mine[number]
+        else:
+            mine[number] = False
+    if not some:
         return
     for i in range(height):
         for c in range(seen.shape[1]):
