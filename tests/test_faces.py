@@ -131,7 +131,7 @@ def smooth(images, pixels):
     """chi^2 of the best polynomial of the third degree."""
     w, p, x, y = images
     x, y, w, p = (each.reshape(-1)[pixels].astype(float) for each in (*grid(x, y), w, p))
-    return _cubic(np.column_stack((x - x.mean(), y - y.mean(), w - w.mean(), p)))
+    return _misfit(np.column_stack((x - x.mean(), y - y.mean(), w - w.mean(), p)))
 
 
 def test_what_is_on_neither_of_two_faces_has_no_say():
@@ -146,6 +146,15 @@ def test_what_is_on_neither_of_two_faces_has_no_say():
     assert (second == before[1])[inside].mean() > 0.99
     side = pixels % SIZE[1] > 44
     assert smooth(seen, pixels) < chi2(seen, pixels[side]) + chi2(seen, pixels[~side])
+
+
+@pytest.mark.parametrize(("bend", "found"), [(0.0, True), (0.1, True), (4.0, False)])
+def test_a_strip_that_bends_is_no_face(bend, found):
+    """As of a cylinder beside a face: both together are not smooth, but neither is it flat."""
+    _, _, x, _ = images(np.random.default_rng(0), np.zeros(SIZE))
+    w = ridge(44, 0.4) - bend * np.square(np.maximum(x - x[0, 44], 0.0))
+    seen, pixels = strip(w, 11)
+    assert (told(*seen, pixels)[0] > CLEAR) == found
 
 
 def test_of_three_faces_two_are_told_apart():
@@ -215,23 +224,24 @@ def test_wild_readings_make_no_face():
     assert told(w, p, x, y, np.arange(w.size))[0] == 0.0
 
 
+@pytest.mark.parametrize(("degree", "terms"), [(2, 6), (3, 10)])
 @pytest.mark.parametrize("seed", range(3))
-def test_cubic_misfit(seed):
+def test_smooth_misfit(seed, degree, terms):
     rng = np.random.default_rng(seed)
     x, y, p = rng.uniform(-2, 3, 300), rng.uniform(-1, 1, 300), rng.uniform(1, 3, 300)
     height = x**3 - y * x + 0.3 * rng.standard_normal(300)
-    terms = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)])
+    powers = np.stack([x**i * y**j for i in range(degree + 1) for j in range(degree + 1 - i)])
     root = np.sqrt(p)
-    left = np.linalg.lstsq((terms * root).T, height * root, rcond=None)[1]
+    left = np.linalg.lstsq((powers * root).T, height * root, rcond=None)[1]
     points = np.column_stack((x, y, height, p))
-    assert_allclose(_cubic(points), left[0], rtol=1e-6)
+    assert_allclose(_misfit(points, terms), left[0], rtol=1e-6)
     points[:, 1] = 0.0  # in a line: as many terms as that has
-    left = np.linalg.lstsq(np.vander(x, 4) * root[:, None], height * root, rcond=None)[1]
-    assert_allclose(_cubic(points), left[0], rtol=1e-6)
+    left = np.linalg.lstsq(np.vander(x, degree + 1) * root[:, None], height * root, rcond=None)[1]
+    assert_allclose(_misfit(points, terms), left[0], rtol=1e-6)
 
 
-def _cubic(points):
-    return faces.cubic_misfit.py_func(points)  # no loop of its own: part of `two_faces`
+def _misfit(points, terms=10):
+    return faces.smooth_misfit.py_func(points, terms)  # no loop of its own: part of `two_faces`
 
 
 @pytest.mark.parametrize("alike", [True, False])

@@ -140,6 +140,7 @@ def labelling() -> None:
     _, _, pixels = parted(valley.frame, 1.0, one, labels, 1.0, 0.0, work)
     marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
+    marks.label[:], marks.seen[:] = 0, False
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
     images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
     give_back(labels, marks.label, marks.seen, named, *images, 1.0)

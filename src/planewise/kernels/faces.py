@@ -16,7 +16,8 @@ from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, add_point, halve
 
-_TERMS = 10  # of a polynomial of the third degree
+_QUADRIC, _CUBIC = 6, 10  # terms of polynomials of the second and third degree
+_BENT = 1.4  # times the misfit of a quadric: what that of the smaller face is at most
 _OFF = 9.0  # squared residual in variances of a reading that is on neither of two planes
 _ROUNDS = 3  # of leaving these out
 _SINGULAR = 1e-9  # of its square: what is left of a term that the others make up
@@ -80,32 +81,32 @@ def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-de
 
 
 @called
-def cubic_misfit(points):  # type: ignore[no-untyped-def]
-    """chi^2 of the best polynomial of the third degree through points (n, 4) (`kernels.splits`)."""
+def smooth_misfit(points, terms):  # type: ignore[no-untyped-def]
+    """chi^2 of the best polynomial of so many terms through points (n, 4) (`kernels.splits`)."""
     size, extent = points.shape[0], 0.0
     for k in range(size):
         extent = max(extent, abs(points[k, 0]), abs(points[k, 1]))
-    table, row = np.empty((_TERMS + 1, _TERMS + 1)), np.empty(_TERMS + 1)
+    table, row = np.empty((_CUBIC + 1, _CUBIC + 1)), np.empty(_CUBIC + 1)
     table[:] = 0.0
     for k in range(size):
         a, b, h, q = points[k, 0] / extent, points[k, 1] / extent, points[k, 2], points[k, 3]
         row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, a, b, a * a, a * b, b * b
         row[6], row[7], row[8], row[9] = a * a * a, a * a * b, a * b * b, b * b * b
-        row[_TERMS] = h
-        for e in range(_TERMS + 1):
+        row[terms] = h
+        for e in range(terms + 1):
             weighted = q * row[e]
-            for f in range(e, _TERMS + 1):
+            for f in range(e, terms + 1):
                 table[e, f] += weighted * row[f]
     # Gauss: what is left of the last square once all terms are eliminated.
-    for e in range(_TERMS):
+    for e in range(terms):
         row[e] = table[e, e]
-    for e in range(_TERMS):
+    for e in range(terms):
         if table[e, e] > _SINGULAR * row[e]:
-            for f in range(e + 1, _TERMS + 1):
+            for f in range(e + 1, terms + 1):
                 share = table[e, f] / table[e, e]
-                for g in range(f, _TERMS + 1):
+                for g in range(f, terms + 1):
                     table[f, g] -= share * table[e, g]
-    return table[_TERMS, _TERMS]
+    return table[terms, terms]
 
 
 @called
@@ -162,17 +163,24 @@ def _is_narrow(sums, narrowest):  # type: ignore[no-untyped-def]
 
 
 @called
-def _of_a_third(points, side, clear, fewest, many):  # type: ignore[no-untyped-def]
+def _list_side(points, side, chosen, here):  # type: ignore[no-untyped-def]
+    """Write the points (n, 4) of one side to here (n, 4); returns how many there are."""
+    count = 0
+    for k in range(side.size):
+        if side[k] == chosen:
+            for e in range(4):
+                here[count, e] = points[k, e]
+            count += 1
+    return count
+
+
+@called
+def _of_a_third(points, side, clear, fewest, many, here):  # type: ignore[no-untyped-def]
     """What a third plane saves in chi^2, on a part of either side; 0 if less than `clear`."""
     saved, sums = 0.0, np.empty((3, SUMS))
-    here, half = np.empty(points.shape), np.empty(side.size, np.bool_)
+    half = np.empty(side.size, np.bool_)
     for n in range(2):
-        count = 0
-        for k in range(side.size):
-            if side[k] == (n == 1):
-                for e in range(4):
-                    here[count, e] = points[k, e]
-                count += 1
+        count = _list_side(points, side, n == 1, here)
         if count >= 2 * fewest and halve(here[:count], fewest, many, half[:count]):
             _sum_up(sums, here[:count], half[:count])
             saved = max(saved, _misfit(sums[2]) - _misfit(sums[0]) - _misfit(sums[1]))
@@ -205,9 +213,14 @@ def _parted(  # type: ignore[no-untyped-def]
         return count, few, 0.0
     if _is_narrow(sums[0], narrowest) or _is_narrow(sums[1], narrowest):
         return count, few, 0.0
-    smooth = cubic_misfit(points[:count])
+    here, small = np.empty((count, 4)), 2 * few <= count
+    less = _list_side(points, side[:count], small, here)
+    bent = _BENT * max(less, smooth_misfit(here[:less], _QUADRIC))
+    if (second if small else first) > bent:
+        return count, few, 0.0
+    smooth = smooth_misfit(points[:count], _CUBIC)
     if smooth <= both:
-        both -= _of_a_third(points[:count], side[:count], clear, fewest, many)
+        both -= _of_a_third(points[:count], side[:count], clear, fewest, many, here)
     return count, few, saved if smooth > both else 0.0
 
 
@@ -220,12 +233,12 @@ def two_faces(  # type: ignore[no-untyped-def]
 
     On each there are `fewest` of them, and none is narrower than `narrowest`; chi^2 of both is less
     by `clear`, and by a factor of `worse`, than that of one plane, and of either no more than
-    `rough` times its readings; that of both, or of three where one of both is two once more, is
-    less than that of a polynomial of the third degree. What lies off the one by more than `most`
-    variances, times the mean square, has no say, nor what is on neither of the two. many: as in
-    `splits.halve`. Writes second (n,): which are on the smaller face; planes (2, 3) of both, and
-    information (2, 6), the upper triangle of P. Returns what they save in chi^2, 0 if there are no
-    two.
+    `rough` times its readings, of the smaller one not much more than that of a quadric; that of
+    both, or of three where one of both is two once more, is less than that of a polynomial of the
+    third degree. What lies off the one by more than `most` variances, times the mean square, has no
+    say, nor what is on neither of the two. many: as in `splits.halve`. Writes second (n,): which
+    are on the smaller face; planes (2, 3) of both, and information (2, 6), the upper triangle of P.
+    Returns what they save in chi^2, 0 if there are no two.
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
