@@ -215,10 +215,10 @@ def _parted(  # type: ignore[no-untyped-def]
         return count, few, 0.0
     here, small = np.empty((count, 4)), 2 * few <= count
     less = _list_side(points, side[:count], small, here)
-    bent = _BENT * max(less, smooth_misfit(here[:less], _QUADRIC))
+    bent = _BENT * max(less, smooth_misfit(here[:less], np.intp(_QUADRIC)))
     if (second if small else first) > bent:
         return count, few, 0.0
-    smooth = smooth_misfit(points[:count], _CUBIC)
+    smooth = smooth_misfit(points[:count], np.intp(_CUBIC))
     if smooth <= both:
         both -= _of_a_third(points[:count], side[:count], clear, fewest, many, here)
     return count, few, saved if smooth > both else 0.0
