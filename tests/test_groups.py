@@ -35,25 +35,31 @@ def grouped(labels, images):
     w, p, x, y = images
     shape, half = ([-(-n // side) for n in labels.shape] for side in (3, 9))
     halved = -(-shape[0] // 2), -(-shape[1] // 2)
-    of_cells = np.full((shape[0], 12, shape[1]), 9.0)
-    blocks, together = np.empty((halved[0], 11, halved[1])), np.empty(halved)
-    cell_moments(w, p, x, y, of_cells, np.empty(shape), blocks, together, False)
-    cell, block = np.full(shape, 9, np.int32), np.full(half, 9, np.int32)
-    work = np.empty((6, 9 * half[1]), np.uint16)
-    mixed, several = groups.label_cells(labels, p, cell, block, work)
-    assert mixed == (cell == groups.SEVERAL).sum()
+    cells = np.empty(shape, np.uint8), np.empty(shape)
+    blocks, tiles = np.empty((halved[0], 11, halved[1])), np.empty((half[0], 12, half[1]))
+    cell_moments(w, p, x, y, *cells, blocks, np.empty(halved), tiles, False)
+    block, work = np.full(half, 9, np.int32), np.empty((6, 9 * half[1]), np.uint16)
+    several = groups.label_blocks(labels, p, block, work)
     assert several == (block == groups.SEVERAL).sum()
-    moments = np.full((12, block.size + 81 * several), 9.0)
-    label, first = np.full(moments.shape[1], 9, np.uint16), np.full(several + 1, 9, np.int32)
-    constant, readings = np.log(2 * np.pi * WHITE / EPS**2), np.zeros(4, np.int64)
-    of_blocks = np.empty((12, block.size))
-    groups.sum_blocks(of_cells, WHITE, constant, of_blocks)
-    moments[:, : block.size] = of_blocks
+    constant, readings = np.log(2 * np.pi * WHITE / EPS**2), np.full(4, 9)
+    first, of_blocks = np.full(several + 1, 9, np.int32), np.empty((12, block.size))
+    groups.scale_tiles(tiles, WHITE, constant, of_blocks)
     # Of a straight image, one row of x and one column of y will do.
     x, y = (x[:1], y[:, :1].copy()) if shape[0] % 2 else (x, y)
-    groups.sum_groups(
-        labels, w, p, x, y, of_cells, cell, block, WHITE, constant, first, moments, label, readings
-    )
+
+    def summed(room):
+        moments = np.full((12, room), 9.0)
+        moments[:, : block.size] = of_blocks
+        label = np.full(room, 9, np.uint16)
+        end = groups.sum_groups(
+            labels, w, p, x, y, block, WHITE, constant, first, moments, label, readings
+        )
+        return end, moments, label
+
+    end, moments, label = summed(block.size + 81 * several)
+    assert end == first[-1]
+    assert summed(end - 1)[0] == -1
+    assert summed(end)[0] == end
     assert_array_equal(readings, np.bincount(labels[p > 0], minlength=4))
     return moments, label, first
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import creases, labels, units
-from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.cells import UNIT
 from planewise.spatial.cells import SIDE
 
 from . import label_oracles as oracles
@@ -92,13 +92,13 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     marks.label[1:-1], marks.state[1:-1] = 7, 7
     coarse = np.empty((grid.shape[0] + 2, grid.shape[1] + 2), np.int16)
     beside = np.empty(grid.shape, np.bool_)
-    moments = np.zeros((len(grid), COUNT + 1, grid.shape[1]))
+    count = np.zeros(grid.shape, np.uint8)
     for r, c, pixels in oracles.cells_of(p, SIDE):
-        moments[r, COUNT, c] = (pixels > 0).sum()
+        count[r, c] = (pixels > 0).sum()
     bands = ((0, 3), (3, len(grid)))  # one after the other, as threads have them
     for band in bands:
         images = coarse, beside, marks.label, marks.state
-        labels.lay_out(grid, number, moments, p, *band, *images)
+        labels.lay_out(grid, number, count, p, *band, *images)
     assert_array_equal(beside, apart)
     assert_array_equal(marks.label[marks.inner], label)
     assert_array_equal(marks.state[marks.inner], np.where(fixed, labels.FIXED, 0))

@@ -35,28 +35,22 @@ def readings(rng, planes, label, holes=0.0):
 
 
 def cells_of(images, straight=False):
-    """Moments and misfits of cells, and of blocks of 2 x 2 cells."""
+    """Counts and misfits of cells, moments and misfits of 2 x 2 of them, moments of 3 x 3."""
     rows, columns = (-(-n // cells.SIDE) for n in images[0].shape)
-    halved = -(-rows // 2), -(-columns // 2)
-    out = [
-        np.full(shape, 9.0)
-        for shape in (
-            (rows, 12, columns),
-            (rows, columns),
-            (halved[0], 11, halved[1]),
-            halved,
-        )
-    ]
+    halved, third = (-(-rows // 2), -(-columns // 2)), (-(-rows // 3), -(-columns // 3))
+    shapes = (rows, columns), (halved[0], 11, halved[1]), halved, (third[0], 12, third[1])
+    count = np.full((rows, columns), 9, np.uint8)
+    out = [count, *(np.full(shape, 9.0) for shape in shapes)]
     cells.cell_moments(*images, *out, straight)
     return out
 
 
 def merge(images):
-    statistics = cells_of(images)
+    *statistics, _ = cells_of(images)
     misfits = statistics[1]
     unit, units = np.empty(misfits.shape, np.int32), np.empty((misfits.size, 11))
     size = np.empty(misfits.size)
-    found = cells.merge_quarters(*statistics, *MERGING.values(), unit, units, size)
+    found = cells.merge_quarters(*images, *statistics, *MERGING.values(), unit, units, size)
     return unit, units[:found], size[:found]
 
 
@@ -81,26 +75,38 @@ PLANES = np.array([[0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]]
 
 @pytest.mark.parametrize("shape", [(12, 18), (13, 20), (2, 4)])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_cell_moments_and_their_misfits(shape, dtype):
+def test_counts_of_cells_and_their_misfits(shape, dtype):
     rng = np.random.default_rng(0)
     images = [i.astype(dtype) for i in readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)]
-    moments, misfits, _, _ = cells_of(images)
-    moments = moments.transpose(1, 0, 2)
+    count, misfits, _, _, _ = cells_of(images)
     exact = oracles.cell_moments(*(image.astype(float) for image in images), 3)
-    assert_allclose(moments[:11].reshape(11, -1).T, exact, rtol=1e-12)
+    assert_array_equal(count.reshape(-1), exact[:, 10])
     for c, row in enumerate(exact):
-        w, p, x, y = oracles.block(images, c // misfits.shape[1] * 3, c % misfits.shape[1] * 3, 3)
-        assert moments[11].flat[c] == pytest.approx(np.prod(p.astype(float) * w.astype(float) ** 4))
+        part = oracles.block(images, c // misfits.shape[1] * 3, c % misfits.shape[1] * 3, 3)
         if row[10] > 5:
-            part = (v.astype(float) for v in (w, p, x, y))
+            part = (v.astype(float) for v in part)
             assert misfits.flat[c] == pytest.approx(oracles.misfit(*part), rel=1e-5)
+
+
+@pytest.mark.parametrize("shape", [(27, 36), (31, 41), (2, 4), (22, 31)])
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_moments_of_tiles(shape, dtype):
+    rng = np.random.default_rng(2)
+    images = [i.astype(dtype) for i in readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)]
+    tiles = cells_of(images)[4].transpose(1, 0, 2)
+    exact = oracles.cell_moments(*(image.astype(float) for image in images), 9)
+    assert_allclose(tiles[:11].reshape(11, -1).T, exact, rtol=1e-12)
+    for c, logarithm in enumerate(tiles[11].flat):
+        part = oracles.block(images, c // tiles.shape[2] * 9, c % tiles.shape[2] * 9, 9)
+        w, p, _, _ = (v.astype(float) for v in part)
+        assert logarithm == pytest.approx(np.log(p * w**4).sum(), rel=1e-9)
 
 
 @pytest.mark.parametrize("shape", [(12, 18), (13, 20), (5, 7)])
 def test_block_moments(shape):
     rng = np.random.default_rng(1)
     images = readings(rng, PLANES, quilt(rng, shape, 3), holes=0.2)
-    _, _, blocks, together = cells_of(images)
+    _, _, blocks, together, _ = cells_of(images)
     exact = oracles.cell_moments(*images, 6)
     assert_allclose(blocks.transpose(1, 0, 2).reshape(11, -1).T, exact, rtol=1e-12)
     for c, (row, misfit) in enumerate(zip(exact, together.flat, strict=True)):
@@ -112,20 +118,20 @@ def test_block_moments(shape):
 
 def test_only_one_row_of_coordinates_is_read_where_all_are_alike():
     rng = np.random.default_rng(1)
-    w, p, x, y = readings(rng, PLANES, quilt(rng, (13, 20), 3), holes=0.2)
+    w, p, x, y = readings(rng, PLANES, quilt(rng, (23, 20), 3), holes=0.2)
     whole = cells_of((w, p, x, y))
     x[1:], y[:, 1:] = np.nan, np.nan
     for a, b in zip(whole, cells_of((w, p, x, y), straight=True), strict=True):
         assert_allclose(a, b, rtol=1e-12, atol=1e-6)
-    out = [np.full_like(a[:n], 9.0) for a, n in zip(whole, (4, 4, 2, 2), strict=True)]
-    cells.straight_moments(*(image[:12] for image in (w, p, x, y)), *out)
+    out = [np.full_like(a[:n], 9) for a, n in zip(whole, (6, 6, 3, 3, 2), strict=True)]
+    cells.straight_moments(*(image[:18] for image in (w, p, x, y)), *out)
     for a, b in zip(whole, out, strict=True):
         assert_allclose(a[: len(b)], b, rtol=1e-12, atol=1e-6)
 
 
 def test_cells_without_readings_have_no_misfit():
     images = np.zeros((4, 9, 12))
-    for out in cells_of(images)[1::2]:
+    for out in cells_of(images):
         assert_array_equal(out, 0)
 
 

@@ -199,11 +199,10 @@ def _cells(rows: NDArray[np.float64]) -> Cells:
     """Every cell of the frame a unit."""
     count = len(rows)
     side = _SIZE // SIDE
-    moments = np.ones((side, MOMENTS + 1, side))
-    moments[:, 10] = SIDE * SIDE
     return Cells(
         grid=np.arange(count, dtype=np.int32).reshape(side, side),
-        moments=moments,
+        count=np.full((side, side), SIDE * SIDE, np.uint8),
+        tiles=np.ones((-(-side // 3), MOMENTS + 1, -(-side // 3))),
         rows=rows,
         whole=np.zeros(count, np.bool_),
         squares=np.full((side // 2, side // 2), -1, np.int32),

@@ -5,27 +5,32 @@ undistorted pixel coordinates divided by `UNIT`. A row of moments holds, for rea
 
     [sum p, pX, pY, pXX, pXY, pYY, pw, pXw, pYw, pww, count, product of p w^4]
 
-and says all about any plane on its readings. A row of a segment has the layout of the first eleven:
-its first nine entries are the information P on the plane's parameters once the error that
-neighbouring readings share is integrated out, and P t; adding rows joins segments. Two entries
-follow: the misfit of the joins so far, and what the cells would cost as a free smooth surface.
+and says all about any plane on its readings. Those of cells are used where they are made, and not
+kept: they are three times as large as the images, and few are asked for again.
+
+A row of a segment has the layout of the first eleven: its first nine entries are the information P
+on the plane's parameters once the error that neighbouring readings share is integrated out, and
+P t; adding rows joins segments. Two entries follow: the misfit of the joins so far, and what the
+cells would cost as a free smooth surface.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.elementary import logarithm
 from planewise.kernels.jit import compiled, inlined, internal
 
 UNIT = 100.0  # pixels per unit of X and Y
 SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
 MOMENTS = 11
-COUNT, PRODUCT = 10, 11  # entries of a row of moments
+COUNT, PRODUCT = 10, 11  # entries of a row of moments; of tiles, the logarithm of the product
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
 LINE = 0.01  # 1 - r^2, or a variance in pixels^2, of the coordinates of readings in a line
 _BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `unit_planes` tells of a unit
+_0, _1 = np.uintp(0), np.uintp(1)  # unsigned indices spare the check for negative ones
 
 # Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
 # for squares side by side (docs/frame-error.md derives them):
@@ -118,19 +123,19 @@ def _column_sums(p0, p1, p2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped
 
 
 @inlined
-def _straight_row_moments(w, p, x, y, row, pixels, sums, out):  # type: ignore[no-untyped-def]
+def _straight_row_moments(w, p, across, y, row, pixels, sums, out):  # type: ignore[no-untyped-def]
     """`_row_moments` where x is the same in every row, y in every column, and rows are three.
 
-    In batches of cells whose left, middle and right pixels are put apart first: pixels (21, _BATCH)
-    float32 and sums (12, _BATCH) are one piece of memory each, which lets the loop be vector code.
+    In batches of cells whose left, middle and right pixels are put apart first, as x is in across
+    (3, columns): pixels (18, _BATCH) float32 and sums (12, _BATCH) are one piece of memory each,
+    which lets the loop be vector code.
     """
     top = SIDE * row
     y0, y1, y2 = np.float64(y[top, 0]), np.float64(y[top + 1, 0]), np.float64(y[top + 2, 0])
     for start in range(0, out.shape[1], _BATCH):
         n, first = min(_BATCH, out.shape[1] - start), SIDE * start
-        for i in range(2 * SIDE + 1):
-            image = p[top + i] if i < SIDE else w[top + i - SIDE] if i < 2 * SIDE else x[0]
-            j = SIDE * i
+        for i in range(2 * SIDE):
+            image, j = p[top + i] if i < SIDE else w[top + i - SIDE], SIDE * i
             _split(image[first:], pixels[j, :n], pixels[j + 1, :n], pixels[j + 2, :n])
         for k in range(n):
             a, ay, ayy, aw, ayw, aww, count_a, product_a = _column_sums(
@@ -145,11 +150,8 @@ def _straight_row_moments(w, p, x, y, row, pixels, sums, out):  # type: ignore[n
                 pixels[2, k], pixels[5, k], pixels[8, k],
                 pixels[11, k], pixels[14, k], pixels[17, k], y0, y1, y2,
             )  # fmt: skip
-            r, s, t = (
-                np.float64(pixels[18, k]),
-                np.float64(pixels[19, k]),
-                np.float64(pixels[20, k]),
-            )
+            j = start + k
+            r, s, t = np.float64(across[0, j]), np.float64(across[1, j]), np.float64(across[2, j])
             ar, bs, ct = a * r, b * s, c * t
             sums[0, k], sums[1, k], sums[2, k] = a + b + c, ar + bs + ct, ay + by + cy
             sums[3, k], sums[4, k] = ar * r + bs * s + ct * t, ay * r + by * s + cy * t
@@ -199,61 +201,122 @@ def _row_misfits(m, out):  # type: ignore[no-untyped-def]
         out[k] = max(square - (fitted if plane else 0.0), 0.0)
 
 
+@internal
+def _add_to_tiles(row, first, out):  # type: ignore[no-untyped-def]
+    """Add a row of cells (12, columns) to the tiles (12, columns / 3) that they are in.
+
+    first: whether nothing was added to them before. Products become logarithms, in row, too.
+    """
+    columns = row.shape[1]
+    product = row[PRODUCT]
+    for k in range(columns):
+        product[k] = logarithm(product[k])
+    for e in range(MOMENTS + 1):
+        s, t = row[e], out[e]
+        if first:
+            for j in range(t.size):
+                t[j] = 0.0
+        for j in range(columns // 3):
+            t[j] += s[3 * j] + s[3 * j + 1] + s[3 * j + 2]
+        for k in range(columns // 3 * 3, columns):
+            t[columns // 3] += s[k]
+
+
 @inlined
-def _pair_of_rows(top, moments, misfits, nothing, blocks, together):  # type: ignore[no-untyped-def]
-    """chi^2 of two rows of cells, or the last one, and of their blocks; moments of the blocks."""
+def _tell_of_rows(top, pair, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
+    """All that is kept of two rows of cells, or the last one: pair (2, 12, columns)."""
     rows = misfits.shape[0]
-    for row in range(top, min(top + 2, rows)):
-        _row_misfits(moments[row], misfits[row])
-    lower = moments[top + 1] if top + 1 < rows else nothing
-    _pair_up(moments[top], lower, blocks[top // 2])
+    for k in range(2):
+        row = top + k
+        if row == rows:
+            for e in range(MOMENTS):
+                for j in range(pair.shape[2]):
+                    pair[1, e, j] = 0.0
+            continue
+        readings = pair[k, COUNT]
+        for j in range(readings.size):
+            count[row, j] = readings[j]
+        _row_misfits(pair[k], misfits[row])
+        _add_to_tiles(pair[k], row % 3 == 0, tiles[row // 3])
+    _pair_up(pair[0], pair[1], blocks[top // 2])
     _row_misfits(blocks[top // 2], together[top // 2])
 
 
 @compiled
-def cell_moments(w, p, x, y, moments, misfits, blocks, together, straight):  # type: ignore[no-untyped-def]
-    """Moments of cells of 3 x 3 pixels and of blocks of 2 x 2 cells, and chi^2 of their planes.
+def cell_moments(w, p, x, y, count, misfits, blocks, together, tiles, straight):  # type: ignore[no-untyped-def]
+    """Moments of blocks of 2 x 2 and tiles of 3 x 3 cells; chi^2 of the planes of cells and blocks.
 
     w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
-    in every column, of which only the first need then be read. Writes moments (rows, 12, columns)
-    and misfits (rows, columns) of cells, blocks (rows / 2, 11, columns / 2) and together (rows / 2,
-    columns / 2), rounded up.
+    in every column, of which only the first need then be read. Writes count and misfits (rows,
+    columns) of cells; blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns / 2); and
+    tiles (rows / 3, 12, columns / 3), all rounded up.
     """
     rows, columns = misfits.shape
-    sums, nothing = np.empty((MOMENTS + 1, SIDE * columns)), np.empty((MOMENTS + 1, columns))
-    nothing[:] = 0.0
+    sums, pair = np.empty((MOMENTS + 1, SIDE * columns)), np.empty((2, MOMENTS + 1, columns))
     line = np.empty(w.shape[1], y.dtype)
     for top in range(0, rows, 2):
-        for row in range(top, min(top + 2, rows)):
-            _row_moments(w, p, x, y, straight, row, sums, line, moments[row])
-        _pair_of_rows(top, moments, misfits, nothing, blocks, together)
+        for k in range(min(2, rows - top)):
+            _row_moments(w, p, x, y, straight, top + k, sums, line, pair[k])
+        _tell_of_rows(top, pair, count, misfits, blocks, together, tiles)
 
 
 @compiled
-def straight_moments(w, p, x, y, moments, misfits, blocks, together):  # type: ignore[no-untyped-def]
+def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
     """`cell_moments` of a straight image all of whose cells have three rows, in half the time.
 
     A loop of its own: few cameras need both, and each takes a second or two to compile.
     """
-    pixels, batch = np.empty((21, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
-    nothing = np.empty((MOMENTS + 1, misfits.shape[1]))
-    nothing[:] = 0.0
-    for top in range(0, misfits.shape[0], 2):
-        for row in range(top, min(top + 2, misfits.shape[0])):
-            _straight_row_moments(w, p, x, y, row, pixels, batch, moments[row])
-        _pair_of_rows(top, moments, misfits, nothing, blocks, together)
+    rows, columns = misfits.shape
+    pixels, batch = np.empty((6 * SIDE, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
+    pair, across = np.empty((2, MOMENTS + 1, columns)), np.empty((SIDE, columns), x.dtype)
+    _split(x[0], across[0], across[1], across[2])
+    for top in range(0, rows, 2):
+        for k in range(min(2, rows - top)):
+            _straight_row_moments(w, p, across, y, top + k, pixels, batch, pair[k])
+        _tell_of_rows(top, pair, count, misfits, blocks, together, tiles)
 
 
 @compiled
-def whole_misfits(moments, misfits, out):  # type: ignore[no-untyped-def]
+def whole_misfits(count, misfits, out):  # type: ignore[no-untyped-def]
     """List chi^2 of every other whole cell in every other row; returns how many there are."""
     found = 0
     for i in range(0, misfits.shape[0], 2):
-        count, row = moments[i, COUNT], misfits[i]
+        readings, row = count[i], misfits[i]
         for j in range(0, row.size, 2):
             out[found] = row[j]
-            found += count[j] == SIDE * SIDE
+            found += readings[j] == SIDE * SIDE
     return found
+
+
+@internal
+def add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
+    """Add a reading of inverse depth w at (a, b) to a row of moments, but for the last entry."""
+    weight, v = np.float64(p), np.float64(w)
+    pa, pb, pv = weight * a, weight * b, weight * v
+    m[0] += weight
+    m[1] += pa
+    m[2] += pb
+    m[3] += pa * a
+    m[4] += pa * b
+    m[5] += pb * b
+    m[6] += pv
+    m[7] += pv * a
+    m[8] += pv * b
+    m[9] += pv * v
+    m[COUNT] += 1.0
+
+
+@internal
+def _sum_cell(w, p, x, y, row, column, out):  # type: ignore[no-untyped-def]
+    """Moments (11,) of one cell."""
+    own = _1 if x.shape[0] > 1 else _0
+    for e in range(MOMENTS):
+        out[e] = 0.0
+    for i in range(row * SIDE, min((row + 1) * SIDE, w.shape[0])):
+        for j in range(column * SIDE, min((column + 1) * SIDE, w.shape[1])):
+            r, c = np.uintp(i), np.uintp(j)
+            if p[r, c] > 0.0:
+                add_reading(out, p[r, c], x[own * r, c], y[r, own * c], w[r, c])
 
 
 @internal
@@ -281,18 +344,18 @@ def _is_spread(m):  # type: ignore[no-untyped-def]
 
 @compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
-    moments, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
+    w, p, x, y, count, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
 ):
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
-    moments (rows, 12, columns), misfits (rows, columns): of cells; blocks, together: of 2 x 2 of
+    w, p, x, y as of `kernels.labels`; count, misfits, blocks, together as `cell_moments` writes
     them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
     planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
     is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
     of every cell or -1; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or
     1. Returns the number of units, or -1 if they are more than n.
     """
-    rows, _, columns = moments.shape
+    rows, columns = misfits.shape
     full = float(SIDE * SIDE)
     found = 0
     for row in range(blocks.shape[0]):
@@ -321,19 +384,19 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                 size[found] = 2.0
             for i in range(top, bottom):
                 for j in range(left, right):
-                    count = moments[i, COUNT, j]
+                    readings = np.float64(count[i, j])
                     unit[i, j] = -1
                     if whole:
-                        if count > 0.0:
+                        if readings > 0.0:
                             unit[i, j] = found
-                    elif count >= max(filled * full, 8.0) and misfits[i, j] <= hopeless * white * (
-                        count - 3.0
-                    ):
+                    elif readings >= max(filled * full, 8.0) and misfits[
+                        i, j
+                    ] <= hopeless * white * (readings - 3.0):
                         unit[i, j] = found
                         out = units[found]
+                        _sum_cell(w, p, x, y, i, j, out)
                         for e in range(COUNT):
-                            out[e] = moments[i, e, j] / white
-                        out[COUNT] = count
+                            out[e] /= white
                         size[found] = 1.0
                         found += 1
             found += whole

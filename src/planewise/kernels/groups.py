@@ -1,9 +1,9 @@
 """Loops over groups: the readings of one label in one square block of cells.
 
-Where a block has one label its moments are those of its cells. Elsewhere the readings of cells with
-several labels are added up one by one. Groups are columns of an array of moments (`kernels.cells`)
-whose last entry is the sum of 1/2 ln(2 pi sigma_z^2 / eps^2): first one for every block, empty
-where the block has several labels, then those of blocks with several.
+Where a block has one label its moments are those of a tile of cells (`kernels.cells`). Elsewhere
+its readings are added up one by one. Groups are columns of an array of moments whose last entry is
+the sum of 1/2 ln(2 pi sigma_z^2 / eps^2): first one for every block, empty where the block has
+several labels, then those of blocks with several.
 """
 
 from __future__ import annotations
@@ -12,17 +12,16 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, PRODUCT, SIDE
-from planewise.kernels.elementary import logarithm
+from planewise.kernels.cells import COUNT, PRODUCT, SIDE, add_reading
 from planewise.kernels.jit import compiled, internal
 
 # Threes of pixels and of cells are written out below, which makes them vector code.
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
-NORM, CELL = PRODUCT, PRODUCT + 1
+NORM, ROW = PRODUCT, PRODUCT + 1
 NONE, SEVERAL = np.int32(-1), np.int32(-2)  # instead of the label of a cell or block
 LAST = np.uint16(65535)
 # Unsigned indices spare the check for negative ones.
-_0, _1, _PRODUCT = np.uintp(0), np.uintp(1), np.uintp(PRODUCT)
+_0, _1 = np.uintp(0), np.uintp(1)
 
 
 @internal
@@ -34,83 +33,55 @@ def thirds(least, most, low, high):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def label_cells(labels, p, cell, block, work):  # type: ignore[no-untyped-def]
-    """Label of all readings of every cell and of every block, NONE or SEVERAL.
+def label_blocks(labels, p, block, work):  # type: ignore[no-untyped-def]
+    """Label of all readings of every block, NONE or SEVERAL; returns how many have SEVERAL.
 
-    labels (H, W) uint16, p (H, W) float32. Writes cell (rows, columns) and block, a third as large;
-    works in work (6, 9 * columns of block) uint16. Returns how many cells and blocks have SEVERAL.
+    labels (H, W) uint16, p (H, W) float32. Writes block (rows, columns); works in work (6, 9
+    columns) uint16.
     """
-    several_cells = several_blocks = 0
+    several = 0
     height, width = labels.shape
-    rows, columns = cell.shape
     wide = block.shape[1]
     least, most = work[0], work[1]
-    low, high, lows, highs = (
-        work[2, : 3 * wide],
-        work[3, : 3 * wide],
-        work[4, : 3 * wide],
-        work[5, : 3 * wide],
-    )
+    low, high = work[2, : 3 * wide], work[3, : 3 * wide]
+    lows, highs = work[4, :wide], work[5, :wide]
     for i in range(block.shape[0]):
-        for j in range(lows.size):
-            lows[j], highs[j] = LAST, 0
-        for a in range(3 * i, min(3 * i + 3, rows)):
-            for x in range(least.size):
-                least[x], most[x] = LAST, 0
-            for y in range(SIDE * a, min(SIDE * (a + 1), height)):
-                row, weight = labels[y], p[y]
-                for x in range(width):
-                    label, smallest = row[x], least[x]
-                    least[x] = min(smallest, label if weight[x] > 0.0 else LAST)
-                for x in range(width):
-                    label, largest = row[x], most[x]
-                    most[x] = max(largest, label if weight[x] > 0.0 else np.uint16(0))
-            thirds(least, most, low, high)
-            for j in range(low.size):
-                lows[j], highs[j] = min(lows[j], low[j]), max(highs[j], high[j])
-            out = cell[a]
-            for j in range(columns):
-                one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
-                out[j] = NONE if low[j] > high[j] else one
-                several_cells += out[j] == SEVERAL
-        thirds(lows, highs, low[:wide], high[:wide])
+        for x in range(least.size):
+            least[x], most[x] = LAST, 0
+        for y in range(BLOCK * i, min(BLOCK * (i + 1), height)):
+            row, weight = labels[y], p[y]
+            for x in range(width):
+                label, smallest = row[x], least[x]
+                least[x] = min(smallest, label if weight[x] > 0.0 else LAST)
+            for x in range(width):
+                label, largest = row[x], most[x]
+                most[x] = max(largest, label if weight[x] > 0.0 else np.uint16(0))
+        thirds(least, most, low, high)
+        thirds(low, high, lows, highs)
         for j in range(wide):
-            one = np.int32(low[j]) if low[j] == high[j] else SEVERAL
-            block[i, j] = NONE if low[j] > high[j] else one
-            several_blocks += block[i, j] == SEVERAL
-    return several_cells, several_blocks
+            one = np.int32(lows[j]) if lows[j] == highs[j] else SEVERAL
+            block[i, j] = NONE if lows[j] > highs[j] else one
+            several += block[i, j] == SEVERAL
+    return several
 
 
 @compiled
-def sum_blocks(cells, white, constant, moments):  # type: ignore[no-untyped-def]
+def scale_tiles(tiles, white, constant, moments):  # type: ignore[no-untyped-def]
     """Moments (12, blocks) of all readings of every block, be they one group or several.
 
-    cells, white, constant: as `sum_groups` takes them.
+    tiles: as `kernels.cells.cell_moments` writes them; white, constant: as `sum_groups` takes them.
     """
-    rows, _, columns = cells.shape
-    wide = -(-columns // 3)
-    line = np.empty(3 * wide)
-    line[columns:] = 0.0
-    for i in range(-(-rows // 3)):
+    wide = tiles.shape[2]
+    for i in range(tiles.shape[0]):
         start = i * wide
-        for e in range(NORM + 1):
-            for j in range(columns):
-                line[j] = 0.0
-            for a in range(3 * i, min(3 * i + 3, rows)):
-                row = cells[a, e]
-                if e == PRODUCT:
-                    for j in range(columns):
-                        line[j] += logarithm(row[j])
-                else:
-                    for j in range(columns):
-                        line[j] += row[j]
-            scale = -0.5 if e == NORM else 1.0 if e == COUNT else 1.0 / white
-            out = moments[e, start : start + wide]
+        for e in range(NORM):
+            row, out = tiles[i, e], moments[e, start : start + wide]
+            scale = 1.0 if e == COUNT else 1.0 / white
             for j in range(wide):
-                out[j] = scale * (line[3 * j] + line[3 * j + 1] + line[3 * j + 2])
-    norm, count = moments[NORM], moments[COUNT]
-    for g in range(norm.size):
-        norm[g] += 0.5 * constant * count[g]
+                out[j] = scale * row[j]
+        row, count, out = tiles[i, NORM], tiles[i, COUNT], moments[NORM, start : start + wide]
+        for j in range(wide):
+            out[j] = 0.5 * (constant * count[j] - row[j])
 
 
 @internal
@@ -123,46 +94,27 @@ def _place(names, found, label):  # type: ignore[no-untyped-def]
     return found
 
 
-@internal
-def _add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
-    """Add a reading of inverse depth w at (a, b) to a row of moments and a product of p w^4."""
-    weight, v = np.float64(p), np.float64(w)
-    pa, pb, pv = weight * a, weight * b, weight * v
-    m[0] += weight
-    m[1] += pa
-    m[2] += pb
-    m[3] += pa * a
-    m[4] += pa * b
-    m[5] += pb * b
-    m[6] += pv
-    m[7] += pv * a
-    m[8] += pv * b
-    m[9] += pv * v
-    m[COUNT] += 1.0
-    m[CELL] *= weight * v * v * v * v
-
-
 @compiled
 def sum_groups(  # type: ignore[no-untyped-def]
-    labels, w, p, x, y, cells, cell, block, white, constant, first, moments, label, readings
+    labels, w, p, x, y, block, white, constant, first, moments, label, readings
 ):
-    """Moments and labels of all groups.
+    """Moments and labels of all groups; returns their number, or -1 if there is no room for them.
 
-    w, p, x, y as of `kernels.labels`; cells (rows, 12, columns): moments of cells; white: noise of
-    the frame against its description; constant: ln(2 pi white / eps^2). moments (12, .) begins with
-    those of `sum_blocks`, of which only the count is changed: there is no group where a block has
-    several. Writes first (blocks with several labels + 1,), where the groups of each begin and end;
-    adds to readings (N + 1,) those of every label.
+    w, p, x, y as of `kernels.labels`; white: noise of the frame against its description; constant:
+    ln(2 pi white / eps^2). moments (12, .) begins with those of `scale_tiles`, of which only the
+    count is changed: there is no group where a block has several. Writes first (blocks with several
+    labels + 1,), where the groups of each begin and end; readings (N + 1,): those of every label.
     """
     height, width = labels.shape
-    rows, columns = cell.shape
     own = _1 if x.shape[0] > 1 else _0
     names = np.empty(BLOCK * BLOCK, np.int32)
     sums = np.empty((names.size, NORM + 2))
     for k in range(names.size):
         for e in range(NORM + 1):
             sums[k, e] = 0.0
-        sums[k, CELL] = 1.0  # product of p w^4 in one cell
+        sums[k, ROW] = 1.0  # product of p w^4 in a row of a block
+    for k in range(readings.size):
+        readings[k] = 0
     blocks, end = 0, block.size
     for i in range(block.shape[0]):
         for j in range(block.shape[1]):
@@ -175,30 +127,22 @@ def sum_groups(  # type: ignore[no-untyped-def]
             if mine != SEVERAL:
                 continue
             found = _0
-            for a in range(3 * i, min(3 * i + 3, rows)):
-                for b in range(3 * j, min(3 * j + 3, columns)):
-                    r, c = np.uintp(a), np.uintp(b)
-                    one = cell[r, c]
-                    if one >= 0:
-                        k = _place(names, found, one)
+            for v in range(BLOCK * i, min(BLOCK * (i + 1), height)):
+                for u in range(BLOCK * j, min(BLOCK * (j + 1), width)):
+                    r, c = np.uintp(v), np.uintp(u)
+                    if p[r, c] > 0.0:
+                        k = _place(names, found, np.int32(labels[r, c]))
                         found = max(found, k + _1)
-                        for e in range(NORM):
-                            sums[k, e] += cells[r, np.uintp(e), c]
-                        sums[k, NORM] += math.log(cells[r, _PRODUCT, c])
-                    elif one == SEVERAL:
-                        for v in range(SIDE * a, min(SIDE * (a + 1), height)):
-                            for u in range(SIDE * b, min(SIDE * (b + 1), width)):
-                                r, c = np.uintp(v), np.uintp(u)
-                                if p[r, c] > 0.0:
-                                    k = _place(names, found, np.int32(labels[r, c]))
-                                    found = max(found, k + _1)
-                                    across, down = x[own * r, c], y[r, own * c]
-                                    _add_reading(sums[k], p[r, c], across, down, w[r, c])
-                        for k in range(found):
-                            sums[k, NORM] += math.log(sums[k, CELL])
-                            sums[k, CELL] = 1.0
+                        add_reading(sums[k], p[r, c], x[own * r, c], y[r, own * c], w[r, c])
+                        square = np.float64(w[r, c]) * w[r, c]
+                        sums[k, ROW] *= p[r, c] * square * square
+                for k in range(found):
+                    sums[k, NORM] += math.log(sums[k, ROW])
+                    sums[k, ROW] = 1.0
             first[blocks] = end
             blocks += 1
+            if end + np.int64(found) > label.size:
+                return -1
             for k in range(found):
                 moments[NORM, end] = 0.5 * (constant * sums[k, COUNT] - sums[k, NORM])
                 sums[k, NORM] = 0.0
@@ -209,6 +153,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
                 readings[names[k]] += np.int64(moments[COUNT, end])
                 end += 1
     first[blocks] = end
+    return end
 
 
 @compiled

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, SIDE
+from planewise.kernels.cells import SIDE
 from planewise.kernels.jit import compiled, internal
 
 NONE = np.int16(-1)
@@ -30,14 +30,14 @@ _ALL = 68  # what the eight neighbours of a pixel weigh, in tenths
 
 
 @compiled
-def lay_out(grid, number, moments, p, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
+def lay_out(grid, number, count, p, first, last, coarse, apart, label, state):  # type: ignore[no-untyped-def]
     """Write every cell's label onto its pixels, in rows first ... last - 1 of cells.
 
-    The label of a cell is number[grid], 0 where grid is -1; moments (rows, ., columns): of cells
-    (`kernels.cells`), for the count of readings. Writes coarse (rows + 2, columns + 2): these
-    labels, those at the edge twice; apart (rows, columns): cells beside another label; label
-    (H + 2, at least W + 1 + SIDE), but for its first and last row; and state alike: fixed without
-    a reading and on a plane, in a cell among others of that plane, 0 elsewhere.
+    The label of a cell is number[grid], 0 where grid is -1; count (rows, columns): its readings.
+    Writes coarse (rows + 2, columns + 2): these labels, those at the edge twice; apart (rows,
+    columns): cells beside another label; label (H + 2, at least W + 1 + SIDE), but for its first
+    and last row; and state alike: fixed without a reading and on a plane, in a cell among others of
+    that plane, 0 elsewhere.
     """
     height, width = p.shape
     rows, columns = grid.shape
@@ -49,14 +49,14 @@ def lay_out(grid, number, moments, p, first, last, coarse, apart, label, state):
     filled, fixed = np.empty(columns, np.int16), np.empty(columns, np.uint8)
     for r in range(first, last):
         above, row, below = coarse[r], coarse[r + 1], coarse[r + 2]
-        readings, others = moments[r, COUNT], apart[r]
+        readings, others = count[r], apart[r]
         for c in range(columns):
             mine = row[c + 1]
             same = (row[c] == mine) & (row[c + 2] == mine)
             same &= (above[c] == mine) & (above[c + 1] == mine) & (above[c + 2] == mine)
             same &= (below[c] == mine) & (below[c + 1] == mine) & (below[c + 2] == mine)
             others[c] = not same
-            there = readings[c] > 0.0
+            there = readings[c] > 0
             filled[c] = mine if there else NONE
             fixed[c] = FIXED if (same & (mine > 0)) | (not there) else 0
         top, bottom = r * SIDE, min((r + 1) * SIDE, height)
@@ -76,7 +76,7 @@ def lay_out(grid, number, moments, p, first, last, coarse, apart, label, state):
             for j in range(labels.size):
                 copy[j], copied[j] = labels[j], states[j]
         for c in range(columns):
-            if 0.0 < readings[c] < SIDE * SIDE:
+            if 0 < readings[c] < SIDE * SIDE:
                 for i in range(top, bottom):
                     for j in range(c * SIDE, min((c + 1) * SIDE, width)):
                         if p[i, j] <= 0.0:

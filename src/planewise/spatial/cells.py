@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,10 @@ class Cells:
     ----------
     grid : ndarray of int32, shape (rows, columns)
         Unit of every cell of `SIDE` pixels, -1 where there is no plane.
-    moments : ndarray, shape (rows, 12, columns)
-        Of the readings of every cell (`kernels.cells`), with the precision that the sensor says.
+    count : ndarray of uint8, shape (rows, columns)
+        Readings of every cell.
+    tiles : ndarray, shape (rows / 3, 12, columns / 3)
+        Moments of every 3 x 3 cells (`Moments`).
     rows : ndarray, shape (units, 13)
         Segment row of every unit (`kernels.cells`).
     whole : ndarray of bool, shape (units,)
@@ -72,7 +74,8 @@ class Cells:
     """
 
     grid: NDArray[np.int32]
-    moments: Array
+    count: NDArray[np.uint8]
+    tiles: Array
     rows: Array
     whole: NDArray[np.bool_]
     squares: NDArray[np.int32]
@@ -122,35 +125,55 @@ class Cells:
         return part, units, (top, left, bottom, right)
 
 
-def moments_of(frame: Frame, workspace: Workspace) -> tuple[Array, Array, Array, Array]:
-    """Moments of cells and chi^2 of their planes, and the same of blocks of 2 x 2 cells.
+class Moments(NamedTuple):
+    """Of the readings of a frame (`kernels.cells`), with the precision that the sensor says.
 
-    Shapes (rows, 12, columns), (rows, columns), (rows / 2, 11, columns / 2) and (rows / 2, columns
-    / 2), rounded up.
+    Attributes
+    ----------
+    count, misfits : ndarray of uint8 and of float64, shape (rows, columns)
+        Readings of every cell, and chi^2 of its plane.
+    blocks, together : ndarray, shapes (rows / 2, 11, columns / 2) and (rows / 2, columns / 2)
+        Moments of 2 x 2 cells and chi^2 of their plane.
+    tiles : ndarray, shape (rows / 3, 12, columns / 3)
+        Moments of 3 x 3 cells. All shapes are rounded up.
     """
+
+    count: NDArray[np.uint8]
+    misfits: Array
+    blocks: Array
+    together: Array
+    tiles: Array
+
+
+def moments_of(frame: Frame, workspace: Workspace) -> Moments:
+    """Moments of the readings of a frame."""
     rows, columns = (-(-n // SIDE) for n in frame.w.shape)
-    halved = -(-rows // 2), -(-columns // 2)
-    moments = workspace.kept((rows, kernels.MOMENTS + 1, columns))
-    misfits = workspace.empty((rows, columns))
-    blocks = workspace.empty((halved[0], kernels.MOMENTS, halved[1]))
-    together = workspace.empty(halved)
-    images = frame.w, frame.p, frame.x, frame.y
-    out = moments, misfits, blocks, together
+    halved, third = (-(-rows // 2), -(-columns // 2)), (-(-rows // 3), -(-columns // 3))
+    out = Moments(
+        count=workspace.kept((rows, columns), np.uint8),
+        misfits=workspace.empty((rows, columns)),
+        blocks=workspace.empty((halved[0], kernels.MOMENTS, halved[1])),
+        together=workspace.empty(halved),
+        tiles=workspace.kept((third[0], kernels.MOMENTS + 1, third[1])),
+    )
+    images, strips = (frame.w, frame.p, frame.x, frame.y), -(-rows // 6)
 
     def part(first: int, last: int) -> Iterator[NDArray[Any]]:
-        pixels, cell, block = (slice(n * first, n * last) for n in (2 * SIDE, 2, 1))
-        yield from (image[pixels] for image in images)
-        yield from (moments[cell], misfits[cell], blocks[block], together[block])
+        """What lies in some strips of six rows of cells: whole blocks and whole tiles."""
+        yield from (image[6 * SIDE * first : 6 * SIDE * last] for image in images)
+        for each, strip in zip(out, (6, 6, 3, 3, 2), strict=True):
+            yield each[strip * first : strip * last]
 
     def add_up(first: int, last: int) -> None:
-        whole = frame.w.shape[0] // (2 * SIDE) if frame.straight else 0  # blocks with all rows
+        whole = strips if frame.w.shape[0] % SIDE == 0 else strips - 1  # whose cells have all rows
+        whole = whole if frame.straight else 0
         middle = min(max(first, whole), last)
         if first < middle:
             kernels.straight_moments(*part(first, middle))
         if middle < last:
             kernels.cell_moments(*part(middle, last), frame.straight)
 
-    threads.halves(add_up, halved[0])
+    threads.halves(add_up, strips)
     return out
 
 
@@ -159,11 +182,12 @@ def cells_of(
 ) -> Cells | None:
     """Cells that have a plane, their random effects integrated out; ``None`` if no cell has one."""
     workspace = workspace or Workspace()
-    moments, misfits, blocks, together = moments_of(frame, workspace)
+    moments = moments_of(frame, workspace)
+    count, misfits, blocks, together, tiles = moments
     shape = misfits.shape
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
-    full, usual = kernels.whole_misfits(moments, misfits, sample), usual_count(blocks[:, COUNT])
+    full, usual = kernels.whole_misfits(count, misfits, sample), usual_count(blocks[:, COUNT])
     lone: Array = sample[:full]
     freedom: Array | int = SIDE * SIDE - 3
     if full < _FEWEST:  # as where readings are missing here and there: then blocks do
@@ -186,10 +210,10 @@ def cells_of(
         units = workspace.empty((room, kernels.MOMENTS))
         size = workspace.empty(room)
         found = kernels.merge_quarters(
-            moments,
-            misfits,
-            blocks,
-            together,
+            frame.w,
+            frame.p,
+            *frame.sectors.coordinates,
+            *moments[:4],
             white,
             _SPLIT,
             _hopeless(frame.sectors),
@@ -215,7 +239,8 @@ def cells_of(
     np.square(w * slope, out=priors[1])
     return Cells(
         grid=grid,
-        moments=moments,
+        count=count,
+        tiles=tiles,
         rows=segments,
         whole=whole,
         squares=squares,

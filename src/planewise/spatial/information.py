@@ -44,6 +44,7 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
+_FEW = 4  # groups of a block with several, as a rule
 _SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
@@ -269,10 +270,8 @@ class Blocks:
 
     Attributes
     ----------
-    of_cells : ndarray, shape (rows, 12, columns)
-        Moments of cells.
     moments : ndarray, shape (12, blocks)
-        As `kernels.groups.sum_blocks` writes them, corrected once `add_up` was called.
+        As `kernels.groups.scale_tiles` writes them, corrected, once `add_up` was called.
     factor : ndarray, shape (blocks,)
         What w was multiplied by: what noise adds to weighted means is taken off.
     finer : ndarray, shape (blocks,) or empty
@@ -286,9 +285,9 @@ class Blocks:
         self, frame: Frame, cells: Cells | None, resolution: float, workspace: Workspace
     ) -> None:
         self._frame, self._error = frame, FrameError() if cells is None else cells.error
-        self.of_cells = moments_of(frame, workspace)[0] if cells is None else cells.moments
-        shape = _tiles(frame.w.shape, tiles.BLOCK)
-        self.moments: Array = workspace.kept((tiles.NORM + 1, shape[0] * shape[1]))
+        self._tiles = moments_of(frame, workspace).tiles if cells is None else cells.tiles
+        count = self._tiles.shape[0] * self._tiles.shape[2]
+        self.moments: Array = workspace.kept((tiles.NORM + 1, count))
         self.factor, self.finer = np.empty(0), np.empty(0)
         self.white = self._error.white
         self.constant = float(np.log(2 * np.pi * self.white / resolution**2))
@@ -298,7 +297,7 @@ class Blocks:
         if self.factor.size:
             return self
         sectors = self._frame.sectors
-        tiles.sum_blocks(self.of_cells, self.white, self.constant, self.moments)
+        tiles.scale_tiles(self._tiles, self.white, self.constant, self.moments)
         means = np.empty((3, self.moments.shape[1]))
         tiles.block_means(self.moments, means)
         self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(means[2])
@@ -330,9 +329,8 @@ def groups_of(
     """
     workspace = workspace or Workspace()
     error = FrameError() if cells is None else cells.error
-    readings = np.zeros(planes + 1, np.int64)
     blocks = (blocks or Blocks(frame, cells, resolution, workspace)).add_up()
-    moments, label, first = _groups(frame, blocks, labels, readings, workspace)
+    moments, label, first, readings = _groups(frame, blocks, labels, planes, workspace)
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
@@ -361,34 +359,28 @@ def groups_of(
 
 
 def _groups(
-    frame: Frame,
-    blocks: Blocks,
-    labels: NDArray[np.uint16],
-    readings: NDArray[np.int64],
-    workspace: Workspace,
-) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32]]:
-    """Moments and labels of groups, where those of each block with several begin.
+    frame: Frame, blocks: Blocks, labels: NDArray[np.uint16], planes: int, workspace: Workspace
+) -> tuple[Array, NDArray[np.uint16], NDArray[np.int32], NDArray[np.int64]]:
+    """Moments and labels of groups, where those of each block with several begin, and readings.
 
-    Adds to readings those of every label. Corrections are the same in all a block, so Phi of fewer
-    planes, whose groups are larger, is that of the same data.
+    Corrections are the same in all a block, so Phi of fewer planes, whose groups are larger, is
+    that of the same data.
     """
-    cell = workspace.empty(_tiles(labels.shape, kernels.SIDE), np.int32)
-    block = workspace.empty(_tiles(labels.shape, tiles.BLOCK), np.int32)
-    work = np.empty((6, tiles.BLOCK * block.shape[1]), np.uint16)
-    mixed, several = tiles.label_cells(labels, frame.p, cell, block, work)
-    # Of the cells of a block, each with one label adds at most one group.
-    most = kernels.SIDE**2 * (several + mixed)
-    moments = workspace.empty((tiles.NORM + 1, block.size + most))
-    moments[:, : block.size] = blocks.moments
-    label = workspace.empty(block.size + most, np.uint16)
-    first = np.empty(several + 1, np.int32)
-    tiles.sum_groups(
-        labels, frame.w, frame.p, *frame.sectors.coordinates, blocks.of_cells, cell, block,
-        blocks.white, blocks.constant, first, moments, label, readings,
-    )  # fmt: skip
+    rows, columns = (-(-n // tiles.BLOCK) for n in labels.shape)
+    block = workspace.empty((rows, columns), np.int32)
+    work = np.empty((6, tiles.BLOCK * columns), np.uint16)
+    several = tiles.label_blocks(labels, frame.p, block, work)
+    first, readings = np.empty(several + 1, np.int32), np.empty(planes + 1, np.int64)
+    end, room = -1, block.size + _FEW * several
+    while end < 0:
+        # Most blocks with several labels have two or three: seldom is there need for more room.
+        moments = workspace.empty((tiles.NORM + 1, room))
+        moments[:, : block.size] = blocks.moments
+        label = workspace.empty(room, np.uint16)
+        end = tiles.sum_groups(
+            labels, frame.w, frame.p, *frame.sectors.coordinates, block, blocks.white,
+            blocks.constant, first, moments, label, readings,
+        )  # fmt: skip
+        room += tiles.BLOCK**2 * several
     tiles.correct_groups(moments, first, block, blocks.factor, blocks.finer)
-    return moments, label, first
-
-
-def _tiles(shape: tuple[int, ...], side: int) -> tuple[int, int]:
-    return -(-shape[0] // side), -(-shape[1] // side)
+    return moments, label, first, readings

@@ -131,7 +131,7 @@ def _label_pixels(
 
     def lay_out(first: int, last: int) -> None:
         label_loops.lay_out(
-            cells.grid, number, cells.moments, frame.p, first, last, coarse, apart,
+            cells.grid, number, cells.count, frame.p, first, last, coarse, apart,
             marks.label, marks.state,
         )  # fmt: skip
         label_loops.find_waiting(
