@@ -38,7 +38,7 @@ def ridge(column, turn):
 
 def told(w, p, x, y, pixels, white=1.0):
     second = np.empty(len(pixels), np.bool_)
-    planes, information = np.empty((2, 3)), np.empty((2, 6))
+    planes, information = np.empty((2, 3)), np.empty((2, 9))
     saved = faces.two_faces(
         pixels,
         w,
@@ -116,8 +116,9 @@ def test_two_faces_are_told_apart(alike, column, small):
         x, y = (each.reshape(-1)[at].astype(float) for each in grid(x, y))
         terms, weight = np.stack((np.ones_like(x), x, y)), p.reshape(-1)[at].astype(float)
         normal = (terms * weight) @ terms.T
-        assert_allclose(matrix, normal[np.triu_indices(3)], rtol=1e-6, atol=1e-3 * matrix[0])
         right = (terms * weight) @ w.reshape(-1)[at]
+        assert_allclose(matrix[:6], normal[np.triu_indices(3)], rtol=1e-6, atol=1e-3 * matrix[0])
+        assert_allclose(matrix[6:], right, rtol=1e-6, atol=1e-3 * matrix[6])
         assert_allclose(plane, np.linalg.solve(normal, right), rtol=1e-5)
 
 

@@ -18,7 +18,7 @@ def test_pieces_of_a_floor_are_one_plane(monkeypatch, seed):
     ranges, truth = room(CAMERA, np.random.default_rng(seed))
     model = pw.detect_planes(ranges, CAMERA, SENSOR)
     surfaces = pw.detect_planes(ranges, CAMERA, SENSOR, instances=True)
-    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
+    monkeypatch.setattr(solution, "joined", lambda *given: (*given[:2], None))
     apart = pw.detect_planes(ranges, CAMERA, SENSOR)
     assert len(model) == 6 <= len(surfaces) < len(apart)
     assert model.information < apart.information - 2 * 3 * np.log(60 / 0.002)
@@ -35,7 +35,7 @@ def test_pieces_of_a_face_in_a_room_are_one_plane(monkeypatch, seed):
     """Every true face has one plane, with no more readings on planes, and Phi is lower."""
     scene = scenes.room(seed)
     model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
-    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
+    monkeypatch.setattr(solution, "joined", lambda *given: (*given[:2], None))
     apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
     assert model.information < apart.information
 
@@ -84,7 +84,7 @@ def _touch(a, b):
 def test_touching_pieces_of_a_face_are_one_surface(monkeypatch, seed):
     scene = scenes.room(seed)
     model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, instances=True)
-    monkeypatch.setattr(solution, "joined", lambda *given, **_: (*given[:3], None))
+    monkeypatch.setattr(solution, "joined", lambda *given: (*given[:2], None))
     apart = pw.detect_planes(scene.depth, scene.camera, scene.sensor, instances=True)
     assert model.information < apart.information
 

@@ -19,7 +19,11 @@ def usual_count(readings: NDArray[Any]) -> int:
     >>> usual_count(np.array([36, 36, 36, 0, 0, 0, 0])), usual_count(np.array([9, 8, 12, 0]))
     (36, 9)
     """
-    sizes = np.bincount(readings.astype(np.intp).reshape(-1), minlength=2)
+    return usual_size(np.bincount(readings.astype(np.intp).reshape(-1), minlength=2))
+
+
+def usual_size(sizes: NDArray[np.int64]) -> int:
+    """`usual_count` where so many cells have 0, 1 ... readings."""
     sizes[0] = 0
     so_many = sizes.cumsum()
     return int(so_many.searchsorted(max((int(so_many[-1]) + 1) // 2, 1)))

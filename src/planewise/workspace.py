@@ -71,14 +71,18 @@ class Workspace:
             As of `numpy.empty`; dtype a class such as `numpy.int32`.
         """
         kind, start = _KINDS[dtype], self._kept
-        self._kept += _size(shape, kind.itemsize)
-        return self._part(start, shape, kind)
+        self._kept = start + _size(shape, kind.itemsize)
+        if self._kept + self._lent > self._held:
+            return self._beyond(shape, kind)
+        return np.ndarray(shape, kind, self._memory, start)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
         kind = _KINDS[dtype]
-        self._lent += _size(shape, kind.itemsize)
-        return self._part(self._held - self._lent, shape, kind)
+        self._lent = lent = self._lent + _size(shape, kind.itemsize)
+        if self._kept + lent > self._held:
+            return self._beyond(shape, kind)
+        return np.ndarray(shape, kind, self._memory, self._held - lent)
 
     def copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return a copy that lasts as long as the stage."""
@@ -91,12 +95,10 @@ class Workspace:
         """Memory held."""
         return self._held
 
-    def _part(self, start: int, shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
-        used = self._kept + self._lent
-        if used > self._held:
-            self._most = max(self._most, used)
-            return np.empty(shape, dtype)
-        return np.ndarray(shape, dtype, self._memory, start)
+    def _beyond(self, shape: int | tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
+        """Return an array of its own, and remember how much there is to hold."""
+        self._most = max(self._most, self._kept + self._lent)
+        return np.empty(shape, kind)
 
 
 class _Stage:
@@ -128,7 +130,7 @@ _KINDS = _Kinds()
 def _size(shape: int | tuple[int, ...], item: int) -> int:
     """Bytes of an array, in whole lines of the cache."""
     size = item * (shape if isinstance(shape, int) else math.prod(shape))
-    return -(-size // _ALIGNED) * _ALIGNED
+    return size + -size % _ALIGNED
 
 
 def _free_all() -> None:

@@ -277,14 +277,24 @@ def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # ty
 
 
 @compiled
-def whole_misfits(count, misfits, out):  # type: ignore[no-untyped-def]
-    """List chi^2 of every other whole cell in every other row; returns how many there are."""
+def whole_misfits(count, misfits, blocks, out, sizes):  # type: ignore[no-untyped-def]
+    """List chi^2 of every other whole cell in every other row; returns how many there are.
+
+    count, misfits, blocks as `cell_moments` writes them. Writes sizes (n,): blocks with 0, 1 ...
+    readings.
+    """
+    for n in range(sizes.size):
+        sizes[n] = 0
+    for i in range(blocks.shape[0]):
+        readings = blocks[i, COUNT]
+        for j in range(readings.size):
+            sizes[np.intp(readings[j])] += 1
     found = 0
     for i in range(0, misfits.shape[0], 2):
-        readings, row = count[i], misfits[i]
+        whole, row = count[i], misfits[i]
         for j in range(0, row.size, 2):
             out[found] = row[j]
-            found += readings[j] == SIDE * SIDE
+            found += whole[j] == SIDE * SIDE
     return found
 
 

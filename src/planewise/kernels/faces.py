@@ -237,8 +237,8 @@ def two_faces(  # type: ignore[no-untyped-def]
     both, or of three where one of both is two once more, is less than that of a polynomial of the
     third degree. What lies off the one by more than `most` variances, times the mean square, has no
     say, nor what is on neither of the two. many: as in `splits.halve`. Writes second (n,): which
-    are on the smaller face; planes (2, 3) of both, and information (2, 6), the upper triangle of P.
-    Returns what they save in chi^2, 0 if there are no two.
+    are on the smaller face; planes (2, 3) of both, and information (2, 9), P and P t as rows of
+    segments have them. Returns what they save in chi^2, 0 if there are no two.
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
@@ -288,6 +288,10 @@ def two_faces(  # type: ignore[no-untyped-def]
         out[3] = s[3] + cx * (2 * s[1] + cx * s[0])
         out[4] = s[4] + cx * s[2] + cy * s[1] + cx * cy * s[0]
         out[5] = s[5] + cy * (2 * s[2] + cy * s[0])
+        t = planes[n]
+        out[6] = out[0] * t[0] + out[1] * t[1] + out[2] * t[2]
+        out[7] = out[1] * t[0] + out[3] * t[1] + out[4] * t[2]
+        out[8] = out[2] * t[0] + out[4] * t[1] + out[5] * t[2]
     for k in range(size):
         a, b = points[k, 0] + cx, points[k, 1] + cy
         value = points[k, 2] + mean + tx * points[k, 0] + ty * points[k, 1]

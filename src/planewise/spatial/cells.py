@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import threads
-from planewise.density import LEAST_READINGS, usual_count
+from planewise.density import LEAST_READINGS, usual_size
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import COUNT, SIDE
@@ -130,15 +130,15 @@ class Moments(NamedTuple):
 
     Attributes
     ----------
-    count, misfits : ndarray of uint8 and of float64, shape (rows, columns)
-        Readings of every cell, and chi^2 of its plane.
+    readings, misfits : ndarray of uint8 and of float64, shape (rows, columns)
+        How many there are in every cell, and chi^2 of its plane.
     blocks, together : ndarray, shapes (rows / 2, 11, columns / 2) and (rows / 2, columns / 2)
         Moments of 2 x 2 cells and chi^2 of their plane.
     tiles : ndarray, shape (rows / 3, 12, columns / 3)
         Moments of 3 x 3 cells. All shapes are rounded up.
     """
 
-    count: NDArray[np.uint8]
+    readings: NDArray[np.uint8]
     misfits: Array
     blocks: Array
     together: Array
@@ -150,7 +150,7 @@ def moments_of(frame: Frame, workspace: Workspace) -> Moments:
     rows, columns = (-(-n // SIDE) for n in frame.w.shape)
     halved, third = (-(-rows // 2), -(-columns // 2)), (-(-rows // 3), -(-columns // 3))
     out = Moments(
-        count=workspace.kept((rows, columns), np.uint8),
+        readings=workspace.kept((rows, columns), np.uint8),
         misfits=workspace.empty((rows, columns)),
         blocks=workspace.empty((halved[0], kernels.MOMENTS, halved[1])),
         together=workspace.empty(halved),
@@ -161,7 +161,8 @@ def moments_of(frame: Frame, workspace: Workspace) -> Moments:
     def part(first: int, last: int) -> Iterator[NDArray[Any]]:
         """What lies in some strips of six rows of cells: whole blocks and whole tiles."""
         yield from (image[6 * SIDE * first : 6 * SIDE * last] for image in images)
-        for each, strip in zip(out, (6, 6, 3, 3, 2), strict=True):
+        arrays: tuple[NDArray[Any], ...] = out
+        for each, strip in zip(arrays, (6, 6, 3, 3, 2), strict=True):
             yield each[strip * first : strip * last]
 
     def add_up(first: int, last: int) -> None:
@@ -187,7 +188,9 @@ def cells_of(
     shape = misfits.shape
     # A quarter of the cells stands for the frame.
     sample = workspace.empty(blocks.shape[0] * blocks.shape[2])
-    full, usual = kernels.whole_misfits(count, misfits, sample), usual_count(blocks[:, COUNT])
+    sizes = np.empty(4 * SIDE * SIDE + 1, np.int64)
+    full = kernels.whole_misfits(count, misfits, blocks, sample, sizes)
+    usual = usual_size(sizes)
     lone: Array = sample[:full]
     freedom: Array | int = SIDE * SIDE - 3
     if full < _FEWEST:  # as where readings are missing here and there: then blocks do

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planewise.kernels import faces as kernels
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.spatial.frame import Frame
-from planewise.spatial.segments import affine_planes, information_matrices, with_none
+from planewise.spatial.segments import affine_planes, with_none
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def parted(
     def told(pixels: Index, part: int = 1) -> tuple[float, NDArray[np.bool_], Array, Array]:
         """As of `kernels.two_faces`; part: of how many pixels one is given."""
         second = np.empty(len(pixels), np.bool_)
-        planes, information = np.empty((2, 3)), np.empty((2, 6))
+        planes, information = np.empty((2, 3)), np.empty((2, 9))
         less = kernels.two_faces(
             pixels, *images, white, 2 * least / part, _WORSE, ROUGH, max(_FEWEST // part, _LEAST),
             _NARROWEST / UNIT, _MANY, _MOST, second, planes, information,
@@ -105,8 +105,10 @@ def parted(
         if not less or not _meet(planes, frame.sectors.turn[0]):
             continue
         faces, like = (pixels[~second], pixels[second]), out[label - 1]
-        out[label - 1] = _row(like, planes[0], information[0], len(faces[0]))
-        out.append(_row(like, planes[1], information[1], len(faces[1])))
+        out[label - 1], second_row = (
+            _row(like, *each) for each in zip(information, map(len, faces), strict=True)
+        )
+        out.append(second_row)
         flat[faces[1]] = len(out)
         saved.append(0.5 * less - price)
         changed.append(faces[1])
@@ -120,8 +122,9 @@ def _pixels(
     labels: NDArray[np.uint16], chosen: NDArray[np.bool_], about: Array, workspace: Workspace
 ) -> list[tuple[int, Index]]:
     """Chosen labels and the pixels of each; `about` (labels,): as many there may be."""
-    slot = np.where(chosen, np.cumsum(chosen) - 1, -1)
-    listed, width = np.flatnonzero(chosen), labels.shape[1]
+    listed, width = chosen.nonzero()[0], labels.shape[1]
+    slot = np.full(len(chosen), -1)
+    slot[listed] = np.arange(len(listed))
     room = (1.1 * about[listed]).astype(np.int64) + 4 * width
     while True:
         stop = np.cumsum(room)
@@ -136,14 +139,13 @@ def _pixels(
 
 def _meet(planes: Array, turn: Array) -> bool:
     """Whether two planes meet in an edge. turn (3, 3): from (t0, t1, t2) to space."""
-    one, other = planes @ turn.T
-    return bool(one @ other < math.cos(_TURN) * math.sqrt((one @ one) * (other @ other)))
+    one, other = (planes[:, None] * turn).sum(axis=2)  # small: BLAS would take longer to start
+    square = (one * one).sum() * (other * other).sum()
+    return bool((one * other).sum() < math.cos(_TURN) * math.sqrt(square))
 
 
-def _row(like: Array, plane: Array, information: Array, count: int) -> Array:
+def _row(like: Array, information: Array, count: int) -> Array:
     """Row of a face, as if its readings erred apart."""
     row = like.copy()
-    row[:6] = information
-    row[6:9] = information_matrices(row[None])[0] @ plane
-    row[COUNT] = count
+    row[:9], row[COUNT] = information, count
     return row

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels.groups import merge_groups
 from planewise.kernels.planes import nearest_planes
-from planewise.spatial.information import GroupData, Groups
+from planewise.spatial.information import Groups
 from planewise.spatial.search import Segmentation
 
 Array = NDArray[np.float64]
@@ -23,8 +23,8 @@ _FAR = 40.0  # times its parameters, by the information on it: no plane is anoth
 
 
 def joined(
-    groups: Groups, found: Segmentation, data: GroupData, price: float
-) -> tuple[Groups, Segmentation, GroupData, NDArray[np.uint16] | None]:
+    groups: Groups, found: Segmentation, price: float
+) -> tuple[Groups, Segmentation, NDArray[np.uint16] | None]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
     Parameters
@@ -33,8 +33,6 @@ def joined(
         Of the labels; used up where planes are joined.
     found : Segmentation
         Planes and labels.
-    data : GroupData
-        Of the groups on these planes.
     price : float
         Nats that the readings of a plane have to be shorter on it than on the nearest other.
 
@@ -42,7 +40,6 @@ def joined(
     -------
     Groups
     Segmentation
-    GroupData
         The same objects where all planes stand apart. Labels are not changed.
     ndarray of uint16, shape (N K + 1,), optional
         What every label has become, ``None`` where all planes stand apart.
@@ -53,51 +50,49 @@ def joined(
     nearest_planes(first, found.information, nearest, far)
     near = (far < _FAR * price).nonzero()[0]
     if not len(near):
-        return groups, found, data, None
+        return groups, found, None
+    theirs, by_plane = _groups_of(groups, near), found.affine.reshape(-1, count, 3)
+    own, other = (
+        theirs.data(by_plane[each].reshape(-1, 3)).worth for each in (near, nearest[near])
+    )
+    if (other - own).min() >= price:
+        return groups, found, None
     more = np.full((planes, planes), np.inf)
-    elsewhere = _worth_on(groups, found.affine, near, nearest[near])
-    more[near, nearest[near]] = elsewhere - data.worth[near] - price
-    if more.min() >= 0.0:
-        return groups, found, data, None
-    alive, part = np.unique(_parts(more), return_inverse=True)
-    named = 1 + count * part[:, None] + np.arange(count)
-    place = np.concatenate((np.zeros(1, np.uint16), named.reshape(-1).astype(np.uint16)))
+    more[near, nearest[near]] = other - own - price
+    part = _parts(more)
+    stays = part == np.arange(planes)
+    alive, part = stays.nonzero()[0], (stays.cumsum() - 1)[part]
+    place = np.zeros(len(groups.readings), np.uint16)
+    place[1:].reshape(-1, count)[:] = 1 + count * part[:, None] + np.arange(count)
     merge_groups(groups.moments, groups.label, groups.first, place)
-    readings = np.zeros(len(alive) * count + 1, np.int64)
-    np.add.at(readings, place, groups.readings)
     together = np.zeros((len(alive), 3, 3))
     np.add.at(together, part, found.information)
     one = replace(
         found,
-        affine=found.affine.reshape(-1, count, 3)[alive].reshape(-1, 3),
+        affine=by_plane[alive].reshape(-1, 3),
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
     )
-    groups = replace(groups, readings=readings)
-    return groups, one, groups.data(one.affine), place
+    readings = np.bincount(place, groups.readings).astype(np.int64)
+    return replace(groups, readings=readings), one, place
 
 
-def _worth_on(
-    groups: Groups, affine: Array, first: NDArray[np.intp], second: NDArray[np.intp]
-) -> Array:
-    """`GroupData.worth` of the readings of each first plane on the second."""
-    count, pairs = groups.sectors.count, len(first)
+def _groups_of(groups: Groups, chosen: NDArray[np.intp]) -> Groups:
+    """Groups of some planes only, which are 0, 1 ... there."""
+    count = groups.sectors.count
     named = np.zeros(len(groups.readings), np.uint16)
-    of_plane = named[1:].reshape(-1, count)
-    of_plane[first] = 1 + np.arange(pairs * count).reshape(pairs, count)
-    label = named[groups.label[: groups.first[-1]]]
-    at = np.flatnonzero(label)
-    readings = groups.readings[1:].reshape(-1, count)[first]
-    moved = replace(
+    named[1:].reshape(-1, count)[chosen] = 1 + np.arange(len(chosen) * count).reshape(-1, count)
+    label = named.take(groups.label[: groups.first[-1]])
+    at = (label > 0).nonzero()[0]
+    readings = groups.readings[1:].reshape(-1, count)[chosen]
+    return replace(
         groups,
-        moments=np.ascontiguousarray(groups.moments[:, at]),
+        moments=groups.moments.take(at, axis=1),
         label=label[at],
         first=np.array([len(at)], np.int32),
         readings=np.concatenate((np.zeros(1, np.int64), readings.ravel())),
         nats=np.empty((3, len(at))),
     )
-    planes = affine.reshape(-1, count, 3)[second]
-    return moved.data(planes.reshape(-1, 3)).worth
 
 
 def _parts(more: Array) -> NDArray[np.intp]:

@@ -422,4 +422,4 @@ def residual_correlation(
     unit_loops.correlate(cells.grid, cells.rows, inside, with_none(affine), sums)
     together, apart, pairs = sectors.summed(sums[1:]).T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
-    return np.asarray(np.divide(together, apart, np.full(told.shape, np.nan), where=told))
+    return np.where(told, together / np.where(told, apart, 1.0), np.nan)

@@ -101,12 +101,8 @@ class MaskCounts:
 
         Neighbours may then have all the label, which adds nothing, and rows may be alike.
         """
-        left, above, right, corner = (
-            place[(self.around >> np.uint64(shift)) & np.uint64(0xFFFF)].astype(np.uint64)
-            for shift in (48, 32, 16, 0)
-        )
-        around = ((left << 16 | above) << 16 | right) << 16 | corner
-        return MaskCounts(around, place[self.label], self.times)
+        around = place.take(self.around.view(np.uint16)).view(np.uint64)
+        return MaskCounts(around, place.take(self.label), self.times)
 
     def lengths(
         self, readings: NDArray[np.int64], place: NDArray[np.uint16]

@@ -191,11 +191,11 @@ def judged(
     masks: list[MaskCounts] = []
     with threads.beside(lambda: masks.append(mask_of(frame, labels))):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
-        data = groups.data(found.affine)
         place = None
         if join:
-            groups, found, data, place = joined(groups, found, data, cost)
+            groups, found, place = joined(groups, found, cost)
         affine = found.affine
+        data = groups.data(affine)
         if not paid:
             affine, data = refitted(groups, affine, data)
     mask = masks[0]
