@@ -36,10 +36,13 @@ def ridge(column, turn):
     return 0.5 + 0.1 * x - 0.2 * y + turn * np.maximum(x - x[0, column], 0.0)
 
 
-def told(w, p, x, y, pixels, white=1.0):
-    second = np.empty(len(pixels), np.bool_)
+TURN = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])  # from (t0, t1, t2) to space
+
+
+def told(w, p, x, y, pixels, white=1.0, straight=1.0):
+    by_face = np.empty_like(pixels)
     planes, information = np.empty((2, 3)), np.empty((2, 9))
-    saved = faces.two_faces(
+    saved, larger = faces.two_faces(
         pixels,
         w,
         p,
@@ -53,11 +56,18 @@ def told(w, p, x, y, pixels, white=1.0):
         NARROWEST,
         MANY,
         MOST,
-        second,
+        TURN,
+        straight,
+        by_face,
         planes,
         information,
     )
-    return saved, second, planes, information
+    if not saved:
+        return 0.0, np.zeros(len(pixels), np.bool_), planes, information
+    assert_array_equal(np.sort(by_face), pixels)
+    for face in (by_face[:larger], by_face[larger:]):
+        assert (np.diff(face) > 0).all()
+    return saved, np.isin(pixels, by_face[larger:]), planes, information
 
 
 def squares(images, pixels):
@@ -120,6 +130,17 @@ def test_two_faces_are_told_apart(alike, column, small):
         assert_allclose(matrix[:6], normal[np.triu_indices(3)], rtol=1e-6, atol=1e-3 * matrix[0])
         assert_allclose(matrix[6:], right, rtol=1e-6, atol=1e-3 * matrix[6])
         assert_allclose(plane, np.linalg.solve(normal, right), rtol=1e-5)
+
+
+def test_faces_that_do_not_meet_in_an_edge_are_no_two():
+    pixels = np.arange(SIZE[0] * SIZE[1])
+    seen = images(np.random.default_rng(2), ridge(60, 0.1))
+    saved, _, planes, _ = told(*seen, pixels)
+    assert saved > CLEAR
+    one, other = planes @ TURN.T
+    cosine = one @ other / np.linalg.norm(one) / np.linalg.norm(other)
+    assert told(*seen, pixels, straight=cosine + 1e-9)[0] == saved
+    assert told(*seen, pixels, straight=cosine - 1e-9)[0] == 0.0
 
 
 def strip(w, seed):
@@ -225,9 +246,9 @@ def test_wild_readings_make_no_face():
     assert told(w, p, x, y, np.arange(w.size))[0] == 0.0
 
 
-@pytest.mark.parametrize(("degree", "terms"), [(2, 6), (3, 10)])
+@pytest.mark.parametrize("degree", [2, 3])
 @pytest.mark.parametrize("seed", range(3))
-def test_smooth_misfit(seed, degree, terms):
+def test_smooth_misfit(seed, degree):
     rng = np.random.default_rng(seed)
     x, y, p = rng.uniform(-2, 3, 300), rng.uniform(-1, 1, 300), rng.uniform(1, 3, 300)
     height = x**3 - y * x + 0.3 * rng.standard_normal(300)
@@ -235,14 +256,14 @@ def test_smooth_misfit(seed, degree, terms):
     root = np.sqrt(p)
     left = np.linalg.lstsq((powers * root).T, height * root, rcond=None)[1]
     points = np.column_stack((x, y, height, p))
-    assert_allclose(_misfit(points, terms), left[0], rtol=1e-6)
+    assert_allclose(_misfit(points, degree), left[0], rtol=1e-6)
     points[:, 1] = 0.0  # in a line: as many terms as that has
     left = np.linalg.lstsq(np.vander(x, degree + 1) * root[:, None], height * root, rcond=None)[1]
-    assert_allclose(_misfit(points, terms), left[0], rtol=1e-6)
+    assert_allclose(_misfit(points, degree), left[0], rtol=1e-6)
 
 
-def _misfit(points, terms=10):
-    return faces.smooth_misfit.py_func(points, terms)  # no loop of its own: part of `two_faces`
+def _misfit(points, degree=3):
+    return faces.smooth_misfit.py_func(points, degree)  # no loop of its own: part of `two_faces`
 
 
 @pytest.mark.parametrize("alike", [True, False])

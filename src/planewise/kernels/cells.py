@@ -182,8 +182,8 @@ def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _row_misfits(m, out):  # type: ignore[no-untyped-def]
-    """chi^2 of the best plane of every cell of a row, from its moments (11 or 12, columns)."""
+def row_misfits(m, out):  # type: ignore[no-untyped-def]
+    """chi^2 of the best plane of every column of moments (10 or more, columns)."""
     m0, m1, m2, m3, m4, m5 = m[0], m[1], m[2], m[3], m[4], m[5]
     m6, m7, m8, m9 = m[6], m[7], m[8], m[9]
     for k in range(out.size):
@@ -236,10 +236,10 @@ def _tell_of_rows(top, pair, count, misfits, blocks, together, tiles):  # type: 
         readings = pair[k, COUNT]
         for j in range(readings.size):
             count[row, j] = readings[j]
-        _row_misfits(pair[k], misfits[row])
+        row_misfits(pair[k], misfits[row])
         _add_to_tiles(pair[k], row % 3 == 0, tiles[row // 3])
     _pair_up(pair[0], pair[1], blocks[top // 2])
-    _row_misfits(blocks[top // 2], together[top // 2])
+    row_misfits(blocks[top // 2], together[top // 2])
 
 
 @compiled

@@ -16,7 +16,8 @@ from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, add_point, halve
 
-_QUADRIC, _CUBIC = 6, 10  # terms of polynomials of the second and third degree
+_QUADRIC, _CUBIC = 2, 3  # degrees of polynomials
+_TERMS = 10  # of a cubic
 _BENT = 1.4  # times the misfit of a quadric: what that of the smaller face is at most
 _OFF = 9.0  # squared residual in variances of a reading that is on neither of two planes
 _ROUNDS = 3  # of leaving these out
@@ -81,25 +82,47 @@ def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-de
 
 
 @called
-def smooth_misfit(points, terms):  # type: ignore[no-untyped-def]
-    """chi^2 of the best polynomial of so many terms through points (n, 4) (`kernels.splits`)."""
+def smooth_misfit(points, degree):  # type: ignore[no-untyped-def]
+    """chi^2 of the best polynomial of such a degree through points (n, 4) (`kernels.splits`).
+
+    Its normal equations are sums of q a^i b^j and of q a^i b^j h over points (a, b, h, q).
+    """
     size, extent = points.shape[0], 0.0
     for k in range(size):
         extent = max(extent, abs(points[k, 0]), abs(points[k, 1]))
-    table, row = np.empty((_CUBIC + 1, _CUBIC + 1)), np.empty(_CUBIC + 1)
-    table[:] = 0.0
+    work, square = np.empty((5, size)), 0.0
+    a, b, h, column, here = work[0], work[1], work[2], work[3], work[4]
     for k in range(size):
-        a, b, h, q = points[k, 0] / extent, points[k, 1] / extent, points[k, 2], points[k, 3]
-        row[0], row[1], row[2], row[3], row[4], row[5] = 1.0, a, b, a * a, a * b, b * b
-        row[6], row[7], row[8], row[9] = a * a * a, a * a * b, a * b * b, b * b * b
-        row[terms] = h
-        for e in range(terms + 1):
-            weighted = q * row[e]
-            for f in range(e, terms + 1):
-                table[e, f] += weighted * row[f]
-    # Gauss: what is left of the last square once all terms are eliminated.
+        a[k], b[k], h[k] = points[k, 0] / extent, points[k, 1] / extent, points[k, 2]
+        column[k] = points[k, 3]
+        square += column[k] * h[k] * h[k]
+    of_powers = np.empty((2 * _CUBIC + 1, 2 * _CUBIC + 1))
+    of_heights = np.empty((_CUBIC + 1, _CUBIC + 1))
+    powers, terms = np.empty((_TERMS, 2), np.intp), 0
+    for j in range(2 * degree + 1):
+        for k in range(size):
+            here[k] = column[k]
+            column[k] *= b[k]
+        for i in range(2 * degree + 1 - j):
+            every = high = 0.0
+            for k in range(size):
+                every += here[k]
+                high += here[k] * h[k]
+                here[k] *= a[k]
+            of_powers[i, j] = every
+            if i + j <= degree:
+                of_heights[i, j] = high
+                powers[terms, 0], powers[terms, 1] = i, j
+                terms += 1
+    table, row = np.empty((_TERMS + 1, _TERMS + 1)), np.empty(_TERMS)
     for e in range(terms):
+        i, j = powers[e, 0], powers[e, 1]
+        table[e, terms] = of_heights[i, j]
+        for f in range(e, terms):
+            table[e, f] = of_powers[i + powers[f, 0], j + powers[f, 1]]
         row[e] = table[e, e]
+    table[terms, terms] = square
+    # Gauss: what is left of the last square once all terms are eliminated.
     for e in range(terms):
         if table[e, e] > _SINGULAR * row[e]:
             for f in range(e + 1, terms + 1):
@@ -202,7 +225,9 @@ def _parted(  # type: ignore[no-untyped-def]
         return count, 0, 0.0
     few = _sum_up(sums, points, side)
     for _ in range(_ROUNDS):
-        count = _drop(sums, points[:count], side[:count], index)
+        before, count = count, _drop(sums, points[:count], side[:count], index)
+        if count == before:
+            break
         few = _sum_up(sums, points[:count], side[:count])
     first, second = _misfit(sums[0]), _misfit(sums[1])
     both = first + second
@@ -224,21 +249,38 @@ def _parted(  # type: ignore[no-untyped-def]
     return count, few, saved if smooth > both else 0.0
 
 
+@called
+def _meet(planes, turn, straight):  # type: ignore[no-untyped-def]
+    """Whether two planes meet in an edge, the cosine of whose angle is less than `straight`.
+
+    turn (3, 3): from (t0, t1, t2) to space.
+    """
+    both = one = other = 0.0
+    for i in range(3):
+        a = turn[i, 0] * planes[0, 0] + turn[i, 1] * planes[0, 1] + turn[i, 2] * planes[0, 2]
+        b = turn[i, 0] * planes[1, 0] + turn[i, 1] * planes[1, 1] + turn[i, 2] * planes[1, 2]
+        both += a * b
+        one += a * a
+        other += b * b
+    return both < straight * math.sqrt(one * other)
+
+
 @compiled
 def two_faces(  # type: ignore[no-untyped-def]
-    pixels, w, p, x, y, white, clear, worse, rough, fewest, narrowest, many, most, second, planes,
-    information,
+    pixels, w, p, x, y, white, clear, worse, rough, fewest, narrowest, many, most, turn, straight,
+    by_face, planes, information,
 ):  # fmt: skip
     """Whether readings of pixels (n,) lie on two planes, on either side of a line.
 
-    On each there are `fewest` of them, and none is narrower than `narrowest`; chi^2 of both is less
-    by `clear`, and by a factor of `worse`, than that of one plane, and of either no more than
-    `rough` times its readings, of the smaller one not much more than that of a quadric; that of
-    both, or of three where one of both is two once more, is less than that of a polynomial of the
-    third degree. What lies off the one by more than `most` variances, times the mean square, has no
-    say, nor what is on neither of the two. many: as in `splits.halve`. Writes second (n,): which
-    are on the smaller face; planes (2, 3) of both, and information (2, 9), P and P t as rows of
-    segments have them. Returns what they save in chi^2, 0 if there are no two.
+    They meet in an edge (`_meet`). On each there are `fewest` of them, and none is narrower than
+    `narrowest`; chi^2 of both is less by `clear`, and by a factor of `worse`, than that of one
+    plane, and of either no more than `rough` times its readings, of the smaller one not much more
+    than that of a quadric; that of both, or of three where one of both is two once more, is less
+    than that of a polynomial of the third degree. What lies off the one by more than `most`
+    variances, times the mean square, has no say, nor what is on neither of the two. many: as in
+    `splits.halve`. Writes by_face (n,): pixels of the larger face and then of the smaller; planes
+    (2, 3) of both, and information (2, 9), P and P t as rows of segments have them. Returns what
+    they save in chi^2, 0 if there are no two, and how many are on the larger face.
     """
     size, width, alike = pixels.size, w.shape[1], x.shape[0] == 1
     points, tame = np.empty((size, 4)), np.empty((size, 4))
@@ -261,7 +303,7 @@ def two_faces(  # type: ignore[no-untyped-def]
         square += e
         capped += min(e, most)
     if capped - size < clear:
-        return 0.0
+        return 0.0, size
     limit, count = most * max(square / size, 1.0), 0
     for k in range(size):
         if points[k, 2] * points[k, 2] * points[k, 3] < limit:
@@ -271,12 +313,12 @@ def two_faces(  # type: ignore[no-untyped-def]
             count += 1
     _sum_up(sums, tame[:count], side[:count])
     if count < 2 * fewest or _misfit(sums[2]) - count < clear:
-        return 0.0
+        return 0.0, size
     count, few, saved = _parted(
         tame[:count], index, side[:count], sums, clear, worse, rough, fewest, narrowest, many
     )
     if saved == 0.0:
-        return 0.0
+        return 0.0, size
     chosen = 2 * few <= count  # the smaller face
     for n in range(2):
         s = sums[n if chosen else 1 - n]
@@ -292,6 +334,9 @@ def two_faces(  # type: ignore[no-untyped-def]
         out[6] = out[0] * t[0] + out[1] * t[1] + out[2] * t[2]
         out[7] = out[1] * t[0] + out[3] * t[1] + out[4] * t[2]
         out[8] = out[2] * t[0] + out[4] * t[1] + out[5] * t[2]
+    if not _meet(planes, turn, straight):
+        return 0.0, size
+    second = np.empty(size, np.bool_)
     for k in range(size):
         a, b = points[k, 0] + cx, points[k, 1] + cy
         value = points[k, 2] + mean + tx * points[k, 0] + ty * points[k, 1]
@@ -299,7 +344,16 @@ def two_faces(  # type: ignore[no-untyped-def]
         second[k] = abs(value - planes[1, 0] - planes[1, 1] * a - planes[1, 2] * b) < here
     for k in range(count):
         second[index[k]] = side[k] == chosen
-    return saved
+    larger = 0
+    for k in range(size):
+        larger += not second[k]
+    ends = np.empty(2, np.intp)
+    ends[0], ends[1] = 0, larger
+    for k in range(size):
+        face = 1 if second[k] else 0
+        by_face[ends[face]] = pixels[k]
+        ends[face] += 1
+    return saved, larger
 
 
 @compiled

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import own_plane
+from planewise.kernels.cells import own_plane, row_misfits
 from planewise.kernels.jit import called, compiled, internal
 
 SUMS = 10
@@ -60,14 +60,14 @@ def _apart(one, other, both):  # type: ignore[no-untyped-def]
 
 
 @called
-def _try_lines(points, step, angle, fewest, bins, parts, best):  # type: ignore[no-untyped-def]
+def _try_lines(points, step, angle, fewest, bins, sides, best):  # type: ignore[no-untyped-def]
     """Try lines at right angles to a direction; every `step` points one counts.
 
-    bins (_BINS, SUMS + 1), parts (3, SUMS): room to work in; best (4,): chi^2 of the best line so
-    far, and those x cos + y sin = c it is: cos, sin and c.
+    bins (_BINS, SUMS + 1), sides (2, SUMS + 2, _BINS): room to work in; best (4,): chi^2 of the
+    best line so far, and those x cos + y sin = c it is: cos, sin and c.
     """
     cos, sin = math.cos(angle), math.sin(angle)
-    one, other, both = parts
+    left, right = sides[0], sides[1]
     low, high = np.inf, -np.inf
     for k in range(0, points.shape[0], step):
         at = cos * points[k, 0] + sin * points[k, 1]
@@ -79,18 +79,18 @@ def _try_lines(points, step, angle, fewest, bins, parts, best):  # type: ignore[
         b = min(int((cos * x + sin * y - low) * scale), _BINS - 1)
         add_point(bins[b], (x, y, w, p))
         bins[b, SUMS] += step
-    every, here = 0.0, 0.0
-    both[:] = one[:] = 0.0
-    for b in range(_BINS):
-        every += bins[b, SUMS]
-        for e in range(SUMS):
-            both[e] += bins[b, e]
+    for e in range(SUMS + 1):
+        here = 0.0
+        for b in range(_BINS):
+            here += bins[b, e]
+            left[e, b] = here
+        for b in range(_BINS):
+            right[e, b] = here - left[e, b]
+    row_misfits(left, left[SUMS + 1])
+    row_misfits(right, right[SUMS + 1])
     for b in range(_BINS - 1):
-        here += bins[b, SUMS]
-        for e in range(SUMS):
-            one[e] += bins[b, e]
-        if min(here, every - here) >= fewest:
-            chi2 = _apart(one, other, both)
+        if min(left[SUMS, b], right[SUMS, b]) >= fewest:
+            chi2 = left[SUMS + 1, b] + right[SUMS + 1, b]
             if chi2 < best[0]:
                 best[0], best[1], best[2], best[3] = chi2, cos, sin, low + (b + 1) / scale
 
@@ -103,27 +103,30 @@ def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
     as that is better. Returns whether there is one with `fewest` points, at least, on each side.
     """
     size, best, parts = points.shape[0], np.empty(4), np.empty((3, SUMS))
-    bins, one, other, both = np.empty((_BINS, SUMS + 1)), parts[0], parts[1], parts[2]
+    bins, sides = np.empty((_BINS, SUMS + 1)), np.empty((2, SUMS + 2, _BINS))
+    one, other, both = parts[0], parts[1], parts[2]
     best[0], best[1], best[2], best[3] = np.inf, 1.0, 0.0, 0.0
     step = (size // many) | 1  # odd: an even one may have a factor in common with rows of cells
     turn = math.pi / _DIRECTIONS
     for k in range(_DIRECTIONS):
-        _try_lines(points, step, k * turn, fewest, bins, parts, best)
+        _try_lines(points, step, k * turn, fewest, bins, sides, best)
     for _ in range(_FINER):
         turn *= 0.5
         middle = math.atan2(best[2], best[1])
-        _try_lines(points, step, middle - turn, fewest, bins, parts, best)
-        _try_lines(points, step, middle + turn, fewest, bins, parts, best)
+        _try_lines(points, step, middle - turn, fewest, bins, sides, best)
+        _try_lines(points, step, middle + turn, fewest, bins, sides, best)
     if best[0] == np.inf:
         return False
     # side is where d0 + d1 x + d2 y > 0.
     d0, d1, d2, least = -best[3], best[1], best[2], np.inf
+    both[:] = 0.0
+    for k in range(size):
+        add_point(both, (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
     for trial in range(_STEPS):
-        both[:] = one[:] = 0.0
+        one[:] = 0.0
         count = 0
         for k in range(size):
             x, y, w, p = points[k]
-            add_point(both, (x, y, w, p))
             if d0 + d1 * x + d2 * y > 0.0:
                 add_point(one, (x, y, w, p))
                 count += 1

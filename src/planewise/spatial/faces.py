@@ -83,17 +83,19 @@ def parted(
     doubtful[0] = False
     if not doubtful.any():
         return rows, np.empty(0), np.empty(0, np.int32)
-    flat, out, saved, changed = labels.reshape(-1), list(rows), [], []
+    flat, out, saved, changed = labels.reshape(-1), list(rows.copy()), [], []
 
-    def told(pixels: Index, part: int = 1) -> tuple[float, NDArray[np.bool_], Array, Array]:
-        """As of `kernels.two_faces`; part: of how many pixels one is given."""
-        second = np.empty(len(pixels), np.bool_)
-        planes, information = np.empty((2, 3)), np.empty((2, 9))
-        less = kernels.two_faces(
+    planes, information = np.empty((2, 3)), np.empty((2, 9))
+
+    def told(pixels: Index, part: int = 1) -> tuple[float, list[Index]]:
+        """What two faces save in chi^2, and the pixels of both; part: of how many one is given."""
+        by_face = np.empty_like(pixels)
+        less, larger = kernels.two_faces(
             pixels, *images, white, 2 * least / part, _WORSE, ROUGH, max(_FEWEST // part, _LEAST),
-            _NARROWEST / UNIT, _MANY, _MOST, second, planes, information,
+            _NARROWEST / UNIT, _MANY, _MOST, frame.sectors.turn[0], math.cos(_TURN), by_face,
+            planes, information,
         )  # fmt: skip
-        return less, second, planes, information
+        return less, [by_face[:larger], by_face[larger:]]
 
     waiting = _pixels(labels, doubtful, _EVERY * count, workspace)
     while waiting and len(out) < _MOST_PLANES:
@@ -101,14 +103,12 @@ def parted(
         part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
         if part > 1 and not told(pixels[::part].copy(), part)[0]:
             continue
-        less, second, planes, information = told(pixels)
-        if not less or not _meet(planes, frame.sectors.turn[0]):
+        less, faces = told(pixels)
+        if not less:
             continue
-        faces, like = (pixels[~second], pixels[second]), out[label - 1]
-        out[label - 1], second_row = (
-            _row(like, *each) for each in zip(information, map(len, faces), strict=True)
-        )
-        out.append(second_row)
+        out.append(out[label - 1].copy())
+        for row, sums, face in zip((out[label - 1], out[-1]), information, faces, strict=True):
+            row[:9], row[COUNT] = sums, len(face)  # as if its readings erred apart
         flat[faces[1]] = len(out)
         saved.append(0.5 * less - price)
         changed.append(faces[1])
@@ -135,17 +135,3 @@ def _pixels(
                 for j, a, b in zip(listed.tolist(), first.tolist(), stop.tolist(), strict=True)
             ]
         room *= 2
-
-
-def _meet(planes: Array, turn: Array) -> bool:
-    """Whether two planes meet in an edge. turn (3, 3): from (t0, t1, t2) to space."""
-    one, other = (planes[:, None] * turn).sum(axis=2)  # small: BLAS would take longer to start
-    square = (one * one).sum() * (other * other).sum()
-    return bool((one * other).sum() < math.cos(_TURN) * math.sqrt(square))
-
-
-def _row(like: Array, information: Array, count: int) -> Array:
-    """Row of a face, as if its readings erred apart."""
-    row = like.copy()
-    row[:9], row[COUNT] = information, count
-    return row

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -159,6 +161,7 @@ def _look_again(
     """Label pixels of second faces once more, and those without a plane about them."""
     mine = np.zeros(len(planes) + 1, np.bool_)
     mine[labels.reshape(-1)[pixels]] = mine[0] = True
+    before, marks = marks.seen, replace(marks, seen=np.zeros_like(marks.seen))
     face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
     affine, coordinates = with_none(affine_planes(planes)), frame.sectors.coordinates
     _sweep(frame, cells, marks, frame.w, *coordinates, affine, variance, null)
@@ -167,6 +170,7 @@ def _look_again(
         labels, marks.label, marks.seen, mine, frame.w, frame.p, *coordinates,
         ROUGH * cells.error.white,
     )  # fmt: skip
+    before |= marks.seen
 
 
 def _sweep(
