@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import frame_error, images, medians, planes
-from planewise.kernels.elementary import exponent, logarithm, power_of_two
-from planewise.kernels.jit import compiled
+from planewise.kernels.elementary import exponent, exponential, logarithm, power_of_two
+from planewise.kernels.jit import compiled, in_order
 from planewise.paper.evaluate import covariance_of_plane
 from planewise.spatial.frame import ErrorTable
 
@@ -26,6 +26,23 @@ def test_logarithm():
     exact = np.log(x)
     assert (np.abs(out - exact) <= 3 * np.spacing(np.abs(exact))).all()
     assert out[0] == 0
+
+
+@in_order
+def exponentials(x, out):
+    for k in range(x.size):
+        out[k] = exponential(x[k])
+
+
+def test_exponential():
+    rng = np.random.default_rng(0)
+    some = [0.0, -1e-300, -1e-15, -0.5 * np.log(2), -np.log(2), -1.0, -700.0, -701.0, -np.inf]
+    x = np.concatenate((some, -rng.uniform(0, 700, 4000), -rng.uniform(0, 1, 4000)))
+    out = np.empty(x.size)
+    exponentials(x, out)
+    exact = np.exp(np.maximum(x, -700.0))
+    assert (np.abs(out - exact) <= 2 * np.spacing(exact)).all()
+    assert out[0] == 1
 
 
 @compiled

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
-from planewise.kernels.elementary import logarithm
-from planewise.kernels.jit import in_order
+from planewise.kernels.elementary import exponential, logarithm
+from planewise.kernels.jit import in_order, internal
 from planewise.kernels.tables import between
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
@@ -80,20 +80,23 @@ def unit_errors(  # type: ignore[no-untyped-def]
     exp(-2 pi^2 s^2 / q^2) of its amplitude.
     """
     last = float(step.size - 2)
+    common, slow, coarse, larger = out[0], out[2], out[3], out[4]
     for k in range(count.size):
         row = per_metre / planes[2, k]
-        new, common = between(white_part, row, last), between(shared, row, last)
-        slow, square = between(drift, row, last), between(step, row, last)  # q^2 / 12
-        coarse = 0.0
-        if square > 0.0:
-            noise = max(white * (new + square) - square, 0.0)
-            coarse = square * np.exp(-4 * np.pi * np.pi * noise / (12 * square))
+        common[k], slow[k] = between(shared, row, last), between(drift, row, last)
+        new, square = between(white_part, row, last), between(step, row, last)  # q^2 / 12
+        noise = max(white * (new + square) - square, 0.0)
+        coarse[k] = -4 * np.pi * np.pi * noise / (12 * square) if square > 0.0 else 0.0
+        larger[k] = square  # for as long as it takes
+    for k in range(count.size):
+        coarse[k] = exponential(coarse[k]) * larger[k]
+    for k in range(count.size):
         half = 0.5 * size[k] * SIDE / UNIT
-        larger = 1.0 + lateral * min(steep[k], STEEPEST * STEEPEST)
-        out[0, k] = larger * (common + coarse)
-        out[1, k] = larger * (TILT * TILT * common + coarse / (half * half))
-        out[2, k] = larger * slow
-        out[3, k] = coarse
+        larger[k] = 1.0 + lateral * min(steep[k], STEEPEST * STEEPEST)
+        out[1, k] = larger[k] * (TILT * TILT * common[k] + coarse[k] / (half * half))
+        common[k] = larger[k] * (common[k] + coarse[k])
+        slow[k] *= larger[k]
+    for k in range(count.size):
         out[4, k] = max(1.0, planes[5, k] / (count[k] - 3.0))
 
 
@@ -108,6 +111,15 @@ def wandering(planes, errors, factor, resolution, out):  # type: ignore[no-untyp
         w = planes[2, k]
         resolved = w * w * w * w * resolution * resolution / 12.0
         out[k] = factor * errors[2, k] + errors[3, k] + resolved
+
+
+@internal
+def _offset_variances(planes, inflation):  # type: ignore[no-untyped-def]
+    """Variances of w of cells at their centroids by what is new in every reading."""
+    out = np.empty(inflation.size)
+    for k in range(out.size):
+        out[k] = inflation[k] / planes[6, k]
+    return out
 
 
 @in_order
@@ -126,6 +138,7 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
     """
     rows, columns = grid.shape
     side = 2.0 * SIDE / UNIT
+    white = _offset_variances(planes, inflation)
     found, last = 0, 2 * lag if four else lag
     for axis in range(2):
         down, across = (lag, 0) if axis else (0, lag)
@@ -138,20 +151,18 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
                 d = grid[i + behind, j + right]
                 if a < 0 or b < 0 or c < 0 or d < 0:
                     continue
-                reach = position[c] - position[a]
-                t = (position[c] - position[b]) / reach
+                scale = 1.0 / (position[c] - position[a])  # the one division
+                reach, t = abs(position[c] - position[a]), (position[c] - position[b]) * scale
                 two, three = 1.0, 1 - t
-                near, far = 0.5 * abs(reach), abs(reach)
-                near += side * side / (12.0 * near)
-                far += side * side / (12.0 * far)
+                wide = side * side / 12.0 * abs(scale)
+                near, far = 0.5 * reach + 2.0 * wide, reach + wide
                 off, variance, walk = 0.0, 0.0, near - 0.25 * far - 0.75 * MEAN_DISTANCE * side
                 if four:
                     u = (position[d] - position[c]) / (position[d] - position[b])
                     two, three = 1 + u, three + 1
                     off = (1 - u) * planes[2, d]
-                    variance = (1 - u) * (1 - u) * inflation[d] / planes[6, d]
-                    farther = 1.5 * abs(reach)
-                    farther += side * side / (12.0 * farther)
+                    variance = (1 - u) * (1 - u) * white[d]
+                    farther = 1.5 * reach + wide / 1.5
                     walk = 3.75 * near - 1.5 * far + 0.25 * farther - 2.5 * MEAN_DISTANCE * side
                 off += two * planes[2, b] - t * planes[2, a] - three * planes[2, c]
                 aside = two * other[b] - t * other[a] - three * other[c]
@@ -162,9 +173,7 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow)
                     variance += aside * aside * inflation[b] * uncertain[b]
                 square[found] = off * off
                 own[found] = variance + (
-                    two * two * inflation[b] / planes[6, b]
-                    + t * t * inflation[a] / planes[6, a]
-                    + three * three * inflation[c] / planes[6, c]
+                    two * two * white[b] + t * t * white[a] + three * three * white[c]
                 )
                 slow[found] = drift[b] * walk
                 found += 1
@@ -180,6 +189,7 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
     adds to w there. Returns n.
     """
     rows, columns = grid.shape
+    white = _offset_variances(planes, inflation)
     found = 0
     for axis in range(2):
         down, across = axis == 1, axis == 0
@@ -203,11 +213,7 @@ def neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets):  
                 gap += x * (planes[3, a] + planes[3, b]) + y * (planes[4, a] + planes[4, b])
                 offsets[0, found] = gap * gap
                 offsets[1, found] = (
-                    inflation[a] / planes[6, a]
-                    + inflation[b] / planes[6, b]
-                    + x * x * vx
-                    + y * y * vy
-                    + PLANE_OFFSET * slow * extent
+                    white[a] + white[b] + x * x * vx + y * y * vy + PLANE_OFFSET * slow * extent
                 )
                 offsets[2, found] = shared[a] + shared[b]
                 offsets[3, found] = (x * x + y * y) * tilted
