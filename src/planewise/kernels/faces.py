@@ -14,7 +14,7 @@ from planewise.kernels.cells import own_plane
 from planewise.kernels.jit import called, compiled
 from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
-from planewise.kernels.splits import SUMS, add_point, halve
+from planewise.kernels.splits import SUMS, add_point, halve, sum_side
 
 _QUADRIC, _CUBIC = 2, 3  # degrees of polynomials
 _TERMS = 10  # of a cubic
@@ -141,12 +141,8 @@ def _misfit(sums):  # type: ignore[no-untyped-def]
 @called
 def _sum_up(sums, points, side):  # type: ignore[no-untyped-def]
     """Sums (3, SUMS) over the points (n, 4) of either side, and of both; n on the second."""
-    sums[:] = 0.0
-    count = 0
-    for k in range(side.size):
-        n = 1 if side[k] else 0
-        add_point(sums[n], (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
-        count += n
+    sum_side(points, side, False, sums[0])
+    count = sum_side(points, side, True, sums[1])
     for e in range(SUMS):
         sums[2, e] = sums[0, e] + sums[1, e]
     return count
@@ -286,13 +282,13 @@ def two_faces(  # type: ignore[no-untyped-def]
     points, tame = np.empty((size, 4)), np.empty((size, 4))
     sums, index = np.empty((3, SUMS)), np.empty(size, np.int32)
     side = np.empty(size, np.bool_)
-    sums[:] = 0.0
     for k in range(size):
-        i, j = pixels[k] // width, pixels[k] % width
-        a, b = np.float64(x[0 if alike else i, j]), np.float64(y[i, 0 if alike else j])
-        points[k, 0], points[k, 1], points[k, 2] = a, b, w[i, j]
-        points[k, 3] = p[i, j] / white
-        add_point(sums[0], (a, b, points[k, 2], points[k, 3]))
+        i = pixels[k] // width
+        j = pixels[k] - i * width
+        points[k, 0], points[k, 1] = x[0 if alike else i, j], y[i, 0 if alike else j]
+        points[k, 2], points[k, 3] = w[i, j], p[i, j] / white
+        side[k] = False
+    sum_side(points, side, False, sums[0])
     cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[0])
     square = capped = 0.0
     for k in range(size):

@@ -51,12 +51,29 @@ def add_point(sums, point):  # type: ignore[no-untyped-def]
     sums[9] += pw * w
 
 
-@internal
-def _apart(one, other, both):  # type: ignore[no-untyped-def]
-    """chi^2 of the planes of `one` and of what it leaves of both, which is written to `other`."""
-    for e in range(SUMS):
-        other[e] = both[e] - one[e]
-    return own_plane(one)[8] + own_plane(other)[8]
+@called
+def sum_side(points, side, chosen, sums):  # type: ignore[no-untyped-def]
+    """Write sums (SUMS,) over the points (n, 4) of one side, True or False; how many these are."""
+    s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
+    count = 0
+    for k in range(side.size):  # without a branch: vector code
+        x, y, w, p = points[k, 0], points[k, 1], points[k, 2], points[k, 3]
+        p = p if side[k] == chosen else 0.0
+        count += side[k] == chosen
+        px, py, pw = p * x, p * y, p * w
+        s0 += p
+        s1 += px
+        s2 += py
+        s3 += px * x
+        s4 += px * y
+        s5 += py * y
+        s6 += pw
+        s7 += pw * x
+        s8 += pw * y
+        s9 += pw * w
+    sums[0], sums[1], sums[2], sums[3], sums[4] = s0, s1, s2, s3, s4
+    sums[5], sums[6], sums[7], sums[8], sums[9] = s5, s6, s7, s8, s9
+    return count
 
 
 @called
@@ -102,9 +119,9 @@ def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
     The best one that is tried on so many points of all, and then where its two planes meet, as long
     as that is better. Returns whether there is one with `fewest` points, at least, on each side.
     """
-    size, best, parts = points.shape[0], np.empty(4), np.empty((3, SUMS))
+    size, best, sums = points.shape[0], np.empty(4), np.empty((3, SUMS))
     bins, sides = np.empty((_BINS, SUMS + 1)), np.empty((2, SUMS + 2, _BINS))
-    one, other, both = parts[0], parts[1], parts[2]
+    one, other, both, tried = sums[0], sums[1], sums[2], np.empty(size, np.bool_)
     best[0], best[1], best[2], best[3] = np.inf, 1.0, 0.0, 0.0
     step = (size // many) | 1  # odd: an even one may have a factor in common with rows of cells
     turn = math.pi / _DIRECTIONS
@@ -119,23 +136,21 @@ def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
         return False
     # side is where d0 + d1 x + d2 y > 0.
     d0, d1, d2, least = -best[3], best[1], best[2], np.inf
-    both[:] = 0.0
     for k in range(size):
-        add_point(both, (points[k, 0], points[k, 1], points[k, 2], points[k, 3]))
+        tried[k] = False
+    sum_side(points, tried, False, both)
     for trial in range(_STEPS):
-        one[:] = 0.0
-        count = 0
         for k in range(size):
-            x, y, w, p = points[k]
-            if d0 + d1 * x + d2 * y > 0.0:
-                add_point(one, (x, y, w, p))
-                count += 1
-        chi2 = _apart(one, other, both)
+            tried[k] = d0 + d1 * points[k, 0] + d2 * points[k, 1] > 0.0
+        count = sum_side(points, tried, True, one)
+        for e in range(SUMS):
+            other[e] = both[e] - one[e]
+        chi2 = own_plane(one)[8] + own_plane(other)[8]
         if trial and (min(count, size - count) < fewest or chi2 >= least):
             break
         least = chi2
         for k in range(size):
-            side[k] = d0 + d1 * points[k, 0] + d2 * points[k, 1] > 0.0
+            side[k] = tried[k]
         ax, ay, aw, a1, a2, _, _, _, _ = own_plane(one)
         bx, by, bw, b1, b2, _, _, _, _ = own_plane(other)
         d0, d1, d2 = aw - bw - a1 * ax - a2 * ay + b1 * bx + b2 * by, a1 - b1, a2 - b2
