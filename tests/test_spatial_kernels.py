@@ -50,7 +50,12 @@ def merge(images):
     misfits = statistics[1]
     unit, units = np.empty(misfits.shape, np.int32), np.empty((misfits.size, 11))
     size = np.empty(misfits.size)
-    found = cells.merge_quarters(*images, *statistics, *MERGING.values(), unit, units, size)
+    squares = np.empty(statistics[3].shape, np.int32)
+    out = unit, squares, units, size
+    found = cells.merge_quarters(*images, *statistics, *MERGING.values(), *out)
+    whole = np.append(size[:found] == 2, False)[unit[::2, ::2]]
+    assert_array_equal(squares[whole], unit[::2, ::2][whole])
+    assert np.count_nonzero(squares >= 0) == np.count_nonzero(size[:found] == 2)
     return unit, units[:found], size[:found]
 
 
@@ -301,8 +306,9 @@ def test_free_prices():
 
 
 def square_discords(grid, whole, of):
-    squares = np.full([-(-n // 2) for n in grid.shape], 9, np.int32)
-    cells.squares_of(grid, whole, squares)
+    even = np.pad(grid, [(0, n % 2) for n in grid.shape], constant_values=-1)
+    unit = even.reshape(len(even) // 2, 2, -1, 2).max(axis=(1, 3))
+    squares = np.where((unit >= 0) & whole[unit], unit, -1).astype(np.int32)
     right, below = np.full((2, *squares.shape), np.nan)
     forms.square_discords(squares, of, right, below)
     return right, below

@@ -354,16 +354,18 @@ def _is_spread(m):  # type: ignore[no-untyped-def]
 
 @compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
-    w, p, x, y, count, misfits, blocks, together, white, split, hopeless, filled, unit, units, size
-):
+    w, p, x, y, count, misfits, blocks, together, white, split, hopeless, filled, unit, squares,
+    units, size,
+):  # fmt: skip
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
     w, p, x, y as of `kernels.labels`; count, misfits, blocks, together as `cell_moments` writes
     them; white: chi^2 per degree of freedom of white noise in this frame; split: F above which four
     planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
     is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
-    of every cell or -1; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or
-    1. Returns the number of units, or -1 if they are more than n.
+    of every cell or -1; squares (rows / 2, columns / 2), up: of every 2 x 2 cells, -1 where they
+    are not one; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or 1.
+    Returns the number of units, or -1 if they are more than n.
     """
     rows, columns = misfits.shape
     full = float(SIDE * SIDE)
@@ -386,22 +388,25 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                 whole = (chi2 - apart) * (freedom - 9.0) <= split * 9.0 * apart
             if found + 4 > size.size:
                 return -1
+            squares[row, column] = found if whole else -1
             if whole:
                 out = units[found]
                 for e in range(COUNT):
                     out[e] = blocks[row, e, column] / white
                 out[COUNT] = blocks[row, COUNT, column]
                 size[found] = 2.0
+                for i in range(top, bottom):
+                    for j in range(left, right):
+                        unit[i, j] = found if count[i, j] > 0 else -1
+                found += 1
+                continue
             for i in range(top, bottom):
                 for j in range(left, right):
                     readings = np.float64(count[i, j])
                     unit[i, j] = -1
-                    if whole:
-                        if readings > 0.0:
-                            unit[i, j] = found
-                    elif readings >= max(filled * full, 8.0) and misfits[
-                        i, j
-                    ] <= hopeless * white * (readings - 3.0):
+                    if readings < max(filled * full, 8.0):
+                        continue
+                    if misfits[i, j] <= hopeless * white * (readings - 3.0):
                         unit[i, j] = found
                         out = units[found]
                         _sum_cell(w, p, x, y, i, j, out)
@@ -409,21 +414,7 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                             out[e] /= white
                         size[found] = 1.0
                         found += 1
-            found += whole
     return found
-
-
-@compiled
-def squares_of(unit, whole, squares):  # type: ignore[no-untyped-def]
-    """Unit of every 2 x 2 cells, -1 where they are not one.
-
-    unit (rows, columns), whole (units,): of 2 x 2 cells; squares (rows / 2, columns / 2), up.
-    """
-    squares[:] = -1
-    for i in range(unit.shape[0]):
-        for j in range(unit.shape[1]):
-            if unit[i, j] >= 0 and whole[unit[i, j]]:
-                squares[i // 2, j // 2] = unit[i, j]
 
 
 @compiled

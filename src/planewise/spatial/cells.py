@@ -206,7 +206,7 @@ def cells_of(
 
     filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
     most = shape[0] * shape[1]
-    grid = workspace.kept(shape, np.int32)
+    grid, squares = workspace.kept(shape, np.int32), workspace.kept(together.shape, np.int32)
     found, room = -1, most // _FEWER + 4
     while found < 0:
         # Most cells are one of four: seldom is there need for more room.
@@ -222,6 +222,7 @@ def cells_of(
             _hopeless(frame.sectors),
             filled,
             grid,
+            squares,
             units,
             size,
         )
@@ -233,8 +234,8 @@ def cells_of(
     planes = workspace.empty((kernels.PLANE, found))
     kernels.unit_planes(units, planes)
     segments = workspace.kept((found, kernels.SEGMENT))
-    drift, told, squares, error = _without_shared_error(
-        frame, grid, units, size, whole, planes, (white, seen), segments, workspace
+    drift, told, error = _without_shared_error(
+        frame, squares, units, size, whole, planes, (white, seen), segments, workspace
     )
     w, priors = planes[2], workspace.kept((2, found))
     slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
@@ -267,7 +268,7 @@ def _hopeless(sectors: Sectors) -> float:
 
 def _without_shared_error(
     frame: Frame,
-    grid: NDArray[np.int32],
+    squares: NDArray[np.int32],
     units: Array,
     size: Array,
     whole: NDArray[np.bool_],
@@ -275,15 +276,14 @@ def _without_shared_error(
     sizes: tuple[float, float],
     segments: Array,
     workspace: Workspace,
-) -> tuple[Array, Array, NDArray[np.int32], FrameError]:
+) -> tuple[Array, Array, FrameError]:
     """Write the units' rows with what neighbours share integrated out.
 
-    sizes: `FrameError.white` and `seen`. Returns the units' drift, which of them are whole squares
-    and where, and the size of the error. Its parts are those at the mean depth of each unit.
+    sizes: `FrameError.white` and `seen`. Returns the units' drift, as a plane may bend and as it is
+    told, and the size of the error. Its parts are those at the mean depth of each unit.
     """
     (white, seen), table = sizes, frame.table
     count = units[:, kernels.COUNT].copy()
-    squares = _squares(grid, whole, workspace)
     with workspace.stage():
         errors = workspace.empty((5, len(units)))
         lateral, steep = lateral_variance(units, planes, whole, workspace)
@@ -348,13 +348,4 @@ def _without_shared_error(
         turning=turning,
         walk=quiet * walk if drifting > chance else 0.0,
     )
-    return drift, told, squares, error
-
-
-def _squares(
-    grid: NDArray[np.int32], whole: NDArray[np.bool_], workspace: Workspace
-) -> NDArray[np.int32]:
-    shape = -(-grid.shape[0] // 2), -(-grid.shape[1] // 2)
-    squares: NDArray[np.int32] = workspace.kept(shape, np.int32)
-    kernels.squares_of(grid, whole, squares)
-    return squares
+    return drift, told, error
