@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import SIDE
-from planewise.kernels.forms import compare_forms
-from planewise.kernels.jit import compiled, in_order, inlined
+from planewise.kernels.forms import discord_of
+from planewise.kernels.jit import compiled, in_order, inlined, internal
+from planewise.kernels.masks import list_marked, room_for_runs
 
 
 @inlined
@@ -26,6 +27,17 @@ def border_price(discord, price):  # type: ignore[no-untyped-def]
     if discord < 0.0:
         return SIDE * price[0]
     return SIDE * falling(discord, price)
+
+
+@internal
+def _list_apart(row, below, marked, places):  # type: ignore[no-untyped-def]
+    """List the cells of a row unlike the one to their right or below, and the last; how many.
+
+    marked, places: `room_for_runs` of so many. Few are, and a vector loop tells which.
+    """
+    for j in range(row.size - 1):
+        marked[j] = (row[j] != row[j + 1]) | (row[j] != below[j])
+    return list_marked(marked, places)
 
 
 @in_order
@@ -54,7 +66,7 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
                     squares = right if k == 0 else below
                     out[k, i, j] = squares[i // 2, j // 2]
                 else:
-                    out[k, i, j] = compare_forms(forms[u], forms[v], 0.0, 0.0)[0]
+                    out[k, i, j] = discord_of(forms[u], forms[v])
     return found
 
 
@@ -78,10 +90,12 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
     how many of these there are.
     """
     rows, columns = of_cell.shape
+    marked, places = room_for_runs(columns)
     border[:] = 0.0
     found = 0
     for i in range(rows):
-        for j in range(columns):
+        for n in range(_list_apart(of_cell[i], of_cell[min(i + 1, rows - 1)], marked, places)):
+            j = np.intp(places[n])
             u = of_cell[i, j]
             for k in range(2):
                 row, column = i + k, j + 1 - k

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.elementary import logarithm
-from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.jit import called, compiled, inlined, internal
 
 UNIT = 100.0  # pixels per unit of X and Y
 SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
@@ -181,7 +181,7 @@ def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
             m[columns // 2] = a[columns - 1] + b[columns - 1]
 
 
-@internal
+@called
 def row_misfits(m, out):  # type: ignore[no-untyped-def]
     """chi^2 of the best plane of every column of moments (10 or more, columns)."""
     m0, m1, m2, m3, m4, m5 = m[0], m[1], m[2], m[3], m[4], m[5]
@@ -201,7 +201,7 @@ def row_misfits(m, out):  # type: ignore[no-untyped-def]
         out[k] = max(square - (fitted if plane else 0.0), 0.0)
 
 
-@internal
+@called
 def _add_to_tiles(row, first, out):  # type: ignore[no-untyped-def]
     """Add a row of cells (12, columns) to the tiles (12, columns / 3) that they are in.
 

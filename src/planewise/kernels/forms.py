@@ -122,6 +122,17 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
+@compiled
+def discord_of(a, b):  # type: ignore[no-untyped-def]
+    """The first of what `compare_forms` tells, without the second's logarithm."""
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
+    )  # fmt: skip
+    square = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+    return square / _determinant(c00, c01, c02, c11, c12, c22)
+
+
 @inlined
 def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     """Nats by which two segments are more likely one plane than two that are parallel.

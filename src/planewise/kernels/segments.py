@@ -11,6 +11,7 @@ import numpy as np
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
 from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
+from planewise.kernels.elementary import logarithm
 from planewise.kernels.forms import (
     FORM,
     compare_forms,
@@ -32,7 +33,7 @@ def tempered(discord, count, tails):  # type: ignore[no-untyped-def]
     average over many cells is normal. tails: nu of one cell of 6 x 6 pixels.
     """
     nu = tails * max(1.0, count / _CELL)
-    return (nu + 3.0) * np.log(1.0 + discord / nu)
+    return (nu + 3.0) * logarithm(1.0 + discord / nu)
 
 
 @compiled

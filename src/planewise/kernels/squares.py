@@ -9,7 +9,7 @@ import numpy as np
 
 from planewise.kernels.cells import COUNT, FREE, MISFIT, SEGMENT
 from planewise.kernels.edges import write_roots
-from planewise.kernels.forms import FORM, compare_forms, write_form
+from planewise.kernels.forms import FORM, discord_of, write_form
 from planewise.kernels.jit import compiled
 from planewise.kernels.segments import mix_drift, tempered
 
@@ -53,8 +53,8 @@ def join_blocks(  # type: ignore[no-untyped-def]
                 else:
                     m, n, o, p = square[a], square[b], square[c], square[d]
                     upper, lower = (
-                        compare_forms(like[m], like[n], 0.0, 0.0)[0],
-                        compare_forms(like[o], like[p], 0.0, 0.0)[0],
+                        discord_of(like[m], like[n]),
+                        discord_of(like[o], like[p]),
                     )
                 if upper > limit or lower > limit:
                     continue
@@ -65,7 +65,7 @@ def join_blocks(  # type: ignore[no-untyped-def]
                     halves[0, FREE], halves[1, FREE] = free[a] + free[b], free[c] + free[d]
                 write_form(halves[0], 0.5 * (drift[a] + drift[b]), lean, shape[0])
                 write_form(halves[1], 0.5 * (drift[c] + drift[d]), lean, shape[1])
-                both = compare_forms(shape[0], shape[1], 0.0, 0.0)[0]
+                both = discord_of(shape[0], shape[1])
                 if both > limit:
                     continue
                 misfit = tempered(both, halves[1, COUNT], tails)
