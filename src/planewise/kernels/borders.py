@@ -95,7 +95,7 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
     found = 0
     for i in range(rows):
         for n in range(_list_apart(of_cell[i], of_cell[min(i + 1, rows - 1)], marked, places)):
-            j = np.intp(places[n])
+            j = int(places[n])
             u = of_cell[i, j]
             for k in range(2):
                 row, column = i + k, j + 1 - k
