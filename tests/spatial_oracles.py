@@ -31,6 +31,17 @@ def misfit(w, p, x, y):
     return float(((root * w - J @ t) ** 2).sum())
 
 
+def unit(w, p, x, y, white=1.0):
+    """Plane of some readings, all that is told of it, and their number; white: size of noise."""
+    cx, cy = np.average(x, weights=p), np.average(y, weights=p)
+    J = design(x - cx, y - cy)
+    normal = J.T @ (p[:, None] * J) / white
+    t, covariance = np.linalg.solve(normal, J.T @ (p * w)) / white, np.linalg.inv(normal)
+    chi2 = (p * (w - J @ t) ** 2).sum() / white
+    slopes = covariance[[1, 1, 2], [1, 2, 2]]
+    return np.array([cx, cy, *t, chi2, p.sum() / white, *slopes, w.size])
+
+
 def block(images, top, left, side):
     """Readings of one square of an image: w, p, x, y."""
     part = [image[top : top + side, left : left + side].ravel() for image in images]
@@ -44,9 +55,9 @@ def cell_moments(w, p, x, y, side):
 
 
 def merge_quarters(images, side, white, split, hopeless, filled):
-    """Unit of every cell (-1: none), rows and sizes of the units."""
+    """Unit of every cell (-1: none), what is told of the units, and their sizes."""
     rows, columns = (-(-n // side) for n in images[0].shape)
-    unit, units, size = np.full((rows, columns), -1), [], []
+    of_cell, units, size = np.full((rows, columns), -1), [], []
     for i, j in itertools.product(range(0, rows, 2), range(0, columns, 2)):
         whole = block(images, i * side, j * side, 2 * side)
         places = [(a, b) for a in (i, i + 1) for b in (j, j + 1) if a < rows and b < columns]
@@ -56,8 +67,8 @@ def merge_quarters(images, side, white, split, hopeless, filled):
         ):
             for place, readings in quarters.items():
                 if readings[0].size:
-                    unit[place] = len(units)
-            units.append(moments(*whole))
+                    of_cell[place] = len(units)
+            units.append(unit(*whole, white))
             size.append(2)
             continue
         for place, readings in quarters.items():
@@ -65,10 +76,10 @@ def merge_quarters(images, side, white, split, hopeless, filled):
             if count < max(8, filled * side**2):
                 continue
             if misfit(*readings) <= hopeless * white * (count - 3):
-                unit[place] = len(units)
-                units.append(moments(*readings))
+                of_cell[place] = len(units)
+                units.append(unit(*readings, white))
                 size.append(1)
-    return unit, np.array(units).reshape(-1, 11), np.array(size)
+    return of_cell, np.array(units).reshape(-1, 11).T, np.array(size)
 
 
 def one_plane(whole, quarters, white, split, hopeless):

@@ -29,7 +29,7 @@ MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
 SEGMENT = 13
 LINE = 0.01  # 1 - r^2, or a variance in pixels^2, of the coordinates of readings in a line
 _BATCH = 216  # cells whose moments are added up at once
-PLANE = 10  # numbers that `unit_planes` tells of a unit
+PLANE = 10  # numbers that `merge_quarters` tells of a unit
 _0, _1 = np.uintp(0), np.uintp(1)  # unsigned indices spare the check for negative ones
 
 # Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
@@ -352,10 +352,20 @@ def _is_spread(m):  # type: ignore[no-untyped-def]
     return min(xx, yy) > LINE * pixel and xx * yy - xy * xy > LINE * xx * yy
 
 
+@called
+def _write_unit(m, white, side, k, planes, readings, size):  # type: ignore[no-untyped-def]
+    """Write what `merge_quarters` tells of unit k, of moments m (11,)."""
+    cx, cy, mean, tx, ty, vxx, vxy, vyy, misfit = own_plane(m)
+    planes[0, k], planes[1, k], planes[2, k] = cx, cy, mean
+    planes[3, k], planes[4, k], planes[5, k], planes[6, k] = tx, ty, misfit / white, m[0] / white
+    planes[7, k], planes[8, k], planes[9, k] = white * vxx, white * vxy, white * vyy
+    readings[k], size[k] = m[COUNT], side
+
+
 @compiled
 def merge_quarters(  # type: ignore[no-untyped-def]
     w, p, x, y, count, misfits, blocks, together, white, split, hopeless, filled, unit, squares,
-    units, size,
+    planes, readings, size,
 ):  # fmt: skip
     """Join 2 x 2 cells where one plane explains them, else keep each that has a plane of its own.
 
@@ -364,11 +374,15 @@ def merge_quarters(  # type: ignore[no-untyped-def]
     planes are needed; hopeless: chi^2 per degree of freedom, in units of white, above which there
     is none; filled: least share of a cell's pixels. Writes unit (rows, columns): index of the unit
     of every cell or -1; squares (rows / 2, columns / 2), up: of every 2 x 2 cells, -1 where they
-    are not one; units (n, 11): their moments in units of the frame's noise; size (n,): 2 or 1.
-    Returns the number of units, or -1 if they are more than n.
+    are not one; of each unit its plane, planes (10, n), how many readings (n,) it has, and size
+    (n,), 2 or 1. Returns the number of units, or -1 if they are more than n.
+
+    Of a plane: centroid x, y; w there and its slopes along x and y; chi^2; the information on w;
+    and the covariance xx, xy, yy of the slopes; all for the white noise of this frame.
     """
     rows, columns = misfits.shape
     full = float(SIDE * SIDE)
+    m = np.empty(MOMENTS)
     found = 0
     for row in range(blocks.shape[0]):
         for column in range(blocks.shape[2]):
@@ -390,11 +404,9 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                 return -1
             squares[row, column] = found if whole else -1
             if whole:
-                out = units[found]
-                for e in range(COUNT):
-                    out[e] = blocks[row, e, column] / white
-                out[COUNT] = blocks[row, COUNT, column]
-                size[found] = 2.0
+                for e in range(MOMENTS):
+                    m[e] = blocks[row, e, column]
+                _write_unit(m, white, 2.0, found, planes, readings, size)
                 for i in range(top, bottom):
                     for j in range(left, right):
                         unit[i, j] = found if count[i, j] > 0 else -1
@@ -402,34 +414,16 @@ def merge_quarters(  # type: ignore[no-untyped-def]
                 continue
             for i in range(top, bottom):
                 for j in range(left, right):
-                    readings = np.float64(count[i, j])
+                    there = np.float64(count[i, j])
                     unit[i, j] = -1
-                    if readings < max(filled * full, 8.0):
+                    if there < max(filled * full, 8.0):
                         continue
-                    if misfits[i, j] <= hopeless * white * (readings - 3.0):
+                    if misfits[i, j] <= hopeless * white * (there - 3.0):
                         unit[i, j] = found
-                        out = units[found]
-                        _sum_cell(w, p, x, y, i, j, out)
-                        for e in range(COUNT):
-                            out[e] /= white
-                        size[found] = 1.0
+                        _sum_cell(w, p, x, y, i, j, m)
+                        _write_unit(m, white, 1.0, found, planes, readings, size)
                         found += 1
     return found
-
-
-@compiled
-def unit_planes(units, planes):  # type: ignore[no-untyped-def]
-    """Plane of every row of moments (n, 11): writes planes (10, n).
-
-    Centroid x, y; w there and its slopes along x and y; chi^2; the information on w; and the
-    covariance xx, xy, yy of the slopes.
-    """
-    for k in range(units.shape[0]):
-        m = units[k]
-        cx, cy, mean, tx, ty, vxx, vxy, vyy, misfit = own_plane(m)
-        planes[0, k], planes[1, k], planes[2, k] = cx, cy, mean
-        planes[3, k], planes[4, k], planes[5, k] = tx, ty, misfit
-        planes[6, k], planes[7, k], planes[8, k], planes[9, k] = m[0], vxx, vxy, vyy
 
 
 @compiled
@@ -437,8 +431,9 @@ def marginalise(planes, count, inflation, offset, tilt, segments):  # type: igno
     """Information of every unit on a plane, its own random effect N(0, Sigma) integrated out.
 
     P = (A^-1 + Sigma)^-1 about the unit's centroid, A its weighted normal equations divided by its
-    inflation. planes (10, units) from `unit_planes`; offset, tilt (units,): Sigma is diagonal, the
-    variances of the offset and of either slope. Writes segments (units, 13).
+    inflation. planes (10, .), count (units,) as `merge_quarters` writes them; offset, tilt
+    (units,): Sigma is diagonal, the variances of the offset and of either slope. Writes segments
+    (units, 13).
     """
     for k in range(count.size):
         cx, cy, mean, tx, ty = planes[0, k], planes[1, k], planes[2, k], planes[3, k], planes[4, k]

@@ -1,15 +1,15 @@
 """Loops over neighbouring cells: how far their planes disagree, and quantiles of it.
 
-Planes of cells are columns as `kernels.cells.unit_planes` lays them out; inflation (n,) is what the
-variances of each have to be multiplied by. Grids (rows, columns) hold the index of the cell, -1
-where there is none.
+Planes of cells are columns as `kernels.cells.merge_quarters` writes them; inflation (n,) is what
+the variances of each have to be multiplied by. Grids (rows, columns) hold the index of the cell,
+-1 where there is none.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
+from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
 from planewise.kernels.elementary import exponential, logarithm
 from planewise.kernels.jit import in_order, internal
 from planewise.kernels.tables import between
@@ -22,19 +22,19 @@ _ASIDE = 0.1 / UNIT  # from the line of a row: nearer is none
 
 
 @in_order
-def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: ignore[no-untyped-def]
+def steepness(planes, count, whole, edges, steep, sizes, samples):  # type: ignore[no-untyped-def]
     """chi^2 per degree of freedom by steepness.
 
     Steepness is the squared slope per pixel in standard deviations, noise taken off; edges (b + 1,)
-    are those of its bins in rising order. units (n, 11), planes (10, n), whole (n,): those that
-    count. Writes steep (n,); sizes (b,) of the bins; and samples (b, 2, most): steepness and chi^2
-    of units of each, evenly spread, as many as there is room for or there are.
+    are those of its bins in rising order. count (n,): readings; whole (n,): those that matter.
+    Writes steep (n,); sizes (b,) of the bins; and samples (b, 2, most): steepness and chi^2 of
+    units of each, evenly spread, as many as there is room for or there are.
     """
     sizes[:] = 0
     bins = sizes.size
     of_unit = np.empty(steep.size, np.int8)
     for k in range(steep.size):
-        per_pixel = units[k, 0] / (units[k, COUNT] * UNIT * UNIT)
+        per_pixel = planes[6, k] / (count[k] * UNIT * UNIT)
         slope = planes[3, k] * planes[3, k] + planes[4, k] * planes[4, k]
         steep[k] = max(slope - planes[7, k] - planes[9, k], 0.0) * per_pixel
         below = 0
@@ -57,7 +57,7 @@ def steepness(units, planes, whole, edges, steep, sizes, samples):  # type: igno
             continue
         if wait[b] == 0:
             samples[b, 0, taken[b]] = steep[k]
-            samples[b, 1, taken[b]] = planes[5, k] / (units[k, COUNT] - 3.0)
+            samples[b, 1, taken[b]] = planes[5, k] / (count[k] - 3.0)
             taken[b] += 1
             wait[b] = strides[b]
         wait[b] -= 1

@@ -210,8 +210,8 @@ def cells_of(
     found, room = -1, most // _FEWER + 4
     while found < 0:
         # Most cells are one of four: seldom is there need for more room.
-        units = workspace.empty((room, kernels.MOMENTS))
-        size = workspace.empty(room)
+        planes = workspace.empty((kernels.PLANE, room))
+        readings, size = workspace.empty((2, room))
         found = kernels.merge_quarters(
             frame.w,
             frame.p,
@@ -223,21 +223,20 @@ def cells_of(
             filled,
             grid,
             squares,
-            units,
+            planes,
+            readings,
             size,
         )
         room += most
     if not found:
         return None
-    units, size = units[:found], size[:found]
+    readings, size = readings[:found], size[:found]
     whole = size == 2
-    planes = workspace.empty((kernels.PLANE, found))
-    kernels.unit_planes(units, planes)
     segments = workspace.kept((found, kernels.SEGMENT))
     drift, told, error = _without_shared_error(
-        frame, squares, units, size, whole, planes, (white, seen), segments, workspace
+        frame, squares, planes, readings, size, whole, (white, seen), segments, workspace
     )
-    w, priors = planes[2], workspace.kept((2, found))
+    w, priors = planes[2, :found], workspace.kept((2, found))
     slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
     np.square(_OFFSET_PRIOR * w, out=priors[0])
     np.square(w * slope, out=priors[1])
@@ -269,10 +268,10 @@ def _hopeless(sectors: Sectors) -> float:
 def _without_shared_error(
     frame: Frame,
     squares: NDArray[np.int32],
-    units: Array,
+    planes: Array,
+    count: Array,
     size: Array,
     whole: NDArray[np.bool_],
-    planes: Array,
     sizes: tuple[float, float],
     segments: Array,
     workspace: Workspace,
@@ -283,10 +282,10 @@ def _without_shared_error(
     told, and the size of the error. Its parts are those at the mean depth of each unit.
     """
     (white, seen), table = sizes, frame.table
-    count = units[:, kernels.COUNT].copy()
+    information, depths = planes[6, : len(count)], planes[2, : len(count)]
     with workspace.stage():
-        errors = workspace.empty((5, len(units)))
-        lateral, steep = lateral_variance(units, planes, whole, workspace)
+        errors = workspace.empty((5, len(count)))
+        lateral, steep = lateral_variance(planes, count, whole, workspace)
         lateral *= max(seen, 1.0) / max(white, 1.0)  # of the error of most cells
         frame_error.unit_errors(
             planes,
@@ -320,18 +319,18 @@ def _without_shared_error(
                 calm, planes, inflation, described, local, focal, workspace
             )
             own *= described.sum() / offset.sum() if own else 0.0
-        drift, told = workspace.kept((2, len(units)))
+        drift, told = workspace.kept((2, len(count)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
         np.multiply(drift, _SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
-        np.maximum(drift, _LEAST_DRIFT * count / planes[6], out=drift)
+        np.maximum(drift, _LEAST_DRIFT * count / information, out=drift)
         near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
         near = max(near, own)
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
     drift *= _SATURATION
-    w = float(medians.smallest(planes[2], len(units) // 2, workspace.empty(len(units))))
+    w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
     between = quiet * _SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
     chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)

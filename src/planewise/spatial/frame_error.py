@@ -197,18 +197,18 @@ def _against_chi2(
 
 
 def lateral_variance(
-    units: Array, planes: Array, whole: NDArray[np.bool_], workspace: Workspace
+    planes: Array, count: Array, whole: NDArray[np.bool_], workspace: Workspace
 ) -> tuple[float, Array]:
     """Error across the image in pixels^2, and how steep every unit is.
 
     Cells on steep surfaces lie farther from their planes: chi^2 = a + b q with q = (slope per pixel
-    / sigma)^2 is a line through medians, and lateral = b / a. units (n, 11) and planes (10, n) as
-    `kernels.cells` has them.
+    / sigma)^2 is a line through medians, and lateral = b / a. planes (10, .), count (n,), whole
+    (n,): of units (`kernels.cells.merge_quarters`).
     """
     bins = len(_STEEPNESS) - 1
-    steep, sizes = workspace.empty(len(units)), np.empty(bins, np.int64)
+    steep, sizes = workspace.empty(len(count)), np.empty(bins, np.int64)
     samples = workspace.empty((bins, 2, _SAMPLE))
-    kernels.steepness(units, planes, whole, np.square(_STEEPNESS), steep, sizes, samples)
+    kernels.steepness(planes, count, whole, np.square(_STEEPNESS), steep, sizes, samples)
     told = [(sample, n) for sample, n in zip(samples, sizes.tolist(), strict=True) if n >= _FEWEST]
     lateral = 0.0
     if len(told) > 1:
@@ -274,7 +274,7 @@ def drift_factor(
             return factor
         r = lag * _CELL
         bend = 2 * math.sqrt(factor * float(drift.mean()) * _of_three(r)) / (r * UNIT / focal) ** 2
-        if bend > _CURVED * planes[2].mean():
+        if bend > _CURVED * planes[2, : len(drift)].mean():
             of_four = told_by(True)
             if of_four is not None and of_four < _LESS * factor:
                 return of_four
@@ -303,7 +303,8 @@ def walk_and_shared(
     certain. Both against the described variance of the drift.
     """
     told, of_three, cluttered = [], [], False
-    usual, farthest = float(drift.mean()), float(_FARTHEST * planes[2].mean()) ** 2
+    usual, w = float(drift.mean()), float(planes[2, : len(drift)].mean())
+    farthest = (_FARTHEST * w) ** 2
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     for lag in _LAGS:
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
