@@ -43,7 +43,13 @@ def grouped(labels, images):
     assert several == (block == groups.SEVERAL).sum()
     constant, readings = np.log(2 * np.pi * WHITE / EPS**2), np.full(4, 9)
     first, of_blocks = np.full(several + 1, 9, np.int32), np.empty((12, block.size))
-    groups.scale_tiles(tiles, WHITE, constant, of_blocks)
+    means, one = np.empty((3, block.size)), np.ones(block.size)
+    groups.tile_means(tiles, means)
+    there = tiles[:, 0] > 0
+    for mean, e in zip(means.reshape(3, *half), (1, 2, 6), strict=True):
+        exact = np.where(there, tiles[:, e] / np.where(there, tiles[:, 0], 1.0), 1.0)
+        assert_allclose(mean, exact, rtol=1e-12)
+    groups.correct_tiles(tiles, WHITE, constant, one, one[:0], of_blocks)
     # Of a straight image, one row of x and one column of y will do.
     x, y = (x[:1], y[:, :1].copy()) if shape[0] % 2 else (x, y)
 

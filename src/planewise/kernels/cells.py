@@ -123,19 +123,19 @@ def _column_sums(p0, p1, p2, w0, w1, w2, y0, y1, y2):  # type: ignore[no-untyped
 
 
 @inlined
-def _straight_row_moments(w, p, across, y, row, pixels, sums, out):  # type: ignore[no-untyped-def]
+def _straight_row_moments(w, p, x, y, row, columns, pixels, sums, out):  # type: ignore[no-untyped-def]
     """`_row_moments` where x is the same in every row, y in every column, and rows are three.
 
-    In batches of cells whose left, middle and right pixels are put apart first, as x is in across
-    (3, columns): pixels (18, _BATCH) float32 and sums (12, _BATCH) are one piece of memory each,
-    which lets the loop be vector code.
+    In batches of cells whose left, middle and right pixels are put apart first: pixels (21, _BATCH)
+    float32 and sums (12, _BATCH) are one piece of memory each, which lets the loop be vector code.
     """
     top = SIDE * row
     y0, y1, y2 = np.float64(y[top, 0]), np.float64(y[top + 1, 0]), np.float64(y[top + 2, 0])
-    for start in range(0, out.shape[1], _BATCH):
-        n, first = min(_BATCH, out.shape[1] - start), SIDE * start
-        for i in range(2 * SIDE):
-            image, j = p[top + i] if i < SIDE else w[top + i - SIDE], SIDE * i
+    for start in range(0, columns, _BATCH):
+        n, first = min(_BATCH, columns - start), SIDE * start
+        for i in range(2 * SIDE + 1):
+            image = p[top + i] if i < SIDE else w[top + i - SIDE] if i < 2 * SIDE else x[0]
+            j = SIDE * i
             _split(image[first:], pixels[j, :n], pixels[j + 1, :n], pixels[j + 2, :n])
         for k in range(n):
             a, ay, ayy, aw, ayw, aww, count_a, product_a = _column_sums(
@@ -150,8 +150,11 @@ def _straight_row_moments(w, p, across, y, row, pixels, sums, out):  # type: ign
                 pixels[2, k], pixels[5, k], pixels[8, k],
                 pixels[11, k], pixels[14, k], pixels[17, k], y0, y1, y2,
             )  # fmt: skip
-            j = start + k
-            r, s, t = np.float64(across[0, j]), np.float64(across[1, j]), np.float64(across[2, j])
+            r, s, t = (
+                np.float64(pixels[18, k]),
+                np.float64(pixels[19, k]),
+                np.float64(pixels[20, k]),
+            )
             ar, bs, ct = a * r, b * s, c * t
             sums[0, k], sums[1, k], sums[2, k] = a + b + c, ar + bs + ct, ay + by + cy
             sums[3, k], sums[4, k] = ar * r + bs * s + ct * t, ay * r + by * s + cy * t
@@ -171,14 +174,11 @@ def _straight_row_moments(w, p, across, y, row, pixels, sums, out):  # type: ign
 
 @inlined
 def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
-    """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, columns)."""
-    columns = upper.shape[1]
+    """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, .)."""
     for e in range(MOMENTS):
         a, b, m = upper[e], lower[e], out[e]
-        for k in range(columns // 2):
+        for k in range(m.size):
             m[k] = a[2 * k] + a[2 * k + 1] + b[2 * k] + b[2 * k + 1]
-        if columns % 2:
-            m[columns // 2] = a[columns - 1] + b[columns - 1]
 
 
 @called
@@ -202,42 +202,35 @@ def row_misfits(m, out):  # type: ignore[no-untyped-def]
 
 
 @called
-def _add_to_tiles(row, first, out):  # type: ignore[no-untyped-def]
-    """Add a row of cells (12, columns) to the tiles (12, columns / 3) that they are in.
+def _add_to_tiles(row, new, logs, out):  # type: ignore[no-untyped-def]
+    """Add a row of cells (12, .) to the tiles (12, columns / 3) that they are in.
 
-    first: whether nothing was added to them before. Products become logarithms, in row, too.
+    new: whether nothing was added to them before; logs (.): room for the products' logarithms.
     """
-    columns = row.shape[1]
     product = row[PRODUCT]
-    for k in range(columns):
-        product[k] = logarithm(product[k])
+    for k in range(logs.size):
+        logs[k] = logarithm(product[k])
     for e in range(MOMENTS + 1):
-        s, t = row[e], out[e]
-        if first:
-            for j in range(t.size):
-                t[j] = 0.0
-        for j in range(columns // 3):
-            t[j] += s[3 * j] + s[3 * j + 1] + s[3 * j + 2]
-        for k in range(columns // 3 * 3, columns):
-            t[columns // 3] += s[k]
+        s, t = logs if e == PRODUCT else row[e], out[e]
+        for j in range(t.size):
+            t[j] = s[3 * j] + s[3 * j + 1] + s[3 * j + 2] + (0.0 if new else t[j])
 
 
 @inlined
-def _tell_of_rows(top, pair, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
-    """All that is kept of two rows of cells, or the last one: pair (2, 12, columns)."""
-    rows = misfits.shape[0]
-    for k in range(2):
+def _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
+    """All that is kept of two rows of cells, or the last one: pair (2, 12, .).
+
+    Behind the last column there are cells without a reading, up to a whole block and tile.
+    """
+    there = min(2, misfits.shape[0] - top)
+    for k in range(there):
         row = top + k
-        if row == rows:
-            for e in range(MOMENTS):
-                for j in range(pair.shape[2]):
-                    pair[1, e, j] = 0.0
-            continue
-        readings = pair[k, COUNT]
-        for j in range(readings.size):
-            count[row, j] = readings[j]
+        for j in range(count.shape[1]):
+            count[row, j] = pair[k, COUNT, j]
         row_misfits(pair[k], misfits[row])
-        _add_to_tiles(pair[k], row % 3 == 0, tiles[row // 3])
+        _add_to_tiles(pair[k], row % 3 == 0, logs, tiles[row // 3])
+    if there == 1:
+        pair[1] = 0.0
     _pair_up(pair[0], pair[1], blocks[top // 2])
     row_misfits(blocks[top // 2], together[top // 2])
 
@@ -251,13 +244,13 @@ def cell_moments(w, p, x, y, count, misfits, blocks, together, tiles, straight):
     columns) of cells; blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns / 2); and
     tiles (rows / 3, 12, columns / 3), all rounded up.
     """
-    rows, columns = misfits.shape
-    sums, pair = np.empty((MOMENTS + 1, SIDE * columns)), np.empty((2, MOMENTS + 1, columns))
-    line = np.empty(w.shape[1], y.dtype)
+    rows, room = misfits.shape[0], -(-misfits.shape[1] // 6) * 6
+    sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, MOMENTS + 1, room))
+    line, logs = np.empty(w.shape[1], y.dtype), np.empty(room)
     for top in range(0, rows, 2):
         for k in range(min(2, rows - top)):
             _row_moments(w, p, x, y, straight, top + k, sums, line, pair[k])
-        _tell_of_rows(top, pair, count, misfits, blocks, together, tiles)
+        _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles)
 
 
 @compiled
@@ -267,13 +260,15 @@ def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # ty
     A loop of its own: few cameras need both, and each takes a second or two to compile.
     """
     rows, columns = misfits.shape
-    pixels, batch = np.empty((6 * SIDE, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
-    pair, across = np.empty((2, MOMENTS + 1, columns)), np.empty((SIDE, columns), x.dtype)
-    _split(x[0], across[0], across[1], across[2])
+    room = -(-columns // 6) * 6
+    pixels, batch = np.empty((7 * SIDE, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
+    pair, logs = np.empty((2, MOMENTS + 1, room)), np.empty(room)
+    pair[:] = 0.0
+    pair[:, PRODUCT] = 1.0
     for top in range(0, rows, 2):
         for k in range(min(2, rows - top)):
-            _straight_row_moments(w, p, across, y, top + k, pixels, batch, pair[k])
-        _tell_of_rows(top, pair, count, misfits, blocks, together, tiles)
+            _straight_row_moments(w, p, x, y, top + k, columns, pixels, batch, pair[k])
+        _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles)
 
 
 @compiled

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import own_plane
-from planewise.kernels.jit import called, compiled
+from planewise.kernels.jit import called, compiled, inlined
 from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, add_point, halve, sum_side
@@ -193,7 +193,7 @@ def _list_side(points, side, chosen, here):  # type: ignore[no-untyped-def]
     return count
 
 
-@called
+@inlined
 def _of_a_third(points, side, clear, fewest, many, here):  # type: ignore[no-untyped-def]
     """What a third plane saves in chi^2, on a part of either side; 0 if less than `clear`."""
     saved, sums = 0.0, np.empty((3, SUMS))
@@ -206,7 +206,7 @@ def _of_a_third(points, side, clear, fewest, many, here):  # type: ignore[no-unt
     return saved if saved >= clear else 0.0
 
 
-@called
+@inlined
 def _parted(  # type: ignore[no-untyped-def]
     points, index, side, sums, clear, worse, rough, fewest, narrowest, many
 ):
@@ -219,10 +219,12 @@ def _parted(  # type: ignore[no-untyped-def]
     count = side.size
     if not halve(points, fewest, many, side):
         return count, 0, 0.0
-    few = _sum_up(sums, points, side)
-    for _ in range(_ROUNDS):
-        before, count = count, _drop(sums, points[:count], side[:count], index)
-        if count == before:
+    few = 0
+    for n in range(_ROUNDS + 1):
+        before = count
+        if n > 0:
+            count = _drop(sums, points[:count], side[:count], index)
+        if n > 0 and count == before:
             break
         few = _sum_up(sums, points[:count], side[:count])
     first, second = _misfit(sums[0]), _misfit(sums[1])
@@ -342,13 +344,14 @@ def two_faces(  # type: ignore[no-untyped-def]
         second[index[k]] = side[k] == chosen
     larger = 0
     for k in range(size):
-        larger += not second[k]
-    ends = np.empty(2, np.intp)
-    ends[0], ends[1] = 0, larger
+        if not second[k]:
+            by_face[larger] = pixels[k]
+            larger += 1
+    end = larger
     for k in range(size):
-        face = 1 if second[k] else 0
-        by_face[ends[face]] = pixels[k]
-        ends[face] += 1
+        if second[k]:
+            by_face[end] = pixels[k]
+            end += 1
     return saved, larger
 
 

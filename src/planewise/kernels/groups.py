@@ -65,25 +65,6 @@ def label_blocks(labels, p, block, work):  # type: ignore[no-untyped-def]
     return several
 
 
-@compiled
-def scale_tiles(tiles, white, constant, moments):  # type: ignore[no-untyped-def]
-    """Moments (12, blocks) of all readings of every block, be they one group or several.
-
-    tiles: as `kernels.cells.cell_moments` writes them; white, constant: as `sum_groups` takes them.
-    """
-    wide = tiles.shape[2]
-    for i in range(tiles.shape[0]):
-        start = i * wide
-        for e in range(NORM):
-            row, out = tiles[i, e], moments[e, start : start + wide]
-            scale = 1.0 if e == COUNT else 1.0 / white
-            for j in range(wide):
-                out[j] = scale * row[j]
-        row, count, out = tiles[i, NORM], tiles[i, COUNT], moments[NORM, start : start + wide]
-        for j in range(wide):
-            out[j] = 0.5 * (constant * count[j] - row[j])
-
-
 @internal
 def _place(names, found, label):  # type: ignore[no-untyped-def]
     """Place of a label among those found in a block; the next one if it is not yet."""
@@ -101,7 +82,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
     """Moments and labels of all groups; returns their number, or -1 if there is no room for them.
 
     w, p, x, y as of `kernels.labels`; white: noise of the frame against its description; constant:
-    ln(2 pi white / eps^2). moments (12, .) begins with those of `scale_tiles`, of which only the
+    ln(2 pi white / eps^2). moments (12, .) begins with those of `correct_tiles`, of which only the
     count is changed: there is no group where a block has several. Writes first (blocks with several
     labels + 1,), where the groups of each begin and end; readings (N + 1,): those of every label.
     """
@@ -157,29 +138,48 @@ def sum_groups(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def block_means(moments, means):  # type: ignore[no-untyped-def]
-    """Mean x, y and w of the readings of every block, 1 where there are none: means (3, blocks)."""
-    weight = moments[0]
-    for e, out in ((1, means[0]), (2, means[1]), (6, means[2])):
-        row = moments[e]
-        for g in range(out.size):
-            out[g] = row[g] / weight[g] if weight[g] > 0.0 else 1.0
+def tile_means(tiles, means):  # type: ignore[no-untyped-def]
+    """Mean x, y and w of the readings of every block, 1 where there are none: means (3, blocks).
+
+    tiles: as `kernels.cells.cell_moments` writes them.
+    """
+    wide = tiles.shape[2]
+    for i in range(tiles.shape[0]):
+        weight = tiles[i, 0]
+        for e, out in ((1, means[0]), (2, means[1]), (6, means[2])):
+            row = tiles[i, e]
+            for j in range(wide):
+                out[i * wide + j] = row[j] / weight[j] if weight[j] > 0.0 else 1.0
 
 
 @compiled
-def correct_blocks(moments, factor, finer):  # type: ignore[no-untyped-def]
-    """Multiply w by a factor (blocks,), and add finer (blocks or 0,) to every reading's norm."""
-    for e, power in ((6, 1), (7, 1), (8, 1), (9, 2)):
-        row = moments[e]
-        for g in range(factor.size):
-            row[g] *= factor[g] if power == 1 else factor[g] * factor[g]
+def correct_tiles(tiles, white, constant, factor, finer, moments):  # type: ignore[no-untyped-def]
+    """Moments (12, blocks) of all readings of every block, be they one group or several.
+
+    tiles: as `kernels.cells.cell_moments` writes them; white, constant: as `sum_groups` takes them;
+    factor (blocks,): what w is multiplied by; finer (blocks or 0,): added to every reading's norm.
+    """
+    wide = tiles.shape[2]
+    for i in range(tiles.shape[0]):
+        for e in range(NORM + 1):
+            row, count = tiles[i, e], tiles[i, COUNT]
+            for j in range(wide):
+                g = i * wide + j
+                value = row[j] / white
+                if e >= 6:
+                    value *= factor[g] if e < 9 else factor[g] * factor[g]
+                if e == COUNT:
+                    value = row[j]
+                if e == NORM:
+                    value = 0.5 * (constant * count[j] - row[j])
+                moments[e, g] = value
     for g in range(finer.size):
         moments[NORM, g] += moments[COUNT, g] * finer[g]
 
 
 @compiled
 def correct_groups(moments, first, block, factor, finer):  # type: ignore[no-untyped-def]
-    """`correct_blocks` for the groups of blocks with several; first, block: `sum_groups`."""
+    """`correct_tiles` for the groups of blocks with several; first, block: `sum_groups`."""
     several = 0
     blocks = block.reshape(-1)
     for b in range(blocks.size):

@@ -4,9 +4,10 @@
 code; of ``fastmath`` only what honours NaN and infinity; no wrappers that nobody calls, for each
 costs compilation time. So do types: a literal handed to another loop is a type of its own, for
 which that is compiled again, hence ``np.intp(0)``; and so do calls of NumPy, once for every type:
-``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven. Loops have ``x * x``
-and no ``x**2``: that is compiled once a process, by the options of the first loop that has it, and
-last bits would depend on which that is.
+``np.zeros`` takes four times as long as ``np.empty``, ``np.arange`` seven. And what a loop calls
+is optimised once more with each loop above it: of a chain of calls `inlined` makes one. Loops have
+``x * x`` and no ``x**2``: that is compiled once a process, by the options of the first loop that
+has it, and last bits would depend on which that is.
 """
 
 from __future__ import annotations

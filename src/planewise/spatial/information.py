@@ -271,7 +271,7 @@ class Blocks:
     Attributes
     ----------
     moments : ndarray, shape (12, blocks)
-        As `kernels.groups.scale_tiles` writes them, corrected, once `add_up` was called.
+        As `kernels.groups.correct_tiles` writes them, once `add_up` was called.
     factor : ndarray, shape (blocks,)
         What w was multiplied by: what noise adds to weighted means is taken off.
     finer : ndarray, shape (blocks,) or empty
@@ -297,13 +297,14 @@ class Blocks:
         if self.factor.size:
             return self
         sectors = self._frame.sectors
-        tiles.scale_tiles(self._tiles, self.white, self.constant, self.moments)
         means = np.empty((3, self.moments.shape[1]))
-        tiles.block_means(self.moments, means)
+        tiles.tile_means(self._tiles, means)
         self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(means[2])
         if sectors.ratio is not None:
             self.finer = 0.5 * np.log(sectors.squared_range(means[0], means[1]))
-        tiles.correct_blocks(self.moments, self.factor, self.finer)
+        tiles.correct_tiles(
+            self._tiles, self.white, self.constant, self.factor, self.finer, self.moments
+        )
         return self
 
 
