@@ -115,7 +115,7 @@ def _flattened(a: Array) -> Array:
 
     Those of a panorama point in all directions: then u and v are azimuth and elevation.
     """
-    if (a[2] > 0).all():
+    if a[2].min() > 0:
         return a
     length = np.linalg.norm(a, axis=0)
     around, up = np.arctan2(a[1], a[0]), np.arcsin(np.clip(a[2] / length, -1, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import reduce
 from itertools import combinations
 
 import numpy as np
@@ -51,8 +52,8 @@ def distinct_tuples(rng: np.random.Generator, trials: int, size: int, n: int) ->
     """Draw `trials` rows of `n` different indices below `size`."""
     rows = rng.integers(size, size=(trials, n))
     while True:
-        equal = [rows[:, i] == rows[:, j] for i, j in combinations(range(n), 2)]
-        again = np.flatnonzero(np.any(equal, axis=0))
+        equal = (rows[:, i] == rows[:, j] for i, j in combinations(range(n), 2))
+        again = reduce(np.logical_or, equal).nonzero()[0]
         if not again.size:
             return rows
         rows[again] = rng.integers(size, size=(again.size, n))

@@ -260,7 +260,7 @@ def drift_factor(
     some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
     of_cells = some, planes, inflation, drift, lag // every
     with workspace.stage():
-        rows = workspace.empty((3, 2 * some.size))
+        rows = workspace.empty((3, 2 * some.size), np.float32)
 
         def told_by(four: bool) -> float | None:
             n = kernels.cells_in_a_row(*of_cells, four, *rows)
@@ -360,7 +360,9 @@ def shared_factors(
 
     Factors on the variances `shared` of a cell's offset and `tilt` of its slopes, per unit.
     """
-    slopes, offsets = workspace.empty((3, 4 * grid.size)), workspace.empty((4, 2 * grid.size))
+    # In single precision, for quantiles of so many.
+    slopes = workspace.empty((3, 4 * grid.size), np.float32)
+    offsets = workspace.empty((4, 2 * grid.size), np.float32)
     n = kernels.neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets)
     square, own, tilted = slopes[:, : 2 * n]
     if 2 * n < _FEWEST or not tilted.max():

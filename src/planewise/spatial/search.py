@@ -145,8 +145,9 @@ def segment(
         segments, beside = merged(cells, frame.sectors, cost, workspace, meanwhile=meanwhile)
         charges = Charges.of(cells, frame.sectors, cost)
         worth, accepted = _accept(
-            cells, frame.sectors, beside, segments, charges, significance, workspace
-        )
+            cells, frame.sectors, beside, segments, charges, significance, workspace,
+            sides=beside.sides,
+        )  # fmt: skip
         steady = frame.sectors.count == 1 and cells.error.drifting < _STEADY
         if steady:
             segments, worth, accepted = _without_bends(
@@ -307,17 +308,19 @@ def _accept(
     least: float,
     workspace: Workspace,
     settled: NDArray[np.bool_] | None = None,
+    sides: int | None = None,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """What each segment saves in nats, and which are planes: those that pay and are not curved.
 
     A plane has to save its parameters besides its border, but what does not is worth what it saves
     as part of a plane that is paid for. A border costs so much because facets of smooth surfaces go
     on across it: where the error is white, what is flat and goes on across little of it is a plane
-    if it saves its parameters. Segments of `settled` units are planes, whatever they save.
+    if it saves its parameters. Segments of `settled` units are planes, whatever they save. sides:
+    as many as there are between segments at most, where that is known.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty(len(rows))
-    ends = workspace.empty((2 * of_cell.size, 2), np.int32)
+    ends = workspace.empty((sides or 2 * of_cell.size, 2), np.int32)
     units, at = workspace.empty(ends.shape, np.int32), workspace.empty(len(ends), np.int32)
     nats = workspace.empty(len(ends))
     found = borders.segment_borders(
