@@ -181,7 +181,7 @@ def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
             m[k] = a[2 * k] + a[2 * k + 1] + b[2 * k] + b[2 * k + 1]
 
 
-@called
+@internal
 def row_misfits(m, out):  # type: ignore[no-untyped-def]
     """chi^2 of the best plane of every column of moments (10 or more, columns)."""
     m0, m1, m2, m3, m4, m5 = m[0], m[1], m[2], m[3], m[4], m[5]
@@ -201,7 +201,7 @@ def row_misfits(m, out):  # type: ignore[no-untyped-def]
         out[k] = max(square - (fitted if plane else 0.0), 0.0)
 
 
-@called
+@internal
 def _add_to_tiles(row, new, logs, out):  # type: ignore[no-untyped-def]
     """Add a row of cells (12, .) to the tiles (12, columns / 3) that they are in.
 

@@ -141,11 +141,12 @@ def _misfit(sums):  # type: ignore[no-untyped-def]
 @called
 def _sum_up(sums, points, side):  # type: ignore[no-untyped-def]
     """Sums (3, SUMS) over the points (n, 4) of either side, and of both; n on the second."""
-    sum_side(points, side, False, sums[0])
-    count = sum_side(points, side, True, sums[1])
+    few = 0
+    for n in range(2):
+        few = sum_side(points, side, np.bool_(n == 1), sums[n])
     for e in range(SUMS):
         sums[2, e] = sums[0, e] + sums[1, e]
-    return count
+    return few
 
 
 @called
@@ -219,12 +220,10 @@ def _parted(  # type: ignore[no-untyped-def]
     count = side.size
     if not halve(points, fewest, many, side):
         return count, 0, 0.0
-    few = 0
-    for n in range(_ROUNDS + 1):
-        before = count
-        if n > 0:
-            count = _drop(sums, points[:count], side[:count], index)
-        if n > 0 and count == before:
+    few = _sum_up(sums, points, side)
+    for _ in range(_ROUNDS):
+        before, count = count, _drop(sums, points[:count], side[:count], index)
+        if count == before:
             break
         few = _sum_up(sums, points[:count], side[:count])
     first, second = _misfit(sums[0]), _misfit(sums[1])
@@ -290,7 +289,7 @@ def two_faces(  # type: ignore[no-untyped-def]
         points[k, 0], points[k, 1] = x[0 if alike else i, j], y[i, 0 if alike else j]
         points[k, 2], points[k, 3] = w[i, j], p[i, j] / white
         side[k] = False
-    sum_side(points, side, False, sums[0])
+    _sum_up(sums, points, side)
     cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[0])
     square = capped = 0.0
     for k in range(size):

@@ -51,7 +51,7 @@ def add_point(sums, point):  # type: ignore[no-untyped-def]
     sums[9] += pw * w
 
 
-@called
+@internal
 def sum_side(points, side, chosen, sums):  # type: ignore[no-untyped-def]
     """Write sums (SUMS,) over the points (n, 4) of one side, True or False; how many these are."""
     s0 = s1 = s2 = s3 = s4 = s5 = s6 = s7 = s8 = s9 = 0.0
@@ -138,11 +138,11 @@ def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
     d0, d1, d2, least = -best[3], best[1], best[2], np.inf
     for k in range(size):
         tried[k] = False
-    sum_side(points, tried, False, both)
+    sum_side(points, tried, np.bool_(False), both)
     for trial in range(_STEPS):
         for k in range(size):
             tried[k] = d0 + d1 * points[k, 0] + d2 * points[k, 1] > 0.0
-        count = sum_side(points, tried, True, one)
+        count = sum_side(points, tried, np.bool_(True), one)
         for e in range(SUMS):
             other[e] = both[e] - one[e]
         chi2 = own_plane(one)[8] + own_plane(other)[8]
