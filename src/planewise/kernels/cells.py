@@ -295,7 +295,7 @@ def whole_misfits(count, misfits, blocks, out, sizes):  # type: ignore[no-untype
 
 @internal
 def add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
-    """Add a reading of inverse depth w at (a, b) to a row of moments, but for the last entry."""
+    """Add a reading of inverse depth w at (a, b) to the first ten entries of a row of moments."""
     weight, v = np.float64(p), np.float64(w)
     pa, pb, pv = weight * a, weight * b, weight * v
     m[0] += weight
@@ -308,7 +308,6 @@ def add_reading(m, p, a, b, w):  # type: ignore[no-untyped-def]
     m[7] += pv * a
     m[8] += pv * b
     m[9] += pv * v
-    m[COUNT] += 1.0
 
 
 @internal
@@ -322,6 +321,7 @@ def _sum_cell(w, p, x, y, row, column, out):  # type: ignore[no-untyped-def]
             r, c = np.uintp(i), np.uintp(j)
             if p[r, c] > 0.0:
                 add_reading(out, p[r, c], x[own * r, c], y[r, own * c], w[r, c])
+                out[COUNT] += 1.0
 
 
 @internal

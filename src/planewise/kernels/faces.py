@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import own_plane
+from planewise.kernels.cells import add_reading, own_plane
 from planewise.kernels.jit import called, compiled, inlined
 from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
-from planewise.kernels.splits import SUMS, add_point, halve, sum_side
+from planewise.kernels.splits import SUMS, halve, sum_side
 
 _QUADRIC, _CUBIC = 2, 3  # degrees of polynomials
 _TERMS = 10  # of a cubic
@@ -397,8 +397,7 @@ def give_back(named, label, seen, mine, w, p, x, y, most):  # type: ignore[no-un
                     new = 1 if named[i, j] == 0 else 0
                     taken[number] += new
                     a, b = x[0 if alike else i, j], y[i, 0 if alike else j]
-                    point = np.float64(a), np.float64(b), np.float64(w[i, j]), np.float64(p[i, j])
-                    add_point(sums[number, new], point)
+                    add_reading(sums[number, new], p[i, j], a, b, w[i, j])
     some = False
     for number in range(mine.size):
         if taken[number] > 0.0:

@@ -115,6 +115,7 @@ def sum_groups(  # type: ignore[no-untyped-def]
                         k = _place(names, found, np.int32(labels[r, c]))
                         found = max(found, k + _1)
                         add_reading(sums[k], p[r, c], x[own * r, c], y[r, own * c], w[r, c])
+                        sums[k, COUNT] += 1.0
                         square = np.float64(w[r, c]) * w[r, c]
                         sums[k, ROW] *= p[r, c] * square * square
                 for k in range(found):

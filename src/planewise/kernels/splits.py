@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import own_plane, row_misfits
+from planewise.kernels.cells import add_reading, own_plane, row_misfits
 from planewise.kernels.jit import called, compiled, internal
 
 SUMS = 10
@@ -32,23 +32,6 @@ def residual_squares(rows, of_unit, planes, out):  # type: ignore[no-untyped-def
         off = m[6] - planes[s, 0] * m[0] - planes[s, 1] * m[1] - planes[s, 2] * m[2]
         out[s, 0] += off * off / m[0]
         out[s, 1] += 1.0
-
-
-@internal
-def add_point(sums, point):  # type: ignore[no-untyped-def]
-    """Add a point to the sums (SUMS,)."""
-    x, y, w, p = point
-    px, py, pw = p * x, p * y, p * w
-    sums[0] += p
-    sums[1] += px
-    sums[2] += py
-    sums[3] += px * x
-    sums[4] += px * y
-    sums[5] += py * y
-    sums[6] += pw
-    sums[7] += pw * x
-    sums[8] += pw * y
-    sums[9] += pw * w
 
 
 @internal
@@ -94,7 +77,7 @@ def _try_lines(points, step, angle, fewest, bins, sides, best):  # type: ignore[
     for k in range(0, points.shape[0], step):
         x, y, w, p = points[k]
         b = min(int((cos * x + sin * y - low) * scale), _BINS - 1)
-        add_point(bins[b], (x, y, w, p))
+        add_reading(bins[b], p, x, y, w)
         bins[b, SUMS] += step
     for e in range(SUMS + 1):
         here = 0.0
@@ -103,8 +86,8 @@ def _try_lines(points, step, angle, fewest, bins, sides, best):  # type: ignore[
             left[e, b] = here
         for b in range(_BINS):
             right[e, b] = here - left[e, b]
-    row_misfits(left, left[SUMS + 1])
-    row_misfits(right, right[SUMS + 1])
+    for n in range(2):
+        row_misfits(sides[n], sides[n, SUMS + 1])
     for b in range(_BINS - 1):
         if min(left[SUMS, b], right[SUMS, b]) >= fewest:
             chi2 = left[SUMS + 1, b] + right[SUMS + 1, b]
@@ -145,14 +128,14 @@ def halve(points, fewest, many, side):  # type: ignore[no-untyped-def]
         count = sum_side(points, tried, np.bool_(True), one)
         for e in range(SUMS):
             other[e] = both[e] - one[e]
-        chi2 = own_plane(one)[8] + own_plane(other)[8]
+        ax, ay, aw, a1, a2, _, _, _, first = own_plane(one)
+        bx, by, bw, b1, b2, _, _, _, second = own_plane(other)
+        chi2 = first + second
         if trial and (min(count, size - count) < fewest or chi2 >= least):
             break
         least = chi2
         for k in range(size):
             side[k] = tried[k]
-        ax, ay, aw, a1, a2, _, _, _, _ = own_plane(one)
-        bx, by, bw, b1, b2, _, _, _, _ = own_plane(other)
         d0, d1, d2 = aw - bw - a1 * ax - a2 * ay + b1 * bx + b2 * by, a1 - b1, a2 - b2
         if d1 * (ax - bx) + d2 * (ay - by) < 0.0:  # `one` is where it is larger
             d0, d1, d2 = -d0, -d1, -d2
@@ -169,7 +152,7 @@ def correlate(points, part, sides, sums, out):  # type: ignore[no-untyped-def]
     sums[:] = 0.0
     for k in range(part.size):
         x, y, w, p = points[k]
-        add_point(sums[part[k]], (x, y, w, p))
+        add_reading(sums[part[k]], p, x, y, w)
     off, planes = np.empty(part.size), np.empty((out.shape[0], 5))
     for j in range(out.shape[0]):
         cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[j])
