@@ -24,6 +24,5 @@ def usual_count(readings: NDArray[Any]) -> int:
 
 def usual_size(sizes: NDArray[np.int64]) -> int:
     """`usual_count` where so many cells have 0, 1 ... readings."""
-    sizes[0] = 0
-    so_many = sizes.cumsum()
-    return int(so_many.searchsorted(max((int(so_many[-1]) + 1) // 2, 1)))
+    so_many = sizes[1:].cumsum()
+    return 1 + int(so_many.searchsorted(max((int(so_many[-1]) + 1) // 2, 1)))

@@ -71,18 +71,14 @@ class Workspace:
             As of `numpy.empty`; dtype a class such as `numpy.int32`.
         """
         kind, start = _KINDS[dtype], self._kept
-        self._kept = start + _size(shape, kind.itemsize)
-        if self._kept + self._lent > self._held:
-            return self._beyond(shape, kind)
-        return np.ndarray(shape, kind, self._memory, start)
+        self._kept += _size(shape, kind.itemsize)
+        return self._part(start, shape, kind)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
         kind = _KINDS[dtype]
-        self._lent = lent = self._lent + _size(shape, kind.itemsize)
-        if self._kept + lent > self._held:
-            return self._beyond(shape, kind)
-        return np.ndarray(shape, kind, self._memory, self._held - lent)
+        self._lent += _size(shape, kind.itemsize)
+        return self._part(self._held - self._lent, shape, kind)
 
     def copy(self, array: NDArray[Any]) -> NDArray[Any]:
         """Return a copy that lasts as long as the stage."""
@@ -95,10 +91,12 @@ class Workspace:
         """Memory held."""
         return self._held
 
-    def _beyond(self, shape: int | tuple[int, ...], kind: np.dtype[Any]) -> NDArray[Any]:
-        """Return an array of its own, and remember how much there is to hold."""
-        self._most = max(self._most, self._kept + self._lent)
-        return np.empty(shape, kind)
+    def _part(self, start: int, shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
+        used = self._kept + self._lent
+        if used > self._held:
+            self._most = max(self._most, used)
+            return np.empty(shape, dtype)
+        return np.ndarray(shape, dtype, self._memory, start)
 
 
 class _Stage:

@@ -23,6 +23,7 @@ from planewise.kernels.jit import called, compiled, inlined, internal
 
 UNIT = 100.0  # pixels per unit of X and Y
 SIDE = 3  # pixels of the finest cell; 2 x 2 of them are one where one plane explains them
+STRIP = 6  # cells to a side of whole blocks of 2 x 2 and whole tiles of 3 x 3 of them
 MOMENTS = 11
 COUNT, PRODUCT = 10, 11  # entries of a row of moments; of tiles, the logarithm of the product
 MISFIT, FREE = 11, 12  # entries of a segment beyond the moments'
@@ -244,7 +245,7 @@ def cell_moments(w, p, x, y, count, misfits, blocks, together, tiles, straight):
     columns) of cells; blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns / 2); and
     tiles (rows / 3, 12, columns / 3), all rounded up.
     """
-    rows, room = misfits.shape[0], -(-misfits.shape[1] // 6) * 6
+    rows, room = misfits.shape[0], -(-misfits.shape[1] // STRIP) * STRIP
     sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, MOMENTS + 1, room))
     line, logs = np.empty(w.shape[1], y.dtype), np.empty(room)
     for top in range(0, rows, 2):
@@ -260,7 +261,7 @@ def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # ty
     A loop of its own: few cameras need both, and each takes a second or two to compile.
     """
     rows, columns = misfits.shape
-    room = -(-columns // 6) * 6
+    room = -(-columns // STRIP) * STRIP
     pixels, batch = np.empty((7 * SIDE, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
     pair, logs = np.empty((2, MOMENTS + 1, room)), np.empty(room)
     pair[:] = 0.0

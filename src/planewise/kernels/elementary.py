@@ -38,6 +38,18 @@ def logarithm(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def exponent(x):  # type: ignore[no-untyped-def]
+    """k with 2^k <= x < 2^(k + 1) of a normal number x > 0."""
+    return (np.float64(x).view(np.int64) >> 52) - _BIAS
+
+
+@inlined
+def power_of_two(k):  # type: ignore[no-untyped-def]
+    """2^k."""
+    return np.int64((np.int64(k) + _BIAS) << 52).view(np.float64)
+
+
+@inlined
 def exponential(x):  # type: ignore[no-untyped-def]
     """e^x of x <= 0, off by two units in the last place at most (`jit.in_order`); e^-700 below.
 
@@ -48,16 +60,4 @@ def exponential(x):  # type: ignore[no-untyped-def]
     r = (x - n * _LN2_HIGH) - n * _LN2_LOW
     tail = 1 / 40320 + r * (1 / 362880 + r * (1 / 3628800 + r * (1 / 39916800 + r / 479001600)))
     tail = 1 / 6 + r * (1 / 24 + r * (1 / 120 + r * (1 / 720 + r * (1 / 5040 + r * tail))))
-    return (1.0 + (r + r * r * (0.5 + r * tail))) * np.int64((n + _BIAS) << 52).view(np.float64)
-
-
-@inlined
-def exponent(x):  # type: ignore[no-untyped-def]
-    """k with 2^k <= x < 2^(k + 1) of a normal number x > 0."""
-    return (np.float64(x).view(np.int64) >> 52) - _BIAS
-
-
-@inlined
-def power_of_two(k):  # type: ignore[no-untyped-def]
-    """2^k."""
-    return np.int64((np.int64(k) + _BIAS) << 52).view(np.float64)
+    return (1.0 + (r + r * r * (0.5 + r * tail))) * power_of_two(n)

@@ -91,6 +91,15 @@ def _difference(  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _difference_of(a, b):  # type: ignore[no-untyped-def]
+    """`_difference` of two forms, each a row."""
+    return _difference(
+        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
+        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
+    )  # fmt: skip
+
+
+@inlined
 def _determinant(c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
     near = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
     return near + c02 * (c01 * c12 - c02 * c11)
@@ -112,10 +121,7 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     evidence = 1/2 ln det(C + S0) / det C, S0 the prior of a plane that has nothing to do with the
     other.
     """
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
-    )  # fmt: skip
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
     near = _determinant(c00, c01, c02, c11, c12, c22)
     discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
     c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
@@ -125,10 +131,7 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
 @compiled
 def discord_of(a, b):  # type: ignore[no-untyped-def]
     """The first of what `compare_forms` tells, without the second's logarithm."""
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
-    )  # fmt: skip
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
     square = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
     return square / _determinant(c00, c01, c02, c11, c12, c22)
 
@@ -142,10 +145,7 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
 
         1/2 ln(1 + s) - 1/2 spread^2 (v' C^-1 delta)^2 / (1 + s),    s = spread^2 v' C^-1 v
     """
-    x, y, z, c00, c01, c02, c11, c12, c22 = _difference(
-        a[0], a[1], a[2], a[3], a[4], a[5], a[6], a[7], a[8], a[9], a[10], a[11], a[12],
-        b[0], b[1], b[2], b[3], b[4], b[5], b[6], b[7], b[8], b[9], b[10], b[11], b[12],
-    )  # fmt: skip
+    x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
     near = _determinant(c00, c01, c02, c11, c12, c22)
     w, tx, ty = a[W], a[TX], a[TY]
     shift = _quadratic_form(w, tx, ty, c00, c01, c02, c11, c12, c22)

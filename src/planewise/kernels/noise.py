@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from planewise.kernels.cells import add_reading
 from planewise.kernels.jit import in_order
 
 SUMS = 10  # of 1, x, y, x x, x y, y y, w, x w, y w, w w
@@ -30,16 +31,7 @@ def cell_planes(index, depth, rays, focal, width, side, columns, sums, planes): 
             row += 1
         m = sums[(row // side) * columns + column[index[k] - start]]
         x, y, w = rays[0, k] * focal[0], rays[1, k] * focal[1], 1.0 / depth[k]
-        m[0] += 1.0
-        m[1] += x
-        m[2] += y
-        m[3] += x * x
-        m[4] += x * y
-        m[5] += y * y
-        m[6] += w
-        m[7] += x * w
-        m[8] += y * w
-        m[9] += w * w
+        add_reading(m, 1.0, x, y, w)
     for c in range(sums.shape[0]):
         m, out = sums[c], planes[c]
         out[:] = np.nan

@@ -14,7 +14,7 @@ from planewise import threads
 from planewise.density import LEAST_READINGS, usual_size
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
-from planewise.kernels.cells import COUNT, SIDE
+from planewise.kernels.cells import COUNT, SIDE, STRIP
 from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
@@ -156,14 +156,14 @@ def moments_of(frame: Frame, workspace: Workspace) -> Moments:
         together=workspace.empty(halved),
         tiles=workspace.kept((third[0], kernels.MOMENTS + 1, third[1])),
     )
-    images, strips = (frame.w, frame.p, frame.x, frame.y), -(-rows // 6)
+    images, strips = (frame.w, frame.p, frame.x, frame.y), -(-rows // STRIP)
 
     def part(first: int, last: int) -> Iterator[NDArray[Any]]:
-        """What lies in some strips of six rows of cells: whole blocks and whole tiles."""
-        yield from (image[6 * SIDE * first : 6 * SIDE * last] for image in images)
-        arrays: tuple[NDArray[Any], ...] = out
-        for each, strip in zip(arrays, (6, 6, 3, 3, 2), strict=True):
-            yield each[strip * first : strip * last]
+        """What lies in some strips of rows of cells: whole blocks and whole tiles."""
+        arrays: tuple[NDArray[Any], ...] = (*images, *out)
+        sizes = *(4 * [STRIP * SIDE]), STRIP, STRIP, STRIP // 2, STRIP // 2, STRIP // 3
+        for each, size in zip(arrays, sizes, strict=True):
+            yield each[size * first : size * last]
 
     def add_up(first: int, last: int) -> None:
         whole = strips if frame.w.shape[0] % SIDE == 0 else strips - 1  # whose cells have all rows

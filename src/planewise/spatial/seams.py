@@ -101,5 +101,5 @@ def _discords(
         comparing.write_forms(about_seam, cells.drift[units], sectors.lean, forms[side])
     discords = np.full(len(beside), -1.0)
     for row, left, right in zip(rows, *forms, strict=True):
-        discords[row] = comparing.compare_forms(left, right, 0.0, 0.0)[0]
+        discords[row] = comparing.discord_of(left, right)
     return discords
