@@ -204,13 +204,15 @@ def test_readings_that_a_plane_explains_are_claimed():
     rng = np.random.default_rng(3)
     free = np.sort(rng.choice(500, 300, replace=False))
     label, best = (rng.random(300) < 0.4).astype(np.uint16), -rng.random(300)
-    labels, gains, left = np.zeros(500, np.uint16), np.zeros(500), np.empty(300, np.int64)
     exact, mine = np.zeros((2, 500)), label > 0
     exact[0, free[mine]], exact[1, free[mine]] = 7, best[mine]
-    still = free.copy()
-    count = kernels.claim(label, best, 7, still, labels, gains, left)
-    assert_array_equal(left[:count], np.flatnonzero(~mine))
-    assert_array_equal(still[:count], free[~mine])
+    labels, gains = np.zeros(500, np.uint16), np.zeros(500)
+    left, still = np.empty((2, np.count_nonzero(~mine)), np.int64)
+    for first, last in ((120, 300), (0, 120)):
+        at = first - np.count_nonzero(mine[:first])
+        kernels.claim(label, best, 7, free, first, last, at, labels, gains, left, still)
+    assert_array_equal(left, np.flatnonzero(~mine))
+    assert_array_equal(still, free[~mine])
     assert_array_equal([labels, gains], exact)
 
 

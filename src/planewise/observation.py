@@ -14,7 +14,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,6 +24,7 @@ from planewise.camera import Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor, checked_sensor
+from planewise.threads import halves
 from planewise.wording import counted
 from planewise.workspace import Workspace
 
@@ -167,11 +168,11 @@ class RayObservation(Observation):
             return function(self.sigma)
         by_level: Array = np.zeros(self.image.levels[-1] + 1 if self.count else 0)
         by_level[self.image.levels] = function(self.level_sigma)
-        return by_level.take(self._levels)
+        return _gathered(by_level, self._levels)
 
     @cached_property
     def _levels(self) -> NDArray[np.intp]:
-        return self.image.values.reshape(-1).take(self.index).astype(np.intp)
+        return _gathered(self.image.values.reshape(-1), self.index).astype(np.intp)
 
     @cached_property
     def level_sigma(self) -> Array:
@@ -181,7 +182,7 @@ class RayObservation(Observation):
     @cached_property
     def rays(self) -> Array:
         """Direction of each reading, shape (3, k): the point is depth * ray."""
-        return self.camera.ray_rows(self.shape).take(self.index, axis=1)
+        return _gathered(self.camera.ray_rows(self.shape), self.index)
 
     @property
     def ranges(self) -> bool:
@@ -203,7 +204,7 @@ class RayObservation(Observation):
     @cached_property
     def solid(self) -> Array:
         """Area that each pixel covers where readings are 1, in square metres, shape (k,)."""
-        return self.camera.pixel_area(self.shape).take(self.index)
+        return _gathered(self.camera.pixel_area(self.shape).reshape(-1), self.index)
 
     @property
     def pixel_size(self) -> tuple[float, float]:
@@ -259,6 +260,19 @@ class RayObservation(Observation):
     def positions(self) -> Array:
         """Return the readings as points in space, shape (k, 3), metres."""
         return (self.rays * self.depth).T
+
+
+def _gathered(rows: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:
+    """Take rows[..., index], each half on a thread of its own where two are allowed."""
+    out = np.empty((*rows.shape[:-1], index.size), rows.dtype)
+
+    def gather(first: int, last: int) -> None:
+        for row, part in zip(np.atleast_2d(rows), np.atleast_2d(out), strict=True):
+            # Any other mode would write to a copy first; all places are in the image.
+            row.take(index[first:last], out=part[first:last], mode="clip")
+
+    halves(gather, index.size)
+    return out
 
 
 def checked_observation(observation: object) -> None:

@@ -66,11 +66,11 @@ def find(
     compilation.announce("spatial" if spatial else "paper" if image else "points")
     keep_freed()
     regions = _regions(observation, options, rgb)
-    if spatial and isinstance(observation, RayObservation):
-        # Its compiled loops are loaded only where they are used.
-        from planewise.spatial.model import spatial_model
+    # Compiled loops are loaded only where they are used.
+    with threads.allowed(threads.chosen(options.threads)):
+        if spatial and isinstance(observation, RayObservation):
+            from planewise.spatial.model import spatial_model
 
-        with threads.allowed(threads.chosen(options.threads)):
             return spatial_model(
                 observation,
                 instances=options.instances,
@@ -80,9 +80,9 @@ def find(
                 workspace=workspace,
                 regions=regions,
             )
-    from planewise.paper.model import separable_model
+        from planewise.paper.model import separable_model
 
-    return separable_model(observation, options, objective, settings, regions)
+        return separable_model(observation, options, objective, settings, regions)
 
 
 def find_in_cloud(

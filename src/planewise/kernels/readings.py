@@ -155,21 +155,19 @@ def assign_points(h, x, tau, first, last, best, second, label, cumulative):  # t
 
 
 @compiled
-def claim(label, best, plane, free, labels, gains, left):  # type: ignore[no-untyped-def]
-    """Give the readings that a plane explains to it, and list those that are left.
+def claim(label, best, plane, free, first, last, at, labels, gains, left, still):  # type: ignore[no-untyped-def]
+    """Give the readings first <= i < last that a plane explains to it, and list the others.
 
-    label, best (n,): gains on that plane alone; free (n,): which readings these are, of which those
-    that are left move to the front. Writes labels and gains (k,) of the others, and left (n,): the
-    places of those without a label. Returns how many are left.
+    label, best (n,): gains on that plane alone; free (n,): which readings these are. Writes labels
+    and gains (k,) of all readings; and, from the place `at` on, left (m,): the places of those
+    without a label, and still (m,): which readings those are.
     """
-    found = 0
-    for i in range(label.size):
+    for i in range(first, last):
         if label[i] > 0:
             labels[free[i]], gains[free[i]] = plane, best[i]
         else:
-            left[found], free[found] = i, free[i]
-            found += 1
-    return found
+            left[at], still[at] = i, free[i]
+            at += 1
 
 
 @compiled

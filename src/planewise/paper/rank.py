@@ -13,6 +13,7 @@ from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
+from planewise.threads import halves
 
 Array = NDArray[np.float64]
 
@@ -37,9 +38,11 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
     alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
+    ends = np.cumsum(np.bincount(labels, minlength=len(planes) + 1))
+    of_plane = np.split(np.argsort(labels, kind="stable"), ends[:-1])[1:]
     merged = False
     for worse in alive[:0:-1]:
-        mine = np.flatnonzero(labels == worse + 1)
+        mine = of_plane[worse]
         readings = problem.evaluator.subset(mine)
         better = alive[: alive.index(worse)]
         pick = int(np.argmin(readings.scores(planes[better])))
@@ -49,7 +52,10 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
             if not merged:
                 labels, gains = labels.copy(), gains.copy()
             gains[mine] = offer.best
-            labels[mine] = np.where(gains[mine] < 0, better[pick] + 1, 0)
+            explained = offer.best < 0
+            labels[mine] = np.where(explained, better[pick] + 1, 0)
+            both = of_plane[better[pick]], mine[explained]
+            of_plane[better[pick]] = np.sort(np.concatenate(both))
             alive.remove(worse)
             merged = True
     if not merged:
@@ -116,9 +122,15 @@ def rank(
         0 for none, j for ``planes[j - 1]``.
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
-    # g = delta^2 / (2 sigma^2) - tau, solved for delta^2.
-    square = gains + evaluator.tau
-    square *= 2.0 * observation.sigma**2
+    square = np.empty(gains.size)
+
+    def solve(first: int, last: int) -> None:
+        """Take delta^2 from g = delta^2 / (2 sigma^2) - tau."""
+        part = square[first:last]
+        np.add(gains[first:last], evaluator.tau[first:last], out=part)
+        part *= 2.0 * observation.sigma[first:last] ** 2
+
+    halves(solve, gains.size)
     rows = evaluator.coefficients(solution.parameters)
     covariances = evaluator.covariances(solution.parameters, labels)
     planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)

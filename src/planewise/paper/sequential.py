@@ -14,9 +14,11 @@ from planewise.kernels.readings import claim
 from planewise.model import Curve, Move, limited_to
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
+from planewise.threads import halves
 from planewise.wording import counted
 
 Array = NDArray[np.float64]
+Places = NDArray[np.int64]
 
 _CHUNK = 16_384  # samples held at a time
 _MOST_TRIALS = 1e9  # hours for one plane
@@ -71,6 +73,40 @@ def _best_of_samples(rest: Evaluator, trials: int, rng: np.random.Generator) -> 
     return best
 
 
+def _claimed(
+    assigned: Assignment, plane: int, free: Places, labels: NDArray[np.uint16], gains: Array
+) -> tuple[Places, Places]:
+    """Give a plane the readings that it explains, and list those that are left.
+
+    Parameters
+    ----------
+    assigned : Assignment
+        Of the free readings, to that plane alone.
+    plane : int
+        Its label.
+    free : ndarray of int, shape (n,)
+        Which readings these are.
+    labels, gains : ndarray, shape (k,)
+        Of all readings, in which those of the plane are written.
+
+    Returns
+    -------
+    left : ndarray of int, shape (m,)
+        Places of the others among those that were free.
+    still : ndarray of int, shape (m,)
+        Which readings these are.
+    """
+    explained, best = assigned.labels, assigned.best
+    left, still = np.empty((2, free.size - np.count_nonzero(explained)), np.int64)
+
+    def give(first: int, last: int) -> None:
+        at = first - np.count_nonzero(explained[:first])
+        claim(explained, best, plane, free, first, last, at, labels, gains, left, still)
+
+    halves(give, free.size)
+    return left, still
+
+
 def sequential_search(
     problem: Problem, *, trials: int, rng: np.random.Generator
 ) -> tuple[Solution, Curve]:
@@ -113,9 +149,8 @@ def sequential_search(
         total += gain
         assigned = rest.assign(plane[None])
         saved.append(assigned.gain)
-        left = np.empty(free.size, np.int64)
-        count = claim(assigned.labels, assigned.best, len(found), free, labels, gains, left)
-        free, rest = free[:count], rest.subset(left[:count])
+        left, free = _claimed(assigned, len(found), free, labels, gains)
+        rest = rest.subset(left)
         phi.append(problem.phi(len(found), total))
         moves.append(Move(kind="add", planes=len(found), information=phi[-1]))
     chosen = int(np.argmin(phi))
