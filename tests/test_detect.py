@@ -16,7 +16,7 @@ from planewise.observation import RayObservation
 from planewise.outlines.outlines import Surface
 from planewise.paper.evaluate import Assignment, evaluator
 from planewise.paper.problem import Problem, Solution
-from planewise.paper.rank import merge_found
+from planewise.paper.rank import merge_found, merge_into_better
 from planewise.point_observation import PointObservation
 from planewise.results.planes_json import describe_model
 from planewise.sensor_files import describe_exactly
@@ -336,6 +336,28 @@ def test_planes_that_do_not_pay_once_others_merged_are_left_out(roof, camera):
     assert (len(left), curve.chosen, len(curve)) == (1, 1, 3)
     assert_array_equal(left.assignment.labels, labels.ravel() == 1)
     assert_array_equal(assignment.labels, given)  # its input is as it was
+
+
+def test_readings_that_were_merged_go_on_to_a_still_better_plane(roof, camera):
+    depth, planes, labels = roof
+    observation = pw.observe(depth, camera, SENSOR)
+    readings = evaluator(observation, PAPER_OBJECTIVE.thresholds(observation))
+    theta = -planes[:1, :3] / planes[:1, 3:]
+    theta = np.vstack((theta, theta * 1.0003, theta * 1.0003))
+    # The last plane is the second one again; that has fewer readings than the first.
+    given = np.where(
+        labels.ravel() == 1, 1 + np.searchsorted([12, 18], np.arange(labels.size) % 20), 0
+    )
+    each = np.stack([readings.assign(theta[j : j + 1]).best for j in range(3)])
+    gains = np.where(given > 0, each[given - 1, np.arange(given.size)], 0.0)
+    problem = Problem(evaluator=readings, empty=0.0, structure=np.array([0.0, 1e5, 2e5, 3e5]))
+    assignment = Assignment.of(given.astype(np.uint16), gains, 3)
+    merged = merge_into_better(problem, Solution(theta, assignment, 0.0))
+    on_first = np.where(labels.ravel() == 1, each[0], 0.0)
+    assert_array_equal(merged.parameters, theta[:1])
+    assert_array_equal(merged.assignment.labels, on_first < 0)
+    assert_array_equal(merged.assignment.best, on_first)
+    assert merged.phi == problem.phi(1, merged.assignment.gain)
 
 
 def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera):

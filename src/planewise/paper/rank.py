@@ -37,7 +37,8 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
-    alive = list(np.argsort(np.bincount(labels, gains, len(planes) + 1)[1:], kind="stable"))
+    worth = np.bincount(labels, gains, len(planes) + 1)[1:]
+    alive = list(np.argsort(worth, kind="stable"))
     ends = np.cumsum(np.bincount(labels, minlength=len(planes) + 1))
     of_plane = np.split(np.argsort(labels, kind="stable"), ends[:-1])[1:]
     merged = False
@@ -48,7 +49,7 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         pick = int(np.argmin(readings.scores(planes[better])))
         offer = readings.assign(planes[better[pick]][None])
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        if problem.weight * (offer.gain - gains[mine].sum()) < saved:
+        if problem.weight * (offer.gain - worth[worse]) < saved:
             if not merged:
                 labels, gains = labels.copy(), gains.copy()
             gains[mine] = offer.best
@@ -56,6 +57,7 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
             labels[mine] = np.where(explained, better[pick] + 1, 0)
             both = of_plane[better[pick]], mine[explained]
             of_plane[better[pick]] = np.sort(np.concatenate(both))
+            worth[better[pick]] += offer.gain
             alive.remove(worse)
             merged = True
     if not merged:
