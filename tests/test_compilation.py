@@ -14,10 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numba import njit
-from numba.core import caching, event
+from numba.core import analysis, caching, event
+from numba.core.inline_closurecall import InlineWorker
+from numba.core.lowering import Lower
 from numba.core.types.functions import BaseFunction
 from numba.core.typing.arraydecl import GetItemBuffer
 from numba.extending import overload
+from numpy.testing import assert_array_equal
 
 import planewise as pw
 from planewise import compilation, compiler, warm_up
@@ -101,6 +104,88 @@ def test_what_numba_compiles_itself_is_asked_for_wherever_it_is_used(monkeypatch
     kept = {function.typing_key for function, *_ in compiler._known}
     assert {operator.add, operator.mul} <= kept
     assert twice not in kept
+
+
+def made_up(loop):
+    """The loop as one of ours."""
+    loop.__module__ = "planewise.kernels.made_up"
+    return loop
+
+
+def test_what_is_part_of_its_callers_is_parsed_once_and_is_typed_in_each(monkeypatch):
+    half = jit.inlined(lambda x: x / 2 if x > 0 else x - 1)
+
+    def loop(x, i):
+        return half(half(x)), half(i), half(-i)
+
+    def counts(parse):
+        def look_up(*args, **kws):
+            parsed.append(args[1])
+            return parse(*args, **kws)
+
+        return look_up
+
+    parsed: list[object] = []
+    monkeypatch.setattr(InlineWorker, "run_untyped_passes", counts(InlineWorker.run_untyped_passes))
+    compiler._methods.cache_clear()
+    try:
+        for _ in range(2):
+            assert njit(made_up(loop))(5.0, 3) == (1.25, 1.5, -4)
+    finally:
+        compiler._methods.cache_clear()
+    assert parsed == [half.py_func]
+
+
+def test_where_variables_live_is_found_out_once_in_a_loop_of_ours(monkeypatch):
+    def loop(x):
+        total = 0.0
+        for i in range(x.size):
+            row = x[i:]
+            total += row[0] if row.size > 1 else 0.5
+        return total
+
+    def counts(*args):
+        seen.append(args)
+        return find(*args)
+
+    seen, find = [], analysis.compute_live_variables
+    monkeypatch.setattr(analysis, "compute_live_variables", counts)
+    times = []
+    for module in ("planewise.kernels.made_up", "elsewhere"):
+        loop.__module__ = module
+        seen.clear()
+        values = np.arange(4.0)
+        assert njit(pipeline_class=compiler.LoopCompiler)(loop)(values) == 3.5
+        assert sys.getrefcount(values) == 2  # what is a view of it has let it go
+        times.append(len(seen))
+    assert times[0] == 1 < times[1]
+
+
+def test_functions_of_numba_within_a_loop_of_ours_cannot_be_called_from_python(monkeypatch):
+    def loop(n):
+        return np.empty(n, np.uint16).size
+
+    def counts(self, *args):
+        seen.append(self.fndesc.modname)
+        return make(self, *args)
+
+    seen, make = [], Lower.create_cpython_wrapper
+    monkeypatch.setattr(Lower, "create_cpython_wrapper", counts)
+    for module in ("planewise.kernels.made_up", "elsewhere"):
+        loop.__module__ = module
+        assert njit(loop)(7) == 7
+    assert seen.count("planewise.kernels.made_up") == 1
+    assert "elsewhere" in seen
+
+
+def test_expressions_of_whole_arrays_are_right_where_they_are_not_fused():
+    @jit.compiled
+    def loop(x, y, out):
+        out[1:] = 2.0 * x[1:] * y[:-1] + x[0]
+
+    x, y, out = np.arange(5.0), np.arange(5.0) ** 2, np.zeros(5)
+    loop(x, y, out)
+    assert_array_equal(out[1:], 2 * x[1:] * y[:-1] + x[0])
 
 
 def test_loops_of_others_compile_whatever_their_module():

@@ -18,6 +18,7 @@ from typing import Any
 
 from numba import njit
 
+from planewise.compiler import LoopCompiler
 from planewise.kernels.loop_cache import LoopCache
 
 _njit: Any = njit  # its types know fewer options than it has
@@ -28,6 +29,7 @@ _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
     "forceinline": False,  # else a loop that is compiled for one of `internal` is, too
+    "pipeline_class": LoopCompiler,
 }
 
 
