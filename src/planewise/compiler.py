@@ -113,8 +113,9 @@ class QuickCompiler(event.Listener):
     def on_start(self, event: Any) -> None:
         """Begin with the first loop of ours; it may have others compiled."""
         dispatcher = event.data["dispatcher"]
-        module = str(dispatcher.py_func.__module__)
-        if self._ours and module.startswith("numba."):
+        function, module = dispatcher.py_func, str(dispatcher.py_func.__module__)
+        # What Numba makes for these types is called by what it compiles alone.
+        if self._ours and module.startswith("numba.") and "<locals>" in function.__qualname__:
             dispatcher.targetoptions.update(no_cpython_wrapper=True, no_cfunc_wrapper=True)
         if not self._depth:
             self._ours = module.startswith(f"{__package__}.")
