@@ -106,31 +106,23 @@ def test_what_numba_compiles_itself_is_asked_for_wherever_it_is_used(monkeypatch
     assert twice not in kept
 
 
-def made_up(loop):
-    """The loop as one of ours."""
-    loop.__module__ = "planewise.kernels.made_up"
-    return loop
-
-
 def test_what_is_part_of_its_callers_is_parsed_once_and_is_typed_in_each(monkeypatch):
     half = jit.inlined(lambda x: x / 2 if x > 0 else x - 1)
 
     def loop(x, i):
         return half(half(x)), half(i), half(-i)
 
-    def counts(parse):
-        def look_up(*args, **kws):
-            parsed.append(args[1])
-            return parse(*args, **kws)
+    def counts(inliner, function, *args, **kws):
+        parsed.append(function)
+        return parse(inliner, function, *args, **kws)
 
-        return look_up
-
-    parsed: list[object] = []
-    monkeypatch.setattr(InlineWorker, "run_untyped_passes", counts(InlineWorker.run_untyped_passes))
+    parsed, parse = [], InlineWorker.run_untyped_passes
+    monkeypatch.setattr(InlineWorker, "run_untyped_passes", counts)
+    loop.__module__ = "planewise.kernels.made_up"
     compiler._methods.cache_clear()
     try:
         for _ in range(2):
-            assert njit(made_up(loop))(5.0, 3) == (1.25, 1.5, -4)
+            assert njit(loop)(5.0, 3) == (1.25, 1.5, -4)
     finally:
         compiler._methods.cache_clear()
     assert parsed == [half.py_func]

@@ -195,7 +195,7 @@ class RayObservation(Observation):
         if sectors.ratio is None:
             return self.rays, self.depth
         x, y, ratio = (
-            sectors.image(image).reshape(-1)[self.index].astype(np.float64)
+            _gathered(sectors.image(image).reshape(-1), self.index).astype(np.float64)
             for image in (sectors.x, sectors.y, sectors.ratio)
         )
         u, v = sectors.metres(x, y)

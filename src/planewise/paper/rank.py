@@ -124,13 +124,13 @@ def rank(
         0 for none, j for ``planes[j - 1]``.
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
-    square = np.empty(gains.size)
+    square, tau, sigma = np.empty(gains.size), evaluator.tau, observation.sigma
 
     def solve(first: int, last: int) -> None:
         """Take delta^2 from g = delta^2 / (2 sigma^2) - tau."""
         part = square[first:last]
-        np.add(gains[first:last], evaluator.tau[first:last], out=part)
-        part *= 2.0 * observation.sigma[first:last] ** 2
+        np.add(gains[first:last], tau[first:last], out=part)
+        part *= 2.0 * sigma[first:last] ** 2
 
     halves(solve, gains.size)
     rows = evaluator.coefficients(solution.parameters)
