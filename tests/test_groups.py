@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from planewise.kernels import group_data, groups
-from planewise.kernels.cells import COUNT, cell_moments
+from planewise.kernels.cells import COUNT, STRIP, cell_moments
 from planewise.spatial import cells as cells_module
 
 from . import oracles, spatial_oracles
@@ -37,7 +37,8 @@ def grouped(labels, images):
     halved = -(-shape[0] // 2), -(-shape[1] // 2)
     cells = np.empty(shape, np.uint8), np.empty(shape)
     blocks, tiles = np.empty((halved[0], 11, halved[1])), np.empty((half[0], 12, half[1]))
-    cell_moments(w, p, x, y, *cells, blocks, np.empty(halved), tiles, False)
+    strips = -(-shape[0] // STRIP)
+    cell_moments(w, p, x, y, False, 0, strips, *cells, blocks, np.empty(halved), tiles)
     block, work = np.full(half, 9, np.int32), np.empty((6, 9 * half[1]), np.uint16)
     several = groups.label_blocks(labels, p, block, work)
     assert several == (block == groups.SEVERAL).sum()

@@ -237,8 +237,12 @@ def _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles):  # 
 
 
 @compiled
-def cell_moments(w, p, x, y, count, misfits, blocks, together, tiles, straight):  # type: ignore[no-untyped-def]
+def cell_moments(  # type: ignore[no-untyped-def]
+    w, p, x, y, straight, first, last, count, misfits, blocks, together, tiles
+):
     """Moments of blocks of 2 x 2 and tiles of 3 x 3 cells; chi^2 of the planes of cells and blocks.
+
+    In strips first ... last - 1 of `STRIP` rows of cells.
 
     w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
     in every column, of which only the first need then be read. Writes count and misfits (rows,
@@ -248,15 +252,15 @@ def cell_moments(w, p, x, y, count, misfits, blocks, together, tiles, straight):
     rows, room = misfits.shape[0], -(-misfits.shape[1] // STRIP) * STRIP
     sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, MOMENTS + 1, room))
     line, logs = np.empty(w.shape[1], y.dtype), np.empty(room)
-    for top in range(0, rows, 2):
+    for top in range(first * STRIP, min(last * STRIP, rows), 2):
         for k in range(min(2, rows - top)):
             _row_moments(w, p, x, y, straight, top + k, sums, line, pair[k])
         _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles)
 
 
 @compiled
-def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
-    """`cell_moments` of a straight image all of whose cells have three rows, in half the time.
+def straight_moments(w, p, x, y, first, last, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
+    """`cell_moments` of a straight image where all cells have three rows, in half the time.
 
     A loop of its own: few cameras need both, and each takes a second or two to compile.
     """
@@ -266,7 +270,7 @@ def straight_moments(w, p, x, y, count, misfits, blocks, together, tiles):  # ty
     pair, logs = np.empty((2, MOMENTS + 1, room)), np.empty(room)
     pair[:] = 0.0
     pair[:, PRODUCT] = 1.0
-    for top in range(0, rows, 2):
+    for top in range(first * STRIP, min(last * STRIP, rows), 2):
         for k in range(min(2, rows - top)):
             _straight_row_moments(w, p, x, y, top + k, columns, pixels, batch, pair[k])
         _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles)

@@ -12,26 +12,27 @@ _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
 
 @compiled
 def plane_sums(  # type: ignore[no-untyped-def]
-    labels, place, w, x, y, straight, planes, solid, top, ranked, sums, boxes
+    labels, place, w, x, y, straight, planes, solid, first, last, ranked, sums, boxes
 ):
     """Rank labels, and sum over the readings of every plane w = t0 + t1 x + t2 y.
 
+    In rows first ... last - 1.
     labels (H, W) uint16, 0 where there is no reading; place (.): what becomes of each, 0 for none;
     w, x, y (H, W) float32, straight as in `kernels.cells`; planes (N, 3), ranked; solid: area of
     every pixel on z = 1, (H, W), or of them all, (1, 1). Writes ranked (H, W) uint16; sums (N, 7):
     count, 0, delta^2, z^3 solid, z x, z y, z, with z = 1 / w and delta = z - 1 / (t . (1, x, y));
-    and boxes (N, 4): first row and column, last row and column + 1; rows are counted from `top`.
+    and boxes (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
     boxes[:, :2] = _FAR
     boxes[:, 2:] = 0
     width = labels.shape[1]
     line = np.empty(width, y.dtype)
-    last, places = room_for_runs(width)
-    for i in range(labels.shape[0]):
+    ends, places = room_for_runs(width)
+    for i in range(first, last):
         row, stop = labels[i], 0
         line[:] = y[i, 0]
-        for n in range(list_runs(row, last, places)):
+        for n in range(list_runs(row, ends, places)):
             start, stop = stop, int(places[n]) + 1
             rank = place[row[start]]
             ranked[i, start:stop] = rank
@@ -68,5 +69,5 @@ def plane_sums(  # type: ignore[no-untyped-def]
             total[4] += across
             total[5] += down
             total[6] += along
-            box[0], box[1] = min(box[0], top + i), min(box[1], start)
-            box[2], box[3] = top + i + 1, max(box[3], stop)
+            box[0], box[1] = min(box[0], i), min(box[1], start)
+            box[2], box[3] = i + 1, max(box[3], stop)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -157,22 +156,15 @@ def moments_of(frame: Frame, workspace: Workspace) -> Moments:
         tiles=workspace.kept((third[0], kernels.MOMENTS + 1, third[1])),
     )
     images, strips = (frame.w, frame.p, frame.x, frame.y), -(-rows // STRIP)
-
-    def part(first: int, last: int) -> Iterator[NDArray[Any]]:
-        """What lies in some strips of rows of cells: whole blocks and whole tiles."""
-        arrays: tuple[NDArray[Any], ...] = (*images, *out)
-        sizes = *(4 * [STRIP * SIDE]), STRIP, STRIP, STRIP // 2, STRIP // 2, STRIP // 3
-        for each, size in zip(arrays, sizes, strict=True):
-            yield each[size * first : size * last]
+    # Of a straight image, those whose cells have all rows.
+    whole = (strips if frame.w.shape[0] % SIDE == 0 else strips - 1) if frame.straight else 0
 
     def add_up(first: int, last: int) -> None:
-        whole = strips if frame.w.shape[0] % SIDE == 0 else strips - 1  # whose cells have all rows
-        whole = whole if frame.straight else 0
         middle = min(max(first, whole), last)
         if first < middle:
-            kernels.straight_moments(*part(first, middle))
+            kernels.straight_moments(*images, first, middle, *out)
         if middle < last:
-            kernels.cell_moments(*part(middle, last), frame.straight)
+            kernels.cell_moments(*images, frame.straight, middle, last, *out)
 
     threads.halves(add_up, strips)
     return out

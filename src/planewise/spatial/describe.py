@@ -59,13 +59,13 @@ def describe_image(
     both = np.empty((2, len(rows), 7))
     boxes = np.empty((2, len(rows), 4), np.int64)
 
+    solid = area[:1, :1].copy() if frame.straight else area  # the same of all pixels
+
     def add_up(first: int, last: int) -> None:
-        part, half = slice(first, last), int(first > 0)
-        solid = area[:1, :1].copy() if frame.straight else area[part]  # the same of all pixels
-        images = (image[part] for image in (frame.w, frame.x, frame.y))
+        half = int(first > 0)
         plane_sums(
-            labels[part], place, *images, frame.straight, affine, solid, first, ranked[part],
-            both[half], boxes[half],
+            labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, first, last,
+            ranked, both[half], boxes[half],
         )  # fmt: skip
 
     threads.halves(add_up, len(labels))

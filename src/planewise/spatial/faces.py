@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planewise.kernels import faces as kernels
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.spatial.frame import Frame
-from planewise.spatial.segments import affine_planes, with_none
+from planewise.spatial.segments import planes_by_label
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ def parted(
         Those of second faces, as places in the flattened image.
     """
     least = max(_CLEAR * price, price + significance)
-    affine, off = with_none(affine_planes(rows)), np.empty((len(rows) + 1, 2))
+    affine, off = planes_by_label(rows), np.empty((len(rows) + 1, 2))
     images = frame.w, frame.p, *frame.sectors.coordinates
     kernels.label_misfits(labels, *images, affine, _EVERY, _MOST * white, off)
     chi2, count = off.T

@@ -20,7 +20,7 @@ from planewise.spatial.cells import Cells
 from planewise.spatial.faces import ROUGH, parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
-from planewise.spatial.segments import affine_planes, information_matrices, with_none
+from planewise.spatial.segments import information_matrices, planes_by_label, with_none
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ def _label_pixels(
     rows, columns = cells.grid.shape
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
-    affine = with_none(affine_planes(planes))
+    affine = planes_by_label(planes)
     bound = _SURE * cells.error.white * null
     x, y = frame.sectors.coordinates
 
@@ -163,7 +163,7 @@ def _look_again(
     mine[labels.reshape(-1)[pixels]] = mine[0] = True
     before, marks = marks.seen, replace(marks, seen=np.zeros_like(marks.seen))
     face_loops.wait_about(pixels, labels, mine, marks.label, marks.state, marks.busy, marks.seen)
-    affine, coordinates = with_none(affine_planes(planes)), frame.sectors.coordinates
+    affine, coordinates = planes_by_label(planes), frame.sectors.coordinates
     _sweep(frame, cells, marks, frame.w, *coordinates, affine, variance, null)
     mine[0] = False
     face_loops.give_back(
@@ -224,7 +224,7 @@ def _put_creases(
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
     borders, (variance, slow) = _borders(marks, workspace), variances
-    affine = with_none(affine_planes(planes))
+    affine = planes_by_label(planes)
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 5))
     coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre

@@ -92,6 +92,13 @@ def affine_planes(rows: Array) -> Array:
     return planes
 
 
+def planes_by_label(rows: Array) -> Array:
+    """`affine_planes` by label: a row of zeros for none before them."""
+    planes = np.zeros((len(rows) + 1, 3))
+    plane_loops.affine_planes(rows, planes[1:])
+    return planes
+
+
 def with_none(affine: Array) -> Array:
     """Planes by label: a row of zeros for none before them."""
     planes = np.zeros((len(affine) + 1, 3))
