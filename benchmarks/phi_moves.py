@@ -142,7 +142,7 @@ def join(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
 def refit(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
     """Move a plane to that of its readings or of its cells, or along what it is least sure of."""
     none = np.zeros((len(now), judge.cells.rows.shape[1]))
-    rows = spatial_labels._refit(judge.frame, judge.cells, now.labels, none)
+    rows, _ = spatial_labels._refit(judge.frame, judge.cells, now.labels, none)
     for j in range(1, len(now) + 1):
         mine = now.labels == j
         if not mine.any():

@@ -1,5 +1,7 @@
 """The spatial objective on whole frames."""
 
+import math
+
 import numpy as np
 import pytest
 from benchmarks.simulated import random_walk
@@ -317,3 +319,15 @@ def test_a_row_of_pixels_tells_no_plane(seed, upright):
     model = detect(depth, camera)
     assert len(model) == 1
     assert np.isfinite(model.information)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_cells_across_an_edge_are_no_strip_of_their_own(seed):
+    """A column of them is a plane, but most of its pixels are those of the walls beside it."""
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+    u = camera.rays((480, 640))[..., 0]
+    depth = 2.5 / (1 - math.tan(math.radians(30)) * abs(u - (261.24 - 319.5) / 525))
+    depth += np.random.default_rng(seed).normal(0, 0.0015, depth.shape)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.0015))
+    assert len(model) == 2
+    assert np.mean(model.labels > 0) > 0.999

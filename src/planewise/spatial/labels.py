@@ -13,14 +13,19 @@ from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
 from planewise.kernels import units as unit_loops
-from planewise.kernels.cells import SIDE, UNIT
+from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.faces import ROUGH, parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
-from planewise.spatial.segments import information_matrices, planes_by_label, with_none
+from planewise.spatial.segments import (
+    information_matrices,
+    kept_planes,
+    planes_by_label,
+    with_none,
+)
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -41,6 +46,7 @@ _CREASE_ROOM = 16  # pixels that may change sides together, times rows and colum
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
+_OWN = 0.05  # of a plane's readings: what lies in cells wholly inside its label, at least
 _FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
 _FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
@@ -56,8 +62,11 @@ def label_planes(
     workspace: Workspace | None = None,
     price: float | None = None,
     significance: float = 0.0,
-) -> tuple[Array, Labels, Array]:
+) -> tuple[Array, Labels, Array, NDArray[np.int64]]:
     """Give every pixel near a border its label, refit the planes, put creases in their place.
+
+    A plane that is left next to no units of its own is none, but cells across an edge, whose pixels
+    are those of the planes on either side.
 
     Parameters
     ----------
@@ -84,33 +93,51 @@ def label_planes(
         In sectors: 0 for none, j for row j - 1.
     saved : ndarray
         Nats that each of the last planes saves: those that were parted from others.
+    owner : ndarray of int
+        As it was given, of the planes that are left.
     """
     workspace = workspace or Workspace()
-    marks = Marks.of(frame.w.shape, workspace)
     labels: Labels = workspace.kept(frame.w.shape, np.uint16)
-    sectors = frame.sectors
+    null = float(np.log(observation.range / observation.resolution))
+    variances, saved = _variances(frame, cells, workspace), np.empty(0)
+    while True:
+        marks = Marks.of(frame.w.shape, workspace)
+        number = _numbers(cells, root, accepted, owner, frame.sectors)
+        rows = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
+        _label_pixels(frame, cells, number, rows, variances[0], null, marks, workspace)
+        label_loops.without_margin(marks.label, labels)
+        rows, own = _refit(frame, cells, labels, rows)
+        left = own > _OWN * planes[0, :, COUNT]
+        if left.all():
+            break
+        planes, owner = kept_planes(planes, owner, left.nonzero()[0])
+    if price is not None:
+        rows, saved, pixels = parted(
+            frame, cells.error.white, rows, labels, price, significance, workspace
+        )
+        if len(saved):
+            _look_again(frame, cells, rows, variances[0], null, marks, labels, pixels)
+            label_loops.without_margin(marks.label, labels)
+    if _put_creases(frame, cells, rows, variances, marks, labels, workspace):
+        label_loops.without_margin(marks.label, labels)
+    return rows, labels, saved, owner
+
+
+def _numbers(
+    cells: Cells,
+    root: NDArray[np.int32],
+    accepted: NDArray[np.int64],
+    owner: NDArray[np.int64],
+    sectors: Sectors,
+) -> NDArray[np.int16]:
+    """Label of every unit, from its segment's plane."""
     segment = np.zeros(len(cells.rows), np.int16)
     segment[accepted] = owner + 1
     number = segment.take(root)
     if sectors.count > 1:
         number = (number > 0) * ((number - 1) * sectors.count + 1 + sector_of_units(cells, sectors))
         number = number.astype(np.int16)
-    planes = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
-    null = float(np.log(observation.range / observation.resolution))
-    variances = _variances(frame, cells, workspace)
-    _label_pixels(frame, cells, number, planes, variances[0], null, marks, workspace)
-    label_loops.without_margin(marks.label, labels)
-    planes, saved = _refit(frame, cells, labels, planes), np.empty(0)
-    if price is not None:
-        planes, saved, pixels = parted(
-            frame, cells.error.white, planes, labels, price, significance, workspace
-        )
-        if len(saved):
-            _look_again(frame, cells, planes, variances[0], null, marks, labels, pixels)
-            label_loops.without_margin(marks.label, labels)
-    if _put_creases(frame, cells, planes, variances, marks, labels, workspace):
-        label_loops.without_margin(marks.label, labels)
-    return planes, labels, saved
+    return number
 
 
 def _label_pixels(
@@ -388,13 +415,17 @@ def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
     return out
 
 
-def _refit(frame: Frame, cells: Cells, labels: Labels, planes: Array) -> Array:
-    """Rows of the planes once more, from the units that lie wholly inside their label."""
+def _refit(frame: Frame, cells: Cells, labels: Labels, planes: Array) -> tuple[Array, Array]:
+    """Rows of the planes once more, from the units that lie wholly inside their label.
+
+    And how many readings there are in these, shape (N,).
+    """
     sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
     unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
-    sectors = frame.sectors
+    sectors, sums = frame.sectors, sums[1:]
     enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
-    return np.where(enough[:, None], sectors.together(sums[1:]), planes)
+    rows = np.where(enough[:, None], sectors.together(sums), planes)
+    return rows, sectors.summed(sums[:, COUNT])
 
 
 def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:

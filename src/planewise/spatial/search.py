@@ -28,7 +28,12 @@ from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.labels import label_planes
 from planewise.spatial.merging import Border, between, merged
 from planewise.spatial.seams import Neighbours
-from planewise.spatial.segments import Segments, affine_planes, information_matrices
+from planewise.spatial.segments import (
+    Segments,
+    affine_planes,
+    information_matrices,
+    kept_planes,
+)
 from planewise.spatial.splitting import split
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -166,11 +171,12 @@ def segment(
     if not count:
         return _nothing(frame.w.shape)
     with stage("labels"), workspace.stage():
-        rows, labels, saved = label_planes(
+        rows, labels, saved, owner = label_planes(
             frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace,
             charges.plane if steady else None, significance,
         )  # fmt: skip
-    total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]  # -1 is no plane
+    left = len(rows) // frame.sectors.count - len(saved)
+    total = np.bincount(owner + 1, worth, left + 1)[1:]  # -1 is no plane
     return _segmentation(rows, labels, np.concatenate((total, saved)), frame.sectors)
 
 
@@ -350,10 +356,7 @@ def _most_significant(
 ) -> tuple[Array, NDArray[np.int64]]:
     """The planes that save most, and owners with -1 for the others' segments, too."""
     total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]
-    keep = np.sort(np.argsort(-total, kind="stable")[:most])
-    place = np.full(planes.shape[1] + 1, -1)  # the last is that of -1
-    place[keep] = np.arange(len(keep))
-    return planes[:, keep], place[owner]
+    return kept_planes(planes, owner, np.sort(np.argsort(-total, kind="stable")[:most]))
 
 
 def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:

@@ -99,6 +99,18 @@ def planes_by_label(rows: Array) -> Array:
     return planes
 
 
+def kept_planes(
+    planes: Array, owner: NDArray[np.int64], kept: NDArray[np.intp]
+) -> tuple[Array, NDArray[np.int64]]:
+    """Some of the planes (K, N, .), and their numbers among these in place of those among all.
+
+    owner: number of a plane, or -1 for none, as it is for all others then.
+    """
+    place = np.full(planes.shape[1] + 1, -1)  # the last is that of -1
+    place[kept] = np.arange(len(kept))
+    return planes[:, kept], place[owner]
+
+
 def with_none(affine: Array) -> Array:
     """Planes by label: a row of zeros for none before them."""
     planes = np.zeros((len(affine) + 1, 3))
