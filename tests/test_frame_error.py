@@ -210,6 +210,21 @@ def test_independent_noise_has_no_drift_and_shares_nothing():
         assert error.bent < 0.05
 
 
+@pytest.mark.parametrize("side", [36, 54])
+def test_small_images_tell_that_there_is_no_drift(side):
+    """And planes scatter as their covariance says."""
+    camera = pw.PinholeCamera(fx=0.8 * side, fy=0.8 * side, cx=side / 2 - 0.5, cy=side / 2 - 0.5)
+    normal = np.array([0.3, 0.2, -1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
+    sensor, squares = pw.Sensor(noise=0.005), []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0, 0.005, (side, side))
+        depth = noise - 2 / (camera.rays((side, side)) @ normal)
+        (plane,) = pw.detect_planes(depth, camera, sensor).planes
+        off = plane.coefficients - np.append(normal, 2.0)
+        squares.append(off @ np.linalg.pinv(plane.covariance, rcond=1e-9) @ off / 3)
+    assert 0.5 < np.mean(squares) < 1.4
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_a_synthetic_room_has_hardly_any_drift(seed):
     scene = scenes.room(seed)

@@ -29,7 +29,8 @@ _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a 
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
-_FEWEST = 100  # cells, pairs or triples that can tell
+_FEWEST = 100  # cells, or pairs of them, that can tell
+_FEWEST_TRIPLES = 20  # and these: of small images, which tell better than a description does
 _ROUGH = 0.8, 0.8416  # share of the cells, and of a normal below so many standard deviations
 _ROUGHER = 2.0  # times the white variance of half of them: more is no noise, but edges
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
@@ -265,7 +266,7 @@ def drift_factor(
         def told_by(four: bool) -> float | None:
             n = kernels.cells_in_a_row(*of_cells, four, *rows)
             square, own, slow = rows[:, :n]
-            if n < _FEWEST or not slow.max():
+            if n < _FEWEST_TRIPLES or not slow.max():
                 return None
             return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
 
