@@ -40,6 +40,14 @@ def test_readings_in_units_have_the_variance_of_their_depth(camera):
     assert_allclose(frame.p * (SIGMA**2 + step**2 / 12) / z**4, 1, rtol=3e-7)
 
 
+@pytest.mark.parametrize(("step", "told"), [(1e-5, False), (0.02, True)])
+def test_gaps_between_readings_that_hardly_meet_are_no_steps(camera, step, told):
+    z = np.random.default_rng(0).uniform(1, 3, (48, 64))
+    sensor = pw.Sensor(max_depth=10, resolution=RESOLUTION, noise=pw.noise.constant(SIGMA))
+    steps = pw.observe(np.round(z / step) * step, camera, sensor).image.steps()
+    assert_allclose(steps, step if told else 0, atol=0.1 * RESOLUTION)
+
+
 @pytest.mark.parametrize(("low", "high"), [(1, 65_535), (700, 9_000), (9_000, 700), (70_000, 9)])
 def test_which_levels_occur_and_how_often(low, high):
     raw = np.random.default_rng(0).integers(0, 65_536, (150, 170)).astype(np.uint16)

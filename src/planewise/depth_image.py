@@ -27,6 +27,7 @@ _MOST_LEVELS = 1 << 18
 _MOST_UNITS = (1 << 16) - 1  # of integer depth
 _LEAST_DEPTH = 1e-6  # metres
 _ROUNDED = 4  # in the last place: a reading at the sensor's limit may lie so far beyond
+_TELLING = 4  # readings of a level on the mean: quantised ones meet again and again
 _WINDOW = 9  # gaps between levels over which the step is a median
 
 
@@ -188,7 +189,9 @@ class DepthImage:
         return index, flat[index] * np.float64(self.scale)
 
     def steps(self) -> Array:
-        """Quantisation step at every level in metres."""
+        """Quantisation step at every level in metres; 0 where readings are too few to tell."""
+        if self.count < _TELLING * self.levels.size:
+            return np.zeros(self.levels.size)  # gaps are between readings, not between steps
         return reading_steps(self.levels) / self.per_metre
 
     def spread(self, precision: Array, w: NDArray[np.float32], p: NDArray[np.float32]) -> None:
