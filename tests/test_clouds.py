@@ -109,6 +109,17 @@ def test_coordinates_in_the_millions_lose_nothing():
         assert_allclose(b.centroid - shift, a.centroid, atol=1e-6)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_few_exact_points_have_their_own_rms(seed):
+    """Twenty shots of a total station at a wall of 30 m."""
+    rng = np.random.default_rng(seed)
+    shots = np.column_stack((rng.uniform(0, 30, (20, 2)), rng.normal(0, 2e-4, 20)))
+    points = Rotation.from_euler("y", 0.7).apply(shots)
+    (plane,) = pw.detect_planes_in_points(points, pw.Sensor(max_depth=100, noise=3e-4)).planes
+    off = points @ plane.normal + plane.distance
+    assert plane.rms == pytest.approx(np.sqrt(np.mean(off**2)), rel=1e-3)
+
+
 @pytest.mark.parametrize("noise", [SIGMA, "auto"])
 @pytest.mark.parametrize("share", [0.2, 1.0])
 def test_points_all_over_cost_no_plane(share, noise):

@@ -263,6 +263,8 @@ def test_a_given_spacing_is_used():
     model = model_of(np.ones(len(points)), TILTED)
     (coarse,) = outline_points(model, points, spacing=0.3)
     assert coarse.area == pytest.approx(4, rel=0.05)
+    for whole in (1, np.int64(1)):
+        assert outline_points(model, points, spacing=whole)[0].area == pytest.approx(4, rel=0.3)
     for bad in (0, -1, math.nan, math.inf):
         with pytest.raises(ValueError, match="spacing"):
             outline_points(model, points, spacing=bad)

@@ -47,7 +47,7 @@ class Plane:
         Nats that its readings save against being outliers, ln(R / eps) each on a ray, n ln(R / eps)
         in n dimensions; negative, the lower the better.
     count : int
-        Readings on it.
+        Readings on it; of points their copies, too, which all else knows nothing of.
     rms : float
         Root mean square residual in metres: along the ray for depth images, across the plane for
         range images and points.
@@ -74,7 +74,8 @@ class Plane:
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
         Area its readings cover, in square metres; of points in space that of its cells, up to
-        two fifths too large where noise is as thick as these, and up to twice where points are few.
+        two fifths too large where noise is as thick as these, and up to twice where points are few
+        or the plane lies along sides of cells.
         NaN of points in other dimensions, and of points under the paper's objective.
     bounding_box : tuple of int
         (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an

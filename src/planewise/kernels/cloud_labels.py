@@ -228,7 +228,8 @@ def sum_groups(  # type: ignore[no-untyped-def]
                     groups[group, e] = 0.0
                 end += 1
             out = groups[group]
-            x, y, z = local[i, 0], local[i, 1], local[i, 2]
+            # Products of single precision are off by more than exact readings are from a plane.
+            x, y, z = np.float64(local[i, 0]), np.float64(local[i, 1]), np.float64(local[i, 2])
             out[COUNT] += 1.0
             out[CX] += x
             out[CY] += y

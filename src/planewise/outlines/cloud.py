@@ -104,7 +104,7 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
     low = local.min(axis=0)
     local -= low
     extent = local.max(axis=0)
-    sides = derive_cells(local) if spacing is None else np.array((spacing, spacing))
+    sides = derive_cells(local) if spacing is None else np.full(2, spacing, np.float64)
     sides *= max(1.0, float(extent[0]) / (_MOST_CELLS * float(sides[0])))
     overhang = _overhang(_counts(local, sides))
     # Cells that reach beyond the outermost points by what they do on the mean.
