@@ -297,6 +297,31 @@ def test_numbers_that_count_the_points_are_no_coordinates(tmp_path, points, code
     assert (cloud.intensity is not None) == bool(code)
 
 
+@pytest.mark.parametrize(
+    "head",
+    [
+        "# Units: x y z in metres\n",
+        "# x y z [m]\n",
+        "// this has x y and z of points\n500\n",
+        "//X Y Z\n500\n",
+        "500\n//X Y Z\n",
+        "# of x y z, that is\nx y z\n",
+    ],
+)
+def test_remarks_may_name_coordinates(tmp_path, points, head):
+    path = tmp_path / "a.asc"
+    path.write_text(head + "".join(f"{x!r} {y!r} {z!r}\n" for x, y, z in points.tolist()))
+    assert_array_equal(in_blocks(path).points, points)
+
+
+def test_a_remark_may_hold_the_last_word_of_a_header(tmp_path):
+    path = tmp_path / "a.ply"
+    head = "ply\nformat ascii 1.0\ncomment end_header is below\nelement vertex 2\n"
+    rows = "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n4 5 6\n"
+    path.write_text(head + rows)
+    assert_array_equal(read_cloud(path).points, [[1, 2, 3], [4, 5, 6]])
+
+
 def test_text_with_tabs_and_spaces(tmp_path, points):
     path = tmp_path / "mixed.xyz"
     path.write_text("".join(f"{x!r}\t{y!r}  {z!r}\n" for x, y, z in points.tolist()))
@@ -427,6 +452,20 @@ def test_a_dimension_that_cannot_hold_labels_is_replaced(tmp_path, points, colou
     labels = (np.arange(500) % 7).astype(np.uint16)
     copy_with_planes(source, target, labels)
     assert_array_equal(laspy.read(target)["plane"], labels)
+
+
+def test_bounds_that_were_never_filled_in_do_not_say_where_points_are(tmp_path, points, colour):
+    path = tmp_path / "a.las"
+    las_file(path, points + np.array([500_000, 5_000_000, 0]), colour).write(path)
+    before = read_cloud(path)
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<6d", data, 179, *[0.0] * 6)
+    path.write_bytes(data)
+    after = open_cloud(path)
+    assert after.bounds is None
+    assert np.abs(after.offset - before.offset).max() <= 100
+    after = after.read()
+    assert_allclose(after.points + after.offset, before.points + before.offset, atol=1e-9)
 
 
 @pytest.mark.parametrize("wrong", [1e300, -1e300, np.nan, np.inf])

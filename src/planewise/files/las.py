@@ -22,6 +22,7 @@ from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
 _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
+_ROUNDED = 1.0  # metres by which bounds in the header may be off
 _FARTHEST = 1e15  # metres: no coordinate is so large
 _LINEAR_UNIT = 3076  # key of GeoTIFF: unit of the projection
 _METRES = {"m", "metre", "metres", "meter", "meters"}
@@ -112,10 +113,11 @@ def open_las(path: Path) -> CloudFile:
         first = reader.read_points(LOOK) if count else None
         bounds = _bounds(header, scales, own)
     offset = np.zeros(3)
-    if bounds is not None:
-        offset = offset_near(bounds.mean(axis=0))
-    elif first is not None:
-        offset = offset_near(np.median(np.stack((first.x, first.y, first.z), axis=1), axis=0))
+    if first is not None:
+        some = np.stack((first.x, first.y, first.z), axis=1)
+        if bounds is not None and (np.abs(some - some.clip(*bounds)) > _ROUNDED).any():
+            bounds = None  # of other points, or never filled in
+        offset = offset_near(np.median(some, axis=0) if bounds is None else bounds.mean(axis=0))
     colours = () if first is None or "red" not in names else (first[name] for name in COLOUR)
     full = full_colour(*map(np.asarray, colours))
 

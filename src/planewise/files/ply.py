@@ -5,6 +5,7 @@ The format is a few lines of text and rows of numbers (Turk, "The PLY Polygon Fi
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -139,9 +140,10 @@ def _camera(path: Path, header: _Header, end: int) -> Array | None:
 def _read_header(path: Path) -> _Header:
     with path.open("rb") as stream:
         head = stream.read(LONGEST_HEADER)
-    if head[:3] != b"ply" or b"end_header" not in head:
+    last = re.search(rb"^end_header\b", head, re.MULTILINE)  # comments may hold the word, too
+    if head[:3] != b"ply" or last is None:
         raise PlanewiseError("is no PLY file: its header does not begin or end as it should")
-    end = head.index(b"end_header")
+    end = last.start()
     start = head.find(b"\n", end) + 1
     if start == 0:
         raise PlanewiseError("is cut short: its header has no end")

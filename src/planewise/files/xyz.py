@@ -73,7 +73,7 @@ def _layout(path: Path) -> _Layout:
         raise PlanewiseError("is empty")
     if any("\0" in line for line in head):
         raise PlanewiseError("is no text file")
-    names, count = None, None
+    names, count, remarked = None, None, False
     for before, line in enumerate(head):  # noqa: B007 - used after it
         text = line.strip()
         bare = text.lstrip("#/").strip()
@@ -86,9 +86,9 @@ def _layout(path: Path) -> _Layout:
         if text.startswith(("#", "//")):
             # A comment; names of columns where x, y and z are among them.
             if set(_XYZ) <= {word.lower() for word in words}:
-                names = words
+                names, remarked = words, True
         elif all(map(is_number, words)):
-            if len(words) == 1 and words[0].isdecimal() and count is None and names is None:
+            if len(words) == 1 and words[0].isdecimal() and count is None:
                 count = int(words[0])
                 continue
             break
@@ -97,13 +97,13 @@ def _layout(path: Path) -> _Layout:
                 f"has numbers with a decimal comma, which are not read: '{text[:60]}'; write them "
                 "with a decimal point"
             )
-        elif names is None:
-            names = words
+        elif names is None or remarked:
+            names, remarked = words, False
         else:
             raise PlanewiseError(f"has a second line that is no point: '{text[:60]}'")
     else:
         raise PlanewiseError("holds no line of numbers")
-    if names is None:
+    if names is None or (remarked and len(names) != len(words)):  # prose, of x, y and z
         rows = list(islice(point_lines(StringIO("".join(head[before:]))), 1000))
         names = _usual_names([row.split(delimiter) for row in rows], len(words))
     elif len(names) != len(words):
