@@ -522,6 +522,21 @@ def test_an_objective_can_be_put_together(roof, camera):
     assert len(model) >= len(paper)
 
 
+@pytest.mark.parametrize("options", [{}, {"search": "sequential"}, {"partition": "blocks"}])
+def test_a_mask_that_costs_without_planes_costs_once(roof, camera, options):
+    class Dearer:
+        def information(self, readings, planes):
+            return 1000.0 + readings * np.log(planes + 1)
+
+    dearer = pw.detect_planes(
+        roof[0], camera, SENSOR, objective=pw.Objective(mask=Dearer()), **options
+    )
+    paper = pw.detect_planes(roof[0], camera, SENSOR, objective="paper", **options)
+    assert dearer.information - paper.information == pytest.approx(1000)
+    assert_allclose(np.subtract(dearer.prefix, paper.prefix), 1000)
+    assert_allclose(dearer.curve.information - paper.curve.information, 1000)
+
+
 @pytest.mark.parametrize(
     ("nats", "message"),
     [

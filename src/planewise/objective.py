@@ -119,7 +119,11 @@ class Objective:
 
     def empty(self, observation: Observation) -> float:
         """Phi_0: no plane."""
-        return float(self._outliers(observation).sum()) + self._mask(observation.count, 0)
+        return self.all_outliers(observation) + self._mask(observation.count, 0)
+
+    def all_outliers(self, observation: Observation) -> float:
+        """Nats of the readings with no plane, the mask not among them."""
+        return float(self._outliers(observation).sum())
 
     def structure(
         self, observation: Observation, planes: int, readings: int | None = None

@@ -53,7 +53,7 @@ def separable_model(
         costs = [objective.structure(observation, n, readings) for n in range(most + 1)]
         return np.array(costs)
 
-    empty = objective.empty(observation)
+    empty = objective.all_outliers(observation)
     rng = np.random.default_rng(options.rng)
     readings = evaluator(
         observation, objective.thresholds(observation), threads.chosen(options.threads)

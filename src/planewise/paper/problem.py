@@ -24,7 +24,7 @@ class Problem:
     evaluator : Evaluator
         The readings.
     empty : float
-        Phi of no plane, its mask excluded: every reading an outlier.
+        Phi of no plane, its mask excluded: every reading an outlier (`Objective.all_outliers`).
     structure : ndarray, shape (M + 1,)
         Mask and parameters of 0 ... M planes in nats.
     weight : float
