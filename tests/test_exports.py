@@ -66,6 +66,19 @@ def test_coco_masks_are_those_of_the_labels(store, tmp_path):
             assert np.array_equal(mask, frame.labels == label)
 
 
+def test_boxes_of_a_panorama_hold_their_masks(tmp_path):
+    store = make_store(Sweeps(), tmp_path / "store")
+    assert not all_of(store, CocoExport, tmp_path / "out")
+    found = json.loads((tmp_path / "out" / "annotations.json").read_text())["annotations"]
+    height, width = store["sweep"].labels.shape
+    assert (store["sweep"].plane_table["right"].to_numpy() > width).any()
+    for each in found:
+        rows, columns = decode_mask(each["segmentation"]["counts"], (height, width)).nonzero()
+        left, top, wide, high = each["bbox"]
+        assert (left, left + wide) == (columns.min(), columns.max() + 1)
+        assert (top, top + high) == (rows.min(), rows.max() + 1)
+
+
 @pytest.mark.filterwarnings("ignore:__array__ implementation:DeprecationWarning:pycocotools")
 def test_the_coco_tools_read_it(store, tmp_path):
     from pycocotools import coco as tools

@@ -122,6 +122,22 @@ def test_existing_folder_keeps_its_other_files(tmp_path):
     assert (tmp_path / "y").read_text() == "mine"
 
 
+@pytest.mark.parametrize("name", ["x", "stale"])
+def test_nothing_is_replaced_where_a_folder_is_in_the_way(tmp_path, name):
+    (tmp_path / "a").write_text("old")
+    (tmp_path / name).mkdir()
+
+    def write():
+        with output_folder(tmp_path, ["stale"]) as folder:
+            for each in "ax":
+                (folder / each).write_text("new")
+
+    with pytest.raises(PlanewiseError, match=f"/{name} is a folder"):
+        write()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", name]
+    assert (tmp_path / "a").read_text() == "old"
+
+
 @pytest.mark.parametrize("error", [RuntimeError, KeyboardInterrupt])
 @pytest.mark.parametrize("exists", [False, True])
 def test_nothing_is_left_after_an_error(tmp_path, error, exists):

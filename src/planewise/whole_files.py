@@ -139,6 +139,9 @@ def _publish(staging: Path, target: Path, stale: Iterable[str]) -> None:
         except OSError:
             if not target.is_dir():  # which another process has just made
                 raise
+    for path in (*staging.iterdir(), *map(Path, stale)):
+        if (target / path.name).is_dir():  # before anything is replaced
+            raise PlanewiseError(f"output: {target / path.name} is a folder; give another folder")
     for name in stale:
         if not (staging / name).exists():
             (target / name).unlink(missing_ok=True)

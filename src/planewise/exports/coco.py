@@ -98,6 +98,8 @@ class CocoExport(Form):
             if not pixels[label]:
                 continue
             top, left, bottom, right = (row[each] for each in ("top", "left", "bottom", "right"))
+            if right > width:  # across the end of a panorama, where it has the first column, too
+                left, right = 0, width
             annotation = {
                 "category_id": _PLANE["id"],
                 "iscrowd": 0,
