@@ -140,10 +140,10 @@ def _camera(path: Path, header: _Header, end: int) -> Array | None:
 def _read_header(path: Path) -> _Header:
     with path.open("rb") as stream:
         head = stream.read(LONGEST_HEADER)
-    last = re.search(rb"^end_header\b", head, re.MULTILINE)  # comments may hold the word, too
-    if head[:3] != b"ply" or last is None:
+    ending = re.search(rb"^end_header\b", head, re.MULTILINE)  # comments may hold the word, too
+    if head[:3] != b"ply" or ending is None:
         raise PlanewiseError("is no PLY file: its header does not begin or end as it should")
-    end = last.start()
+    end = ending.start()
     start = head.find(b"\n", end) + 1
     if start == 0:
         raise PlanewiseError("is cut short: its header has no end")
