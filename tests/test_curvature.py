@@ -1,5 +1,7 @@
 """Pieces of curved surfaces in depth images are no planes; what meets in edges is."""
 
+import math
+
 import numpy as np
 import pytest
 from benchmarks import curved_frames
@@ -14,8 +16,10 @@ from planewise.kernels.curvature import (
     BENT,
     CENTRE,
     EXTENT,
+    INWARD,
     MEET,
     NEAR,
+    OUTWARD,
     QUADRIC,
     ROUND,
     SIZE,
@@ -295,9 +299,9 @@ def surfaces(rng, tilted):
 @pytest.mark.parametrize("slope", [0.02, 0.2, 2.0])
 def test_how_planes_meet(seed, slope):
     _, units, of_unit, quadrics, pairs, *_ = surfaces(np.random.default_rng(seed), 0.0)
-    how = np.full(len(pairs), -1, np.int8)
-    meet(of_unit[pairs], pairs, units, quadrics, slope, how)
-    for (i, j), found in zip(pairs, how, strict=True):
+    how, turns = np.full((2, len(pairs)), -1, np.int8)
+    meet(of_unit[pairs], pairs, units, quadrics, slope, how, turns)
+    for (i, j), found, way in zip(pairs, how, turns, strict=True):
         a, b = quadrics[of_unit[[i, j]], :3]
         one, other = units[i, :3] / units[i, 0], units[j, :3] / units[j, 0]
         middle = (one + other) / 2
@@ -305,6 +309,9 @@ def test_how_planes_meet(seed, slope):
         normals = [np.array([t[1], t[2], slope * t[0]]) for t in (a, b)]
         cosine = normals[0] @ normals[1] / np.prod(np.linalg.norm(normals, axis=1))
         assert found == (APART if apart else NEAR if cosine > 0.5 else MEET)
+        inward = (b - a)[1:] @ (other - one)[1:] > 0
+        clear = found == NEAR and cosine < math.cos(math.radians(4))
+        assert way == (clear and (INWARD if inward else OUTWARD))
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -373,8 +380,9 @@ def test_where_surfaces_go_on(seed):
     segment = np.array([0, 1, 2, 3, 3])
     ends = np.array([rng.permutation(5)[:2] for _ in range(200)], np.int32)
     sides, how = rng.integers(0, 600, (200, 2)).astype(np.int32), rng.integers(0, 4, 200)
+    turns = rng.choice(np.array([0, OUTWARD, INWARD], np.int8), 200)
     told, of_segment = [], np.zeros(4)
-    for (u, v), (i, j), beside in zip(ends, sides, how, strict=True):
+    for (u, v), (i, j), beside, way in zip(ends, sides, how, turns, strict=True):
         if beside == APART:
             continue
         np.add.at(of_segment, segment[[u, v]], 1)
@@ -398,12 +406,13 @@ def test_where_surfaces_go_on(seed):
                 states |= GOES_ON
             elif np.hypot(np.hypot(*np.subtract(one, other)), step) <= LEFT * turn:
                 states |= GOES_ON | SURE
-        told.append((*segment[[u, v]], states))
+        told.append((*segment[[u, v]], states | way))
     border, pairs = np.full(4, np.nan), np.empty((200, 2), np.int32)
     points, states = np.zeros(200, np.float32), np.empty(200, np.int8)
     found = surface_borders(
-        ends, sides, units, quadrics, segment, how.astype(np.int8), border, pairs, points, states
-    )
+        ends, sides, units, quadrics, segment, how.astype(np.int8), turns, border, pairs, points,
+        states,
+    )  # fmt: skip
     assert_array_equal(np.column_stack((pairs, states))[:found], told)
     assert (points[:found] == 1).all()
     assert_array_equal(border, of_segment)
@@ -416,38 +425,60 @@ def surface(q, x, y):
     return w, q[1] + c[1] + 2 * c[3] * dx + c[4] * dy, q[2] + c[2] + c[4] * dx + 2 * c[5] * dy
 
 
-@pytest.mark.parametrize("radius", [0.2, 0.3])
-def test_the_rims_of_a_pillar_before_a_wall_are_no_planes(radius):
-    """Between them are pieces that would pay but for their border, which tell that it is round."""
-    camera, distance = pw.cameras.KINECT_V1, 2.0
+def pillar(radius, distance, noise, wall):
+    """Planes of a pillar before a wall, if any, and labels of its pixels."""
+    camera = pw.cameras.KINECT_V1
     across = camera.rays((480, 640))[..., 0]
     square = across**2 + 1
     root = distance**2 - square * (distance**2 - radius**2)
-    pillar = (distance - np.sqrt(np.maximum(root, 0))) / square
-    depth = np.where(root > 0, pillar, 3.5)
-    depth += np.random.default_rng(0).normal(0, 0.003, depth.shape)
-    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.003))
-    assert len(model) == 1
-    assert not model.labels[root > 0].any()
+    round_one = (distance - np.sqrt(np.maximum(root, 0))) / square
+    depth = np.where(root > 0, round_one, wall or np.nan)
+    depth += np.random.default_rng(0).normal(0, noise, depth.shape)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=noise))
+    return len(model), model.labels[root > 0]
+
+
+@pytest.mark.parametrize("radius", [0.2, 0.3])
+def test_the_rims_of_a_pillar_before_a_wall_are_no_planes(radius):
+    """Between them are pieces that would pay but for their border, which tell that it is round."""
+    planes, labels = pillar(radius, 2.0, 0.003, 3.5)
+    assert planes == 1
+    assert not labels.any()
+
+
+@pytest.mark.parametrize("wall", [None, 3.5])
+@pytest.mark.parametrize(("radius", "distance"), [(0.1, 1.5), (0.2, 2.0)])
+def test_a_pillar_is_no_fan_of_strips(radius, distance, wall):
+    """All of them are so narrow that none tells how it bends, but they turn one way."""
+    planes, labels = pillar(radius, distance, 0.0005, wall)
+    assert planes == (wall is not None)
+    assert not labels.any()
 
 
 @given(
-    st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.booleans()), max_size=12),
+    st.lists(
+        st.tuples(
+            st.integers(0, 7), st.integers(0, 7), st.sampled_from([0, SURE, OUTWARD, INWARD])
+        ),
+        max_size=12,
+    ),
     st.lists(st.integers(0, 2), min_size=8, max_size=8),
 )
 def test_pairs_and_narrow_ones_alone_are_left_out(sides, kinds):
+    """But for narrow ones that all turn one way."""
     together, curved = np.array(kinds) > 0, np.array(kinds) > 1
-    groups = [{s} for s in range(8)]
-    for u, v, _ in [side for side in sides if together[list(side[:2])].all()] * 8:
+    groups, within = [{s} for s in range(8)], [s for s in sides if together[list(s[:2])].all()]
+    for u, v, _ in within * 8:
         groups[u] |= groups[v]
         groups[v] |= groups[u]
-    sure = {s for *ends, told in sides if told and together[ends].all() for s in ends}
-    expected = [
-        bool(curved[s] and groups[s] & sure and together[list(groups[s])].sum() > 2)
-        for s in range(8)
-    ]
+    expected = []
+    for s in range(8):
+        told = [state for u, _, state in within if u in groups[s]]
+        size = together[list(groups[s])].sum()
+        one_way = max(map(told.count, (OUTWARD, INWARD))) > 0.9 * len(told)
+        expected.append(bool(curved[s] and ((SURE in told and size > 2) or (one_way and size > 3))))
     pairs = np.array([side[:2] for side in sides], np.int32).reshape(-1, 2)
-    states = np.array([GOES_ON | SURE * side[2] for side in sides], np.int8)
+    states = np.array([GOES_ON | side[2] for side in sides], np.int8)
     leave_out(pairs, states, together, curved)
     assert curved.tolist() == expected
     leave_out(pairs, states, together, alone := together.copy())

@@ -163,13 +163,16 @@ def surfaces() -> None:
     join_through_gaps(segments, np.ones(2), np.ones(2, np.bool_), valley.frame.sectors)
     ends, border, curved = np.array([[0, 1]], np.int32), np.zeros(2), np.zeros(2, np.bool_)
     pairs, points, states = ends.copy(), np.zeros(1, np.float32), np.zeros(1, np.int8)
-    of_unit, at, how = np.arange(2, dtype=np.int32), np.zeros(1, np.int32), np.zeros(1, np.int8)
+    of_unit, at = np.arange(2, dtype=np.int32), np.zeros(1, np.int32)
+    how, turns = np.zeros((2, 1), np.int8)
     quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
     leave_out(pairs, states, curved, curved)
     spread(border, pairs, points, states, curved)
-    surface_borders(ends, ends, rows, quadrics, np.arange(2), how, border, pairs, points, states)
+    surface_borders(
+        ends, ends, rows, quadrics, np.arange(2), how, turns, border, pairs, points, states
+    )
     find_round(ends, at, ends, of_unit, rows, quadrics, chosen, False, how)
-    meet(ends, ends, rows, quadrics, 1.0, how)
+    meet(ends, ends, rows, quadrics, 1.0, how, turns)
 
 
 def merging() -> None:

@@ -32,8 +32,12 @@ from planewise.kernels.roots import root_of
 QUADRIC = 14
 CENTRE, C, EXTENT, SIZE, BENT = 3, 5, 11, 12, 13
 APART, MEET, NEAR, ROUND = 0, 1, 2, 3  # how segments are at a side of two cells
+OUTWARD, INWARD = 32, 64  # of a pair of segments: which way it clearly turns
 
 _TURN = 0.5  # cosine of 60 degrees: edges turn by more, as a rule
+_CLEAR = 0.9976  # cosine of 4 degrees: noise turns narrow segments by less, as a rule
+_SAME_WAY = 0.9  # of the sides within a surface that is round: those that turn one way
+_ROUND = 4  # segments of one, at least, of which none is wide enough to tell
 _INTO = 0.1  # of the width of a segment
 _BEYOND, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs between units
 
@@ -115,12 +119,13 @@ def _unit_beyond(at, far, grid, wraps):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def meet(ends, units, rows, quadrics, slope, how):  # type: ignore[no-untyped-def]
+def meet(ends, units, rows, quadrics, slope, how, turns):  # type: ignore[no-untyped-def]
     """Say how the planes of segments meet, at every side of cells between two of them.
 
     ends, units (m, 2): segments and units of both cells; rows (., 13) of units; quadrics (n, .) of
     segments; slope: of w, per w, of a surface at 45 degrees. Writes how (m,): APART if one surface
-    is in front of the other; else NEAR if they turn by less than 60 degrees, and MEET if by more.
+    is in front of the other; else NEAR if they turn by less than 60 degrees, and MEET if by more;
+    and turns (m,): OUTWARD or INWARD where planes that are NEAR clearly turn so, else 0.
     """
     for e in range(ends.shape[0]):
         a, b = quadrics[ends[e, 0]], quadrics[ends[e, 1]]
@@ -131,10 +136,14 @@ def meet(ends, units, rows, quadrics, slope, how):  # type: ignore[no-untyped-de
         ra, rb = slope * a[0], slope * b[0]
         along = a[1] * b[1] + a[2] * b[2] + ra * rb
         of_a, of_b = a[1] * a[1] + a[2] * a[2] + ra * ra, b[1] * b[1] + b[2] * b[2] + rb * rb
-        how[e] = APART
+        how[e], turns[e] = APART, 0
         if step * step <= level * level * (dx * dx + dy * dy):
             near = along > 0.0 and along * along > _TURN * _TURN * of_a * of_b
             how[e] = NEAR if near else MEET
+            if near and along * along < _CLEAR * _CLEAR * of_a * of_b:
+                # 1 / z is largest at an edge that points to the camera.
+                inward = (a[1] - b[1]) * dx + (a[2] - b[2]) * dy > 0.0
+                turns[e] = INWARD if inward else OUTWARD
 
 
 @compiled
@@ -216,16 +225,19 @@ def _state(a, b, i, j, near):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, points, states):  # type: ignore[no-untyped-def]
+def surface_borders(  # type: ignore[no-untyped-def]
+    ends, units, rows, quadrics, segment, how, turns, border, pairs, points, states
+):
     """Find where the surfaces of segments may go on, from the sides of cells between them.
 
     ends, units (m, 2): parts of segments and units of both cells; rows (., 13) of units; segment:
-    of every part; how (m,): `meet`. Sides where they meet are counted in border (n,) of either
-    segment. Writes of each whose segments may be one curved surface the segments (., 2), points
-    (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the cells
+    of every part; how, turns (m,): `meet`. Sides where they meet are counted in border (n,) of
+    either segment. Writes of each whose segments may be one curved surface the segments (., 2),
+    points (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the cells
     the quadrics, the step from one to the other included, turn by at most half of what the planes
     do; GOES_ON alone if one is told in part and the other no more; TOLD_U, TOLD_V of a part whose
-    own quadric makes a fair share of that, or is not told. Returns how many there are.
+    own quadric makes a fair share of that, or is not told; and what turns says. Returns how many
+    there are.
     """
     found = 0
     border[:] = 0.0
@@ -242,7 +254,7 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
         if state == 0:
             continue
         pairs[found, 0], pairs[found, 1] = segment[u], segment[v]
-        points[found], states[found] = 1.0, state
+        points[found], states[found] = 1.0, state | turns[e]
         found += 1
     return found
 
@@ -251,23 +263,31 @@ def surface_borders(ends, units, rows, quadrics, segment, how, border, pairs, po
 def leave_out(pairs, states, together, curved):  # type: ignore[no-untyped-def]
     """Of curved segments leave those that are, side by side, at most two, or are with none SURE.
 
+    Unless these are more than three and turn one way all over, as the strips of a pillar do.
+
     pairs (m, 2), states (m,): as `surface_borders` writes them; together (n,): those that count,
     curved ones among them; curved (n,), which may be the same array.
     """
     group, size = np.empty(curved.size, np.int64), np.empty(curved.size, np.int64)
-    sure = np.empty(curved.size, np.bool_)
+    sure, sides = np.empty(curved.size, np.bool_), np.empty((3, curved.size))
     for s in range(curved.size):
         group[s], size[s], sure[s] = s, 0, False
+        sides[0, s] = sides[1, s] = sides[2, s] = 0.0
     for e in range(pairs.shape[0]):
         u, v = pairs[e, 0], pairs[e, 1]
         if together[u] and together[v]:
             group[root_of(group, u)] = root_of(group, v)
     for e in range(pairs.shape[0]):
         u, v = pairs[e, 0], pairs[e, 1]
-        if states[e] & SURE != 0 and together[u] and together[v]:
-            sure[root_of(group, u)] = True
+        if together[u] and together[v]:
+            root = root_of(group, u)
+            sure[root] |= states[e] & SURE != 0
+            sides[0, root] += 1.0
+            sides[1, root] += states[e] & OUTWARD != 0
+            sides[2, root] += states[e] & INWARD != 0
     for s in range(curved.size):
         size[root_of(group, s)] += together[s]
     for s in range(curved.size):
         root = root_of(group, s)
-        curved[s] &= sure[root] and size[root] > 2
+        one_way = max(sides[1, root], sides[2, root]) > _SAME_WAY * sides[0, root]
+        curved[s] &= (sure[root] and size[root] > 2) or (one_way and size[root] >= _ROUND)

@@ -49,8 +49,8 @@ def curved_segments(
     round things, and where their own cells turn by less than half of that, as in the folds of
     cloth. A segment is curved if its surface goes on across most of its border, as are those among
     them. Side by side there are at least three, doubtful ones among them: two that go on into each
-    other may be the sides of a rounded edge; and not only narrow ones: corrugated sheets are such,
-    and ground that few beams see.
+    other may be the sides of a rounded edge; and not only narrow ones, unless these turn one way,
+    as those of a pillar do: corrugated sheets are such, and ground that few beams see.
 
     Parameters
     ----------
@@ -91,8 +91,8 @@ def curved_segments(
         together = parts.sector[units[:, 0]] == parts.sector[units[:, 1]]
         units, at = units[together], at[together]
         ends = parts.of_unit[units]
-    how = np.empty(len(ends), np.int8)
-    kernels.meet(ends, units, cells.rows, quadrics, UNIT / sectors.mean_focal, how)
+    how, turns = np.empty((2, len(ends)), np.int8)
+    kernels.meet(ends, units, cells.rows, quadrics, UNIT / sectors.mean_focal, how, turns)
     kernels.find_round(
         ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, chosen, beside.wraps, how
     )  # fmt: skip
@@ -103,8 +103,9 @@ def curved_segments(
         points = workspace.empty(len(ends), np.float32)
         states = workspace.empty(len(ends), np.int8)
         found = kernels.surface_borders(
-            ends, units, cells.rows, quadrics, parts.segment, how, border, pairs, points, states
-        )
+            ends, units, cells.rows, quadrics, parts.segment, how, turns, border, pairs, points,
+            states,
+        )  # fmt: skip
         pairs, states = pairs[:found], states[:found]
         spread(border, pairs, points[:found], states, curved)
         return pairs, states, curved
