@@ -28,6 +28,7 @@ from planewise.spatial.information import Ledger, ledger
 from planewise.spatial.marks import Marks
 from planewise.spatial.model import spatial_model
 from planewise.spatial.segments import affine_planes, with_none
+from planewise.spatial.units import planes_of_units
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -142,7 +143,7 @@ def join(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
 def refit(judge: Judge, now: Solution, others: Sequence[Solution]) -> Solution:
     """Move a plane to that of its readings or of its cells, or along what it is least sure of."""
     none = np.zeros((len(now), judge.cells.rows.shape[1]))
-    rows, _ = spatial_labels._refit(judge.frame, judge.cells, now.labels, none)
+    rows, _ = planes_of_units(judge.frame, judge.cells, now.labels, none)
     for j in range(1, len(now) + 1):
         mine = now.labels == j
         if not mine.any():

@@ -42,12 +42,13 @@ from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.information import book_of, groups_of, mask_of
 from planewise.spatial.joining import joined
-from planewise.spatial.labels import label_planes, residual_correlation, units_inside
+from planewise.spatial.labels import label_planes
 from planewise.spatial.marks import Marks
 from planewise.spatial.merging import merged
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation
 from planewise.spatial.segments import Segments
+from planewise.spatial.units import residual_correlation, units_inside
 from planewise.workspace import Workspace
 
 _SIZE = 36  # pixels to a side of the frame

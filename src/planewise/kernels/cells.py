@@ -242,12 +242,10 @@ def cell_moments(  # type: ignore[no-untyped-def]
 ):
     """Moments of blocks of 2 x 2 and tiles of 3 x 3 cells; chi^2 of the planes of cells and blocks.
 
-    In strips first ... last - 1 of `STRIP` rows of cells.
-
-    w, p, x, y (H, W), p = 0 without a reading; straight: whether x is the same in every row and y
-    in every column, of which only the first need then be read. Writes count and misfits (rows,
-    columns) of cells; blocks (rows / 2, 11, columns / 2) and together (rows / 2, columns / 2); and
-    tiles (rows / 3, 12, columns / 3), all rounded up.
+    Of strips first ... last - 1 of `STRIP` rows. w, p, x, y (H, W), p = 0 without a reading;
+    straight: whether x is the same in every row and y in every column, of which only the first need
+    then be read. Writes count and misfits (rows, columns) of cells; blocks (rows / 2, 11, columns /
+    2) and together (rows / 2, columns / 2); tiles (rows / 3, 12, columns / 3), all rounded up.
     """
     rows, room = misfits.shape[0], -(-misfits.shape[1] // STRIP) * STRIP
     sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, MOMENTS + 1, room))

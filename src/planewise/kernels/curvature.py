@@ -233,11 +233,11 @@ def surface_borders(  # type: ignore[no-untyped-def]
     ends, units (m, 2): parts of segments and units of both cells; rows (., 13) of units; segment:
     of every part; how, turns (m,): `meet`. Sides where they meet are counted in border (n,) of
     either segment. Writes of each whose segments may be one curved surface the segments (., 2),
-    points (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the cells
-    the quadrics, the step from one to the other included, turn by at most half of what the planes
-    do; GOES_ON alone if one is told in part and the other no more; TOLD_U, TOLD_V of a part whose
-    own quadric makes a fair share of that, or is not told; and what turns says. Returns how many
-    there are.
+    points (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the
+    cells the quadrics, the step from one to the other included, turn by at most half of what the
+    planes do; GOES_ON alone if one is told in part and the other no more; TOLD_U, TOLD_V of a part
+    whose own quadric makes a fair share of that, or is not told; and what turns says. Returns how
+    many there are.
     """
     found = 0
     border[:] = 0.0

@@ -19,9 +19,9 @@ from planewise.kernels.quadrics import FLAT, UNTOLD, spread
 from planewise.kernels.units import sum_units
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.labels import sector_of_units
 from planewise.spatial.seams import Neighbours
 from planewise.spatial.segments import Segments
+from planewise.spatial.units import sector_of_units
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]

@@ -12,26 +12,19 @@ from planewise.kernels import creases as crease_loops
 from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
-from planewise.kernels import units as unit_loops
-from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.kernels.cells import COUNT, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.faces import ROUGH, parted
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
-from planewise.spatial.segments import (
-    information_matrices,
-    kept_planes,
-    planes_by_label,
-    with_none,
-)
+from planewise.spatial.segments import kept_planes, planes_by_label, with_none
+from planewise.spatial.units import planes_of_units, sector_of_units
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
-
-BENT = 0.5  # `residual_correlation` beyond which a surface bends
 
 _DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
@@ -47,8 +40,6 @@ _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and t
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
 _OWN = 0.05  # of a plane's readings: what lies in cells wholly inside its label, at least
-_FEWEST_PURE = 4  # cells wholly inside a label that are needed to refit its plane
-_FEWEST_PAIRS = 10  # of cells side by side that tell how white a plane's residuals are
 
 
 def label_planes(
@@ -106,7 +97,7 @@ def label_planes(
         rows = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
         _label_pixels(frame, cells, number, rows, variances[0], null, marks, workspace)
         label_loops.without_margin(marks.label, labels)
-        rows, own = _refit(frame, cells, labels, rows)
+        rows, own = planes_of_units(frame, cells, labels, rows)
         left = own > _OWN * planes[0, :, COUNT]
         if left.all():
             break
@@ -392,69 +383,3 @@ def _lateral(cells: Cells, affine: Array) -> Array:
     """Variance of w by an error of half a pixel across the image, for every plane."""
     slope = affine[:, 1] ** 2 + affine[:, 2] ** 2
     return np.asarray(cells.error.lateral / UNIT**2 * slope)
-
-
-def units_inside(frame: Frame, cells: Cells, labels: Labels) -> NDArray[np.int32]:
-    """Label of every unit that lies wholly inside one, 0 of the others.
-
-    Beside holes are mixed pixels, but not where readings are missing all over.
-    """
-    inside = np.empty(len(cells.rows), np.int32)
-    unit_loops.units_inside(labels, frame.p, not cells.thinned, cells.grid, inside)
-    return inside
-
-
-def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
-    """Sector that every unit lies in, shape (units,)."""
-    out = np.zeros(len(cells.rows), np.int32)
-    if sectors.count > 1:
-        there = cells.grid >= 0
-        of_column = sectors.of_columns(SIDE * np.arange(cells.grid.shape[1]))
-        of_cell = np.broadcast_to(of_column, cells.grid.shape)
-        out[cells.grid[there]] = of_cell[there]
-    return out
-
-
-def _refit(frame: Frame, cells: Cells, labels: Labels, planes: Array) -> tuple[Array, Array]:
-    """Rows of the planes once more, from the units that lie wholly inside their label.
-
-    And how many readings there are in these, shape (N,).
-    """
-    sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
-    sectors, sums = frame.sectors, sums[1:]
-    enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
-    rows = np.where(enough[:, None], sectors.together(sums), planes)
-    return rows, sectors.summed(sums[:, COUNT])
-
-
-def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:
-    """Information (N, 3, 3) on planes, from the units that lie wholly inside their label.
-
-    Where these are few, from all readings as if they erred apart.
-    """
-    sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
-    out = information_matrices(sums[1:])
-    for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
-        mine = labels == j + 1
-        x = np.stack((np.ones(np.count_nonzero(mine)), frame.x[mine], frame.y[mine]))
-        out[j] = (x * (frame.p[mine] / cells.error.white)) @ x.T
-    return out
-
-
-def residual_correlation(
-    cells: Cells, inside: NDArray[np.int32], affine: Array, sectors: Sectors
-) -> Array:
-    """Correlation of the residuals of cells side by side on every plane, shape (N,).
-
-    Residuals are those of mean inverse depth in standard deviations of the cell's own error. Where
-    the surface is a plane and the error white it is about 0; a surface that bends, or an error that
-    drifts, brings it towards 1. NaN with fewer than ten pairs of cells. inside (units,): label of
-    each (`units_inside`), 0 for none; affine (N K, 3): the planes in every sector.
-    """
-    sums = np.empty((len(affine) + 1, 3))
-    unit_loops.correlate(cells.grid, cells.rows, inside, with_none(affine), sums)
-    together, apart, pairs = sectors.summed(sums[1:]).T
-    told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
-    return np.where(told, together / np.where(told, apart, 1.0), np.nan)

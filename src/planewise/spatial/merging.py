@@ -19,9 +19,9 @@ from planewise.kernels.cells import COUNT, FREE, SEGMENT, SIDE
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.labels import sector_of_units
 from planewise.spatial.seams import Neighbours, neighbours
 from planewise.spatial.segments import Segments
+from planewise.spatial.units import sector_of_units
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]

@@ -21,14 +21,11 @@ from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
-from planewise.spatial.labels import (
-    misfits,
-    pure_information,
-    relabelled,
-)
+from planewise.spatial.labels import misfits, relabelled
 from planewise.spatial.search import Segmentation, planes_within
 from planewise.spatial.segments import affine_planes
 from planewise.spatial.solution import SpatialSolution, judged
+from planewise.spatial.units import pure_information
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]

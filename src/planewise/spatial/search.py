@@ -104,7 +104,7 @@ class Segmentation:
     affine : ndarray, shape (N K, 3)
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
-        Of cells side by side on each plane (`spatial.labels`), once that was looked at.
+        Of cells side by side on each plane (`spatial.units`), once that was looked at.
     """
 
     information: Array

@@ -26,11 +26,11 @@ from planewise.spatial.information import (
     mask_of,
 )
 from planewise.spatial.joining import joined
-from planewise.spatial.labels import BENT, residual_correlation, units_inside
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, price_of_planes, segment
 from planewise.spatial.sparse import is_sparse, segment_points
+from planewise.spatial.units import BENT, residual_correlation, units_inside
 from planewise.stages import stage
 from planewise.workspace import Workspace
 

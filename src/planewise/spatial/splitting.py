@@ -20,8 +20,8 @@ from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.labels import BENT, residual_correlation
 from planewise.spatial.segments import Segments, affine_planes
+from planewise.spatial.units import BENT, residual_correlation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
