@@ -170,7 +170,7 @@ def test_points_in_cubes_of_the_nearest_plane_are_together():
 
 def test_what_pays_together_saves_its_parameters_once(monkeypatch):
     """A few pieces that lie on one plane by chance are none."""
-    few = ring_by_ring(0.005, 2)
+    few = ring_by_ring(0.01, 2)
     pays = []
 
     def joined(*given):

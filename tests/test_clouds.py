@@ -109,6 +109,19 @@ def test_coordinates_in_the_millions_lose_nothing():
         assert_allclose(b.centroid - shift, a.centroid, atol=1e-6)
 
 
+@pytest.mark.parametrize(("along", "apart", "sigma"), [(0.005, 0.5, 0.003), (0.02, 1.0, 0.01)])
+def test_a_floor_of_lines_is_one_plane(along, apart, sigma):
+    """A line alone, which is as thick as it is wide, would do with any plane through it."""
+    rng = np.random.default_rng(0)
+    x, y = np.meshgrid(np.arange(0, 10, along), np.arange(0, 10, apart))
+    points = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+    points += rng.normal(0, sigma, points.shape)
+    model = pw.detect_planes_in_points(points, pw.Sensor(max_depth=20, noise=sigma))
+    assert len(model) == 1
+    assert abs(model.planes[0].normal[2]) > 0.9999
+    assert np.mean(model.labels) > 0.8
+
+
 @pytest.mark.parametrize("seed", range(3))
 def test_few_exact_points_have_their_own_rms(seed):
     """Twenty shots of a total station at a wall of 30 m."""

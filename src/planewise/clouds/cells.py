@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 HOPELESS = 4.0  # times the white variance: points farther from a plane have none
 SHARED = 0.09  # of the white variance: what the points of a cell share, for cubes cut sheets
 PRIOR = (4.0, 1.0)  # variances of a free plane: of its offset in areas of the cell, of its slopes
+_WIDER = 5.0  # deviations: points of a scanner's line are as wide as thick, and tell no plane
 _SHEET = 6.0  # standard deviations of a sheet that still fits into a cube
 _GROWN = 2.0  # times the variance in cubes of half the side: that of a volume is four times
 _DRIFTING, _CHI2_3 = 0.1, 0.5844  # share of the pairs that tells the drift; that quantile of chi^2
@@ -63,11 +64,14 @@ class CloudError:
         Of the error between cells, square metres a metre.
     lean : float
         Square of the angle by which pieces of one surface lean (`planewise.flatness`).
+    sliced : bool
+        Whether cubes cut many sheets (`Cloud.cuts_sheets`).
     """
 
     white: float
     drift: float
     lean: float = 0.0
+    sliced: bool = False
 
     @property
     def wander(self) -> tuple[float, float]:
@@ -84,9 +88,11 @@ class CloudError:
         side = np.sqrt(areas)
         return np.asarray(PLANE_RESIDUAL * (self.drift + self.lean * side) * side)
 
-    def limits(self) -> tuple[float, float, float, float, float, tuple[float, float]]:
+    def limits(self) -> tuple[float, float, float, float, float, tuple[float, float], float]:
         """What makes points a cell (`kernels.cloud_rows.make_plane`)."""
-        return self.white, HOPELESS, STEEPEST, FEWEST, SHARED, PRIOR
+        # Slices of sheets are as thin as lines.
+        wider = 0.0 if self.sliced else _WIDER
+        return self.white, HOPELESS, STEEPEST, FEWEST, SHARED, PRIOR, wider
 
 
 @dataclass(frozen=True)
@@ -132,7 +138,8 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     white = _white(cloud)
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
-    error = CloudError(white, max(_SATURATION * drift, least), LEAN**2)
+    sliced = cloud.cuts_sheets(white)
+    error = CloudError(white, max(_SATURATION * drift, least), LEAN**2, sliced)
 
     cells = _grown(cloud, error)
     rows, owner = cells.rows, cells.owner
@@ -153,7 +160,7 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
             )
         if not taken:
             break
-    if cloud.cuts_sheets(white):
+    if sliced:
         cells = _whole_sheets(cloud, cells, error)
     return CloudCells(cells.rows, cells.keys, cells.owner, *_neighbours(cloud, cells), error)
 

@@ -138,8 +138,8 @@ def roughness(nodes, tilt, least, first, last, ratios):  # type: ignore[no-untyp
 
 @internal
 def _state(row, limits):  # type: ignore[no-untyped-def]
-    white, hopeless, tilt, least, offset_share, prior = limits
-    found = make_plane(row, white, hopeless, tilt, least, offset_share, prior)
+    white, hopeless, tilt, least, offset_share, prior, wider = limits
+    found = make_plane(row, white, hopeless, tilt, least, offset_share, prior, wider)
     return PLANE if found == 1 else MIXED if found < 0 else FEW
 
 
@@ -160,7 +160,7 @@ def _join_children(rows, states, first, last, out, limits):  # type: ignore[no-u
 def node_states(nodes, limits, first, last, states):  # type: ignore[no-untyped-def]
     """Write the states of nodes[first:last] (n, 18), and make those of a plane rows of it.
 
-    limits: white, hopeless, tilt, least, offset_share, prior (`make_plane`).
+    limits: white, hopeless, tilt, least, offset_share, prior, wider (`make_plane`).
     """
     for k in range(first, last):
         states[k] = _state(nodes[k], limits)

@@ -98,13 +98,15 @@ def add_row(row, other):  # type: ignore[no-untyped-def]
 
 
 @internal
-def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type: ignore[no-untyped-def]
+def make_plane(row, white, hopeless, tilt, least, offset_share, prior, wider):  # type: ignore[no-untyped-def]
     """Make the row of points the row of a patch that has a plane.
 
     white: variance against the weights; hopeless: the same per degree of freedom beyond which
     points have no plane; tilt: largest variance of a slope; least: number of points; offset_share:
     of the white variance, what all points of a patch share; prior: of the variance of the offset in
-    areas and of a slope, where a patch has nothing to do with its neighbours.
+    areas and of a slope, where a patch has nothing to do with its neighbours; wider: standard
+    deviations by which points have to scatter more along the plane than across it, for about a line
+    they do so by chance.
 
     Returns 1 if it has one, 0 if the points do not tell, -1 if they are no plane.
     """
@@ -115,6 +117,8 @@ def make_plane(row, white, hopeless, tilt, least, offset_share, prior):  # type:
     factor = chi2 / (count - 3.0)
     noise = max(white, factor)
     if not middle > 0.0 or white / middle > tilt:
+        return 0
+    if middle - chi2 < wider * white * math.sqrt(count):
         return 0
     # Of a rectangle with this scatter; the root of its determinant has the mean (n - 2) / n.
     area = 12.0 * math.sqrt(largest * middle) / row[WEIGHT] * count / (count - 2.0)

@@ -35,7 +35,7 @@ def join_slices(  # type: ignore[no-untyped-def]
     points, times the white one; widest: area of a sheet; points (m, 18): to work in. Writes rows
     (m, 18) of what is joined, and root (m,): the cell that each is part of.
     """
-    white, _, tilt, least, offset_share, prior = limits
+    white, _, tilt, least, offset_share, prior, _ = limits
     cells, cubes = rows.shape[0], owner.size
     # Cubes of a cell, one after the other.
     first, last = np.empty(cells, np.int64), np.empty(cells, np.int64)
@@ -98,7 +98,7 @@ def join_slices(  # type: ignore[no-untyped-def]
             last[best] = last[cell]
             for e in range(ROW):
                 rows[best, e] = points[best, e]
-            make_plane(rows[best], white, thickest, tilt, least, offset_share, prior)
+            make_plane(rows[best], white, thickest, tilt, least, offset_share, prior, 0.0)
             rows[best, AREA] = min(rows[best, AREA], wide * rows[best, COUNT])
             cell = best
     for cell in range(cells):
