@@ -331,3 +331,18 @@ def test_cells_across_an_edge_are_no_strip_of_their_own(seed):
     model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.0015))
     assert len(model) == 2
     assert np.mean(model.labels > 0) > 0.999
+
+
+@pytest.mark.parametrize("missing", [0.1, 0.4])
+def test_a_plane_that_is_full_of_holes_is_one(missing):
+    """Hardly any of its cells has all its readings, while those of the wall behind have."""
+    rng = np.random.default_rng(0)
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+    depth = np.full((480, 640), 3.0)
+    board = np.s_[150:330, 200:420]
+    depth[board] = 2.0 + 0.3 * camera.rays((480, 640))[board][..., 0]
+    depth += rng.normal(0, 0.003, depth.shape)
+    depth[board][rng.random((180, 220)) < missing] = 0
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=0.003))
+    assert len(model) == 2
+    assert np.mean(model.labels[board][depth[board] > 0] == 2) > 0.99

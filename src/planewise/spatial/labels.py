@@ -12,7 +12,7 @@ from planewise.kernels import creases as crease_loops
 from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
-from planewise.kernels.cells import COUNT, UNIT
+from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -39,7 +39,8 @@ _CREASE_ROOM = 16  # pixels that may change sides together, times rows and colum
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
 _CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
-_OWN = 0.05  # of a plane's readings: what lies in cells wholly inside its label, at least
+_OWN = 0.05  # of a plane's readings: what lies in cells wholly inside its label, at least ...
+_STRIP = 2.0 * SIDE  # ... or it is no wider than so many pixels, and none
 
 
 def label_planes(
@@ -56,8 +57,8 @@ def label_planes(
 ) -> tuple[Array, Labels, Array, NDArray[np.int64]]:
     """Give every pixel near a border its label, refit the planes, put creases in their place.
 
-    A plane that is left next to no units of its own is none, but cells across an edge, whose pixels
-    are those of the planes on either side.
+    A strip that is left next to no units of its own is no plane, but cells across an edge, whose
+    pixels are those of the planes on either side.
 
     Parameters
     ----------
@@ -99,6 +100,8 @@ def label_planes(
         label_loops.without_margin(marks.label, labels)
         rows, own = planes_of_units(frame, cells, labels, rows)
         left = own > _OWN * planes[0, :, COUNT]
+        for j in (~left).nonzero()[0].tolist():
+            left[j] = not _is_strip(labels, j, frame.sectors.count)
         if left.all():
             break
         planes, owner = kept_planes(planes, owner, left.nonzero()[0])
@@ -112,6 +115,15 @@ def label_planes(
     if _put_creases(frame, cells, rows, variances, marks, labels, workspace):
         label_loops.without_margin(marks.label, labels)
     return rows, labels, saved, owner
+
+
+def _is_strip(labels: Labels, plane: int, sectors: int) -> bool:
+    """Whether the pixels of a plane are at most two cells wide in one direction."""
+    mine = np.flatnonzero((labels > plane * sectors) & (labels <= (plane + 1) * sectors))
+    if mine.size < 2:
+        return True
+    spread = np.linalg.eigvalsh(np.cov(np.divmod(mine, labels.shape[1]), bias=True))
+    return bool(12.0 * spread[0] < _STRIP * _STRIP)  # that of a rectangle
 
 
 def _numbers(

@@ -49,12 +49,18 @@ def planes_of_units(
 
     And how many readings there are in these, shape (N,).
     """
-    sums, count = np.empty((len(planes) + 1, cells.rows.shape[1])), np.empty(len(planes) + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
-    sectors, sums = frame.sectors, sums[1:]
-    enough = sectors.repeated(sectors.summed(count[1:]) >= _FEWEST_PURE)
+    sums, count = _sums(cells, units_inside(frame, cells, labels), len(planes))
+    sectors = frame.sectors
+    enough = sectors.repeated(sectors.summed(count) >= _FEWEST_PURE)
     rows = np.where(enough[:, None], sectors.together(sums), planes)
     return rows, sectors.summed(sums[:, COUNT])
+
+
+def _sums(cells: Cells, inside: NDArray[np.int32], planes: int) -> tuple[Array, NDArray[np.int64]]:
+    """Rows of the units of every label (N K, 13) together, and how many they are."""
+    sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
+    unit_loops.sum_units(cells.rows, inside, sums, count)
+    return sums[1:], count[1:]
 
 
 def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) -> Array:
@@ -62,10 +68,9 @@ def pure_information(frame: Frame, cells: Cells, labels: Labels, planes: int) ->
 
     Where these are few, from all readings as if they erred apart.
     """
-    sums, count = np.empty((planes + 1, cells.rows.shape[1])), np.empty(planes + 1, int)
-    unit_loops.sum_units(cells.rows, units_inside(frame, cells, labels), sums, count)
-    out = information_matrices(sums[1:])
-    for j in np.flatnonzero(count[1:] < _FEWEST_PURE):
+    sums, count = _sums(cells, units_inside(frame, cells, labels), planes)
+    out = information_matrices(sums)
+    for j in np.flatnonzero(count < _FEWEST_PURE):
         mine = labels == j + 1
         x = np.stack((np.ones(np.count_nonzero(mine)), frame.x[mine], frame.y[mine]))
         out[j] = (x * (frame.p[mine] / cells.error.white)) @ x.T
