@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -210,8 +211,12 @@ def test_covariance_is_the_scatter_of_the_estimates(camera):
 
 
 @settings(max_examples=10)
-@given(factor=st.floats(0.1, 10))
+@given(factor=st.floats(0.1, 10) | st.sampled_from([0.125, 0.5, 2.0, 8.0]))
 def test_scaling_the_scene_scales_the_planes(factor):
+    """Exactly so by powers of two; else 1 / z, in single precision, is rounded otherwise.
+
+    Quantiles of it say how far the error drifts.
+    """
     camera = pw.PinholeCamera(fx=50, fy=52, cx=31.0, cy=24.5)
     planes = np.array([[0.5, 0.0, -0.8, 1.4], [-0.5, 0.1, -0.8, 1.4]])
     planes[:, :3] /= np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
@@ -220,7 +225,8 @@ def test_scaling_the_scene_scales_the_planes(factor):
     plain = pw.detect_planes(depth, camera, SENSOR)
     sensor = pw.Sensor(max_depth=10 * factor, resolution=0.001 * factor, noise=0.002 * factor)
     scaled = pw.detect_planes(depth * factor, camera, sensor)
-    assert scaled.information == pytest.approx(plain.information, rel=1e-6)
+    exact = math.frexp(factor)[0] == 0.5
+    assert scaled.information == pytest.approx(plain.information, rel=1e-12 if exact else 5e-6)
     assert (scaled.labels != plain.labels).mean() < 0.002
     assert_allclose(scaled.coefficients[:, 3], factor * plain.coefficients[:, 3], rtol=1e-4)
 

@@ -30,7 +30,7 @@ _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as i
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
 _FEWEST = 100  # cells, or pairs of them, that can tell
-_FEWEST_TRIPLES = 20  # and these: of small images, which tell better than a description does
+_FEWEST_TRIPLES = 20  # of near cells in a row: in small images they say more than a description
 _ROUGH = 0.8, 0.8416  # share of the cells, and of a normal below so many standard deviations
 _ROUGHER = 2.0  # times the white variance of half of them: more is no noise, but edges
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
@@ -260,13 +260,14 @@ def drift_factor(
     """
     some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
     of_cells = some, planes, inflation, drift, lag // every
+    fewest = _FEWEST_TRIPLES if lag == _LAG else _FEWEST
     with workspace.stage():
         rows = workspace.empty((3, 2 * some.size), np.float32)
 
         def told_by(four: bool) -> float | None:
             n = kernels.cells_in_a_row(*of_cells, four, *rows)
             square, own, slow = rows[:, :n]
-            if n < _FEWEST_TRIPLES or not slow.max():
+            if n < fewest or not slow.max():
                 return None
             return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
 
