@@ -237,9 +237,7 @@ def _tell_of_rows(top, pair, logs, count, misfits, blocks, together, tiles):  # 
 
 
 @compiled
-def cell_moments(  # type: ignore[no-untyped-def]
-    w, p, x, y, straight, first, last, count, misfits, blocks, together, tiles
-):
+def cell_moments(w, p, x, y, straight, first, last, count, misfits, blocks, together, tiles):  # type: ignore[no-untyped-def]
     """Moments of blocks of 2 x 2 and tiles of 3 x 3 cells; chi^2 of the planes of cells and blocks.
 
     Of strips first ... last - 1 of `STRIP` rows. w, p, x, y (H, W), p = 0 without a reading;
