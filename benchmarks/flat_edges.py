@@ -1,4 +1,4 @@
-"""Planes that meet at very flat angles, and smooth surfaces that are not several: Markdown tables.
+"""Planes at very flat angles, small steps, and smooth surfaces that are one: Markdown tables.
 
 python -m benchmarks.flat_edges [--size WIDTH HEIGHT]
 
@@ -28,6 +28,7 @@ Relief = tuple[Array, Array]
 
 _DISTANCE = 2.0  # metres
 _SIGMAS = (0.0005, 0.001, 0.002, 0.004)
+_FINE_SIGMAS = (0.0001, 0.0002, 0.0003, 0.0004)
 _FOCAL = 0.9  # of the width of the image
 
 
@@ -65,6 +66,29 @@ def flap(x: Array, y: Array, degrees: float) -> Relief:
     return np.where(on, x * _slope(degrees), 0.0), on.astype(float)
 
 
+def off(on: NDArray[np.bool_], metres: float) -> Relief:
+    """What stands off the wall."""
+    return np.where(on, metres, 0.0), on.astype(float)
+
+
+def disc(x: Array, y: Array, metres: float) -> Relief:
+    return off(np.hypot(x, y) < 0.3, metres)
+
+
+def plate(x: Array, y: Array, metres: float) -> Relief:
+    return off(np.maximum(np.abs(x), np.abs(y)) < 0.3, metres)
+
+
+def plates(x: Array, y: Array, metres: float) -> Relief:
+    """Two beside each other."""
+    return off((np.abs(np.abs(x) - 0.5) < 0.2) & (np.abs(y) < 0.3), metres)
+
+
+def frame(x: Array, y: Array, metres: float) -> Relief:
+    """A frame about a piece of the wall."""
+    return off(np.abs(np.maximum(np.abs(x), np.abs(y)) - 0.45) < 0.1, metres)
+
+
 EDGES: dict[str, tuple[Callable[..., Relief], float]] = {
     "edge, 3 degrees": (edge, 3.0),
     "edge, 2 degrees": (edge, 2.0),
@@ -76,6 +100,13 @@ EDGES: dict[str, tuple[Callable[..., Relief], float]] = {
     "four planes about a point, 0.6 degrees": (crossing, 0.6),
     "trough, 1.2 degrees": (trough, 1.2),
     "flap, 1.7 degrees": (flap, 1.7),
+}
+
+STEPS: dict[str, tuple[Callable[..., Relief], float]] = {
+    "disc, 1.5 mm off": (disc, 0.0015),
+    "plate, 1.5 mm off": (plate, 0.0015),
+    "two plates, 1.5 mm off": (plates, 0.0015),
+    "frame, 1.5 mm off": (frame, 0.0015),
 }
 
 SMOOTH: dict[str, Callable[[Array, Array], Array]] = {
@@ -141,14 +172,21 @@ def main() -> None:
     parser.add_argument("--size", type=int, nargs=2, default=(640, 480))
     width, height = parser.parse_args().size
     x, y = wall((height, width))
-    planes = {name: scene(x, y, degrees) for name, (scene, degrees) in EDGES.items()}
+    edges, steps = (
+        {name: scene(x, y, much) for name, (scene, much) in scenes.items()}
+        for scenes in (EDGES, STEPS)
+    )
     smooth = {name: (relief(x, y), np.zeros_like(x)) for name, relief in SMOOTH.items()}
-    for name, scenes in (("planes", planes), ("smooth surface", smooth)):
-        print(f"\n| {name} | true | {' | '.join(f'{1e3 * s:g} mm' for s in _SIGMAS)} |")
-        print("|---|---|" + "---|" * len(_SIGMAS))
+    for name, scenes, sigmas in (
+        ("planes", edges, _SIGMAS),
+        ("step", steps, _FINE_SIGMAS),
+        ("smooth surface", smooth, _SIGMAS),
+    ):
+        print(f"\n| {name} | true | {' | '.join(f'{1e3 * s:g} mm' for s in sigmas)} |")
+        print("|---|---|" + "---|" * len(sigmas))
         for scene, (relief, truth) in scenes.items():
             columns = []
-            for sigma in _SIGMAS:
+            for sigma in sigmas:
                 with unsplit():
                     before = _row(relief, truth, sigma)
                 columns.append(f"{before}, {_row(relief, truth, sigma)}")

@@ -1,4 +1,4 @@
-"""Planes that meet at very flat angles are several; smooth surfaces are not."""
+"""Planes at flat angles, and what stands a little off, are several; smooth surfaces are not."""
 
 import numpy as np
 import pytest
@@ -119,6 +119,19 @@ def test_planes_at_flat_angles_are_several(name, sigma):
     model = flat_edges.found(relief, sigma)
     assert len(model) == len(np.unique(truth))
     assert flat_edges.wrong(model.labels, truth) < 0.025
+
+
+@pytest.mark.parametrize("sigma", [0.0001, 0.0003])
+@pytest.mark.parametrize("name", flat_edges.STEPS)
+def test_what_stands_a_little_off_a_wall_is_a_plane_of_its_own(name, sigma):
+    scene, step = flat_edges.STEPS[name]
+    relief, truth = scene(X, Y, step)
+    with flat_edges.unsplit():
+        assert len(flat_edges.found(relief, sigma)) == 1
+    model = flat_edges.found(relief, sigma)
+    assert len(model) == 2
+    assert flat_edges.wrong(model.labels, truth) < 0.002
+    assert max(plane.rms for plane in model.planes) < 1.05 * sigma
 
 
 @pytest.mark.parametrize("name", ["edge, 1 degree", "four planes about a point, 0.6 degrees"])

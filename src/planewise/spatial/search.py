@@ -248,7 +248,7 @@ def _without_bends(
         saved, pays = _accept(cells, sectors, beside, parts, charges, significance, workspace)
         if np.count_nonzero(pays) > np.count_nonzero(accepted):
             segments, worth, accepted = parts, saved, pays
-    (no_planes,) = curved.nonzero()
+    (no_planes,) = curved[: len(worth)].nonzero()
     accepted[no_planes], worth[no_planes] = False, 0.0
     return segments, worth, accepted
 
