@@ -366,6 +366,58 @@ def las_file(path, points, colour, version="1.4", point_format=7):
     return data
 
 
+GEOGCS = 'GEOGCS["b",DATUM["d",SPHEROID["s",6378137,298]],PRIMEM["g",0],UNIT["degree",0.0174]]'
+BASE = 'BASEGEOGCRS["b",DATUM["d",ELLIPSOID["e",6378137,298,LENGTHUNIT["metre",1]]]]'
+EASTING = 'CONVERSION["c",METHOD["m"],PARAMETER["False easting",0,LENGTHUNIT["metre",1]]]'
+UP = 'VERTCRS["v",VDATUM["d"],CS[vertical,1],AXIS["height (H)",up,LENGTHUNIT["{}",1]]]'
+PLANE = 'AXIS["e (E)",east,LENGTHUNIT["{0}",1]],AXIS["n",north,LENGTHUNIT["{0}",1]]'
+UNITS = {
+    f'PROJCS["a",{GEOGCS},UNIT["metre",1,AUTHORITY["EPSG","9001"]]]': "",
+    f'COMPD_CS["c",PROJCS["a",{GEOGCS},UNIT["Meter",1]],VERT_CS["v",UNIT["m",1]]]': "",
+    f'COMPD_CS["c",PROJCS["a",{GEOGCS},UNIT["metre",1]],VERT_CS["v",UNIT["foot",0.3]]]': (
+        "metres, heights in foot"
+    ),
+    f'PROJCS["a",{GEOGCS},UNIT["foot",0.3]],VERTCS["v",UNIT["foot",0.3]]': "foot",
+    GEOGCS: "degrees",
+    f'COMPD_CS["c",{GEOGCS},VERT_CS["v",UNIT["metre",1]]]': "degrees, heights in metres",
+    'GEOCCS["a",DATUM["d",SPHEROID["s",6378137,298]],UNIT["metre",1]]': "",
+    f'PROJCRS["a",{BASE},{EASTING},CS[Cartesian,2],AXIS["e",east],LENGTHUNIT["foot",0.3]]': "foot",
+    f'PROJCRS["a",{BASE},{EASTING},CS[Cartesian,2],{PLANE.format("foot")}]': "foot",
+    f'COMPOUNDCRS["c",PROJCRS["a",{BASE},{EASTING},{PLANE.format("metre")}],{UP.format("foot")}]': (
+        "metres, heights in foot"
+    ),
+    f'COMPOUNDCRS["c",PROJCRS["a",{BASE},{PLANE.format("metre")}],{UP.format("metre")}]': "",
+    'GEOGCRS["a",DATUM["d",ELLIPSOID["e",6378137,298]],CS[ellipsoidal,2],ANGLEUNIT["degree",0]]': (
+        "degrees"
+    ),
+    f'BOUNDCRS[SOURCECRS[PROJCRS["a",{BASE},UNIT["foot",0.3]]],TARGETCRS[{GEOGCS}]]': "foot",
+    "]]](1[": "",
+    (1024, 1, 3072, 2263): "",
+    (1024, 1, 3072, 26918, 3076, 9001, 4099, 9001): "",
+    (1024, 1, 3072, 26918, 3076, 9001, 4099, 9003): "metres, heights in US survey feet",
+    (1024, 1, 3072, 2263, 4099, 9003): "the unit of their projection, heights in US survey feet",
+    (1024, 1, 3076, 9003, 4099, 9003): "US survey feet",
+    (1024, 2, 2048, 4326): "degrees",
+}
+
+
+@pytest.mark.parametrize("said", UNITS, ids=range(len(UNITS)))
+def test_units_of_a_las_file_that_are_no_metres_are_told(tmp_path, said):
+    header = laspy.LasHeader(point_format=3, version="1.2")
+    if isinstance(said, str):
+        header.vlrs.append(VLR("LASF_Projection", 2112, "", said.encode()))
+    else:
+        keys = [
+            word
+            for key in zip(said[::2], said[1::2], strict=True)
+            for word in (key[0], 0, 1, key[1])
+        ]
+        data = struct.pack(f"<{4 + len(keys)}H", 1, 1, 0, len(said) // 2, *keys)
+        header.vlrs.append(VLR("LASF_Projection", 34735, "", data))
+    laspy.LasData(header).write(tmp_path / "a.las")
+    assert open_cloud(tmp_path / "a.las").unit == UNITS[said]
+
+
 @pytest.mark.parametrize("ending", [".las", ".laz"])
 def test_las_keeps_what_its_whole_numbers_say(tmp_path, points, colour, ending):
     path = tmp_path / f"a{ending}"

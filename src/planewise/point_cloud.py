@@ -165,7 +165,7 @@ class CloudFile:
     origins : ndarray, shape (s, 3), optional
         Where the scanner stood, relative to `offset`.
     unit : str
-        What its coordinates are in, where it says so and that is not metres; else empty.
+        What its coordinates are in, where it says so and that is not metres throughout; else empty.
     """
 
     path: Path

@@ -131,7 +131,8 @@ def points(
             if file.unit:
                 terminal.warning(
                     f"coordinates of {cloud.name} are in {file.unit}, and taken for metres: "
-                    "lengths here and in the files are in that unit"
+                    "lengths here and in the files are as the file counts them, and normals are "
+                    "right only where its three axes share a unit"
                 )
             box = _extent(read)
             stood = None if origin is None else _origin(place, read, box, memory)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import re
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from planewise.errors import PlanewiseError, needs
 from planewise.files.cloud_columns import COLOUR, LOOK, cloud_of, full_colour
 from planewise.files.cloud_records import check_length
+from planewise.files.las_units import stated_unit
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 
 _HEADER_1_2, _HEADER = 227, 375  # bytes of the headers of LAS 1.2 and 1.4
@@ -24,9 +24,6 @@ _LARGEST = 2**31 - 1
 _FINEST = 1e-5  # metres; finer steps than 10 um are no measurement
 _ROUNDED = 1.0  # metres by which bounds in the header may be off
 _FARTHEST = 1e15  # metres: no coordinate is so large
-_LINEAR_UNIT = 3076  # key of GeoTIFF: unit of the projection
-_METRES = {"m", "metre", "metres", "meter", "meters"}
-_UNITS = {9002: "feet", 9003: "US survey feet"}
 
 
 @contextmanager
@@ -109,7 +106,7 @@ def open_las(path: Path) -> CloudFile:
             possible = (scales > 0) & (np.abs(own) + scales * _LARGEST < _FARTHEST)
         if not possible.all():
             raise PlanewiseError(f"has scales {scales} and offsets {own} that are none")
-        unit = _unit(header)
+        unit = stated_unit(header.vlrs)
         first = reader.read_points(LOOK) if count else None
         bounds = _bounds(header, scales, own)
     offset = np.zeros(3)
@@ -138,20 +135,6 @@ def open_las(path: Path) -> CloudFile:
         bounds=bounds if count else None,
         unit=unit,
     )
-
-
-def _unit(header: Any) -> str:
-    """Unit of length of the projection, where the file says that it is not metres."""
-    for record in header.vlrs:
-        for key in getattr(record, "geo_keys", ()):
-            if key.id == _LINEAR_UNIT:
-                return _UNITS.get(key.value_offset, "")
-        # Of nested systems the horizontal one comes before the vertical one, angles in degrees.
-        named = re.findall(r'(?:LENGTH)?UNIT\["([^"]*)"', getattr(record, "string", ""))
-        lengths = [each for each in named if "degree" not in each.lower()]
-        if lengths and lengths[0].lower() not in _METRES:
-            return str(lengths[0])
-    return ""
 
 
 def _bounds(header: Any, scales: Array, own: Array) -> Array | None:
