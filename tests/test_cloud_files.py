@@ -200,6 +200,17 @@ TEXTS = {
     "ends.csv": ("x,y,z,Intensity,\n", ",", ",7,"),
     "ends.txt": ("", "; ", ";"),
     "normals.xyz": ("", " ", " 0.1 0.2 0.3"),
+    "units.csv": ("X [m],Y [m],Z [m],Intensity\n", ",", ",7"),
+    "more units.txt": ("X (metres) Y (metres) Z (metres)\n", " ", ""),
+    "map.csv": ("Easting,Northing,Elevation\n", ",", ""),
+    "map.txt": ("# E N H i\n", " ", " 7"),
+    "title.txt": ("A scan of 2024\nx y z\n", " ", ""),
+    "text.csv": ("x,y,z,code,i\n", ",", ",WALL,7"),
+    "text of any.csv": ("x,y,z,code,i\n", ",", ',"a, ""b""",7'),
+    "text without names.csv": ("", ",", ",WALL"),
+    "text and more.txt": ("", " ", " WALL 7"),
+    "quotes.csv": ("", ",", ',"7"'),
+    "more quotes.txt": ('"x" "y" "z" "i"\n', " ", ' "7"'),
 }
 
 
@@ -285,6 +296,47 @@ def test_threads_that_read_leave_filters_of_warnings_alone(tmp_path):
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(read, range(12)))
     assert warnings.filters == before
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_empty_cells_are_missing_and_their_rows_stay(tmp_path, points, first):
+    """As tables of pandas have them, where the last cell may be empty, too."""
+    lines = [f"{x!r},{y!r},{z!r},{k}" for k, (x, y, z) in enumerate(points.tolist())]
+    lines[first], lines[7], lines[9] = ",,,", lines[7].rpartition(",")[0] + ",", ",0,0,7"
+    (tmp_path / "a.csv").write_text("x,y,z,i\n" + "\n".join(lines))
+    cloud = in_blocks(tmp_path / "a.csv", 5)
+    finite = np.ones(500, bool)
+    finite[[first, 9]] = False
+    assert_array_equal(cloud.finite, finite)
+    assert_array_equal(cloud.points[finite], points[finite])
+    assert_array_equal(np.flatnonzero(np.isnan(cloud.intensity)), [first, 7])
+
+
+def test_points_may_have_names(tmp_path, points):
+    rows = enumerate(points.tolist())
+    (tmp_path / "a.txt").write_text("".join(f"P{k} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in rows))
+    assert_array_equal(in_blocks(tmp_path / "a.txt").points, points)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("X [mm],Y [mm],Z [mm]\n1,2,3\n", r"one column x; its columns are X \[mm\]"),
+        ("lat,lon,h\n1,2,3\n", "one column x; its columns are lat, lon"),
+        ("x,y,elevation,height\n1,2,3,4\n", "one column z"),
+        ("x,y,z\nmade,by,hand\n1,2,3\n", "second line that is no point: 'made,by,hand'"),
+        ("x,y,z,code\n1,2,3,A\n1,two,3,A\n", "number 2: expected 4 numbers, got '1,two,3,A'"),
+        ("x,y,z,code\n1,2,3,A\n1,2,A\n", "number 2: expected 4 numbers, got '1,2,A'"),
+        ("P1 1.0 2.0 3.0\n2 1.0 2.0 3.0\n", "number 1: expected 4 numbers, got 'P1 1.0 2"),
+        ("1_1 1.0 2.0 3.0\nB 1.0 2.0\n", "number 2: expected 4 numbers, got 'B 1.0 2.0'"),
+        ('"1,5","2","3","4"\n', "numbers with a decimal comma"),
+        ("1,5;2;3;4\n", "numbers with a decimal comma"),
+    ],
+)
+def test_tables_that_are_not_understood_are_refused(tmp_path, text, said):
+    (tmp_path / "a.csv").write_text(text)
+    with pytest.raises(PlanewiseError, match=said):
+        read_cloud(tmp_path / "a.csv")
 
 
 @pytest.mark.parametrize("code", ["", ",7"])

@@ -29,6 +29,7 @@ _COLOURS = (
 _INTENSITY = ("intensity", "scalar_intensity", "reflectance", "reflectivity", "i")
 _LABELS = ("plane", "gt", "label", "labels", "instance", "scalar_label")
 _SCAN = ("scan", "scan_id", "scan_index")
+_KNOWN = {*_POSITION, *_INTENSITY, *_LABELS, *_SCAN}.union(*_COLOURS)
 
 
 def positions(names: Sequence[str]) -> list[int]:
@@ -45,6 +46,11 @@ def positions(names: Sequence[str]) -> list[int]:
             found = ", ".join(names) or "none"
             raise PlanewiseError(f"must have one column {name}; its columns are {found}")
     return [lower.index(name) for name in _POSITION]
+
+
+def unknown(names: Sequence[str]) -> set[int]:
+    """Where columns stand whose names say nothing that is read of them."""
+    return {k for k, name in enumerate(names) if name.lower() not in _KNOWN}
 
 
 def cloud_file(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import csv
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
@@ -65,11 +66,16 @@ def read_rows(path: Path, start: int, count: int, row: np.dtype[Any], size: int)
 
 
 def read_words(
-    stream: IO[str], columns: int, size: int, delimiter: str | None = None, count: int | None = None
+    stream: IO[str],
+    columns: int,
+    size: int,
+    delimiter: str | None = None,
+    count: int | None = None,
+    free: Collection[int] = (),
 ) -> Iterator[NDArray[np.float64]]:
     """Read lines of numbers in blocks; empty ones and comments are skipped.
 
-    A delimiter may end lines, too.
+    A delimiter may end lines, too. Numbers may be in quotes; an empty cell is NaN.
 
     Parameters
     ----------
@@ -83,6 +89,8 @@ def read_words(
         Between numbers; ``None`` means spaces.
     count : int, optional
         Lines that there must be; ``None`` means up to the end.
+    free : collection of int
+        Columns that nobody looks at, and which may hold anything; where they do, they are NaN.
 
     Yields
     ------
@@ -95,9 +103,10 @@ def read_words(
         block = list(islice(lines, size if count is None else min(size, count - done)))
         if not block:
             break
-        if delimiter is not None and block[0].endswith(delimiter):
+        # One more than between cells: else the last one is empty.
+        if delimiter and block[0].endswith(delimiter) and block[0].count(delimiter) == columns:
             block = [line.removesuffix(delimiter) for line in block]
-        yield _numbers(block, columns, delimiter, done)
+        yield _numbers(block, columns, delimiter, free, done)
         done += len(block)
     if count is not None and done < count:
         raise PlanewiseError(f"is cut short: {done:,} of {count:,} points are there")
@@ -113,17 +122,32 @@ def point_lines(stream: IO[str]) -> Iterator[str]:
             yield text
 
 
+def split_words(line: str, delimiter: str | None, columns: int | None = None) -> list[str]:
+    """Words of a line, without the quotes around them; beyond `columns` of them no empty one."""
+    if '"' not in line:
+        words = line.split(delimiter)
+    elif delimiter is None:
+        words = [word.strip('"') for word in line.split()]
+    else:  # quotes may hold a delimiter
+        words = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    if len(words) - 1 == columns and not words[-1].strip():
+        words.pop()
+    return [word.strip() for word in words]
+
+
 def _numbers(
-    lines: list[str], columns: int, delimiter: str | None, done: int
+    lines: list[str], columns: int, delimiter: str | None, free: Collection[int], done: int
 ) -> NDArray[np.float64]:
-    rows = np.empty((0, 0))
-    if any(map(str.strip, lines)):  # else there is a warning
-        with suppress(ValueError):
-            rows = np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
+    rows = _loaded(lines, delimiter)
     if rows.shape == (len(lines), columns):
         return rows
-    for number, line in enumerate(lines, start=done + 1):  # which one is it?
-        words = line.split(delimiter)
+    table = [split_words(line, delimiter, columns) for line in lines]
+    for words in table:  # in quotes, empty or of no matter
+        words[:] = ["nan" if not word or k in free else word for k, word in enumerate(words)]
+    rows = _loaded([",".join(words) for words in table], ",")
+    if rows.shape == (len(lines), columns):
+        return rows
+    for number, (line, words) in enumerate(zip(lines, table, strict=True), start=done + 1):
         if len(words) != columns or not all(map(is_number, words)):
             shown = line if len(line) <= 60 else line[:57] + "..."
             wanted = counted(columns, "number")
@@ -133,10 +157,18 @@ def _numbers(
     raise PlanewiseError(f"must hold {counted(columns, 'number')} a line")
 
 
+def _loaded(lines: list[str], delimiter: str | None) -> NDArray[np.float64]:
+    """Numbers of lines, and none at all where one holds anything else."""
+    if any(map(str.strip, lines)):  # else there is a warning
+        with suppress(ValueError):
+            return np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
+    return np.empty((0, 0))
+
+
 def is_number(word: str) -> bool:
-    """Whether a word is a number, NaN and infinity included."""
+    """Whether a word is a number, NaN and infinity included; Python's own 1_000 is none."""
     try:
         float(word)
     except ValueError:
         return False
-    return True
+    return "_" not in word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import StringIO
@@ -10,12 +11,19 @@ from pathlib import Path
 from typing import IO
 
 from planewise.errors import PlanewiseError
-from planewise.files.cloud_columns import LOOK, cloud_file, positions
-from planewise.files.cloud_records import is_number, point_lines, read_words
+from planewise.files.cloud_columns import LOOK, cloud_file, positions, unknown
+from planewise.files.cloud_records import is_number, point_lines, read_words, split_words
 from planewise.point_cloud import Array, CloudFile
 from planewise.wording import counted
 
 _XYZ = ["x", "y", "z"]
+_MAP_NAMES = {
+    "x": {"e", "east", "easting"},
+    "y": {"n", "north", "northing"},
+    "z": {"h", "height", "elev", "elevation"},
+}
+_METRES = re.compile(r"\s*[\[(]\s*(m|met(re|er)s?)\s*[\])]", re.IGNORECASE)  # behind a name
+_FEW = 1000  # rows that tell what most columns are
 _FEWEST_NUMBERED = 10  # points whose numbers are no coordinate by chance
 
 
@@ -32,9 +40,11 @@ class _Layout:
 def open_xyz(path: Path) -> CloudFile:
     """Open a text file of points, one a line.
 
-    A first line of names says what the columns are (``//`` or ``#`` may stand before them);
-    otherwise x, y, z come first, then an intensity, or whole numbers up to 255 as colours, or both;
-    before them, of four columns or more, may stand numbers that count the points.
+    A first line of names says what the columns are (``//`` or ``#`` may stand before them, lines
+    of a title, too); easting, northing and elevation are x, y and z, and what other columns hold
+    does not matter. Without names x, y, z come first, then an intensity, or whole numbers up to 255
+    as colours, or both; before them, of four columns or more, may stand numbers of the points, and
+    columns of text anywhere.
     A line of one whole number, as in PTS, is the number of points that follow.
     """
     layout = _layout(path)
@@ -57,7 +67,9 @@ def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
             pass
         count, more = layout.count, True
         while more:
-            yield from read_words(stream, len(layout.names), size, layout.delimiter, count)
+            yield from read_words(
+                stream, len(layout.names), size, layout.delimiter, count, unknown(layout.names)
+            )
             more = False
             if count is not None and (line := next(point_lines(stream), None)) is not None:
                 # Of several scans each has a line of its number of points before it.
@@ -73,39 +85,43 @@ def _layout(path: Path) -> _Layout:
         raise PlanewiseError("is empty")
     if any("\0" in line for line in head):
         raise PlanewiseError("is no text file")
-    names, count, remarked = None, None, False
+    names: list[str] = []
+    count, remarked = None, False
     for before, line in enumerate(head):  # noqa: B007 - used after it
         text = line.strip()
-        bare = text.lstrip("#/").strip()
         if not text:
             continue
+        bare = text.lstrip("#/").strip()
         delimiter = _delimiter(bare)
-        words = [word.strip().strip('"') for word in bare.split(delimiter)]
-        if len(words) > 1 and not words[-1]:
+        words = split_words(bare, delimiter)
+        if len(words) > 1 and not words[-1] and len(words) != len(names):
             words.pop()  # some tools end every line with a delimiter
         if text.startswith(("#", "//")):
             # A comment; names of columns where x, y and z are among them.
-            if set(_XYZ) <= {word.lower() for word in words}:
-                names, remarked = words, True
-        elif all(map(is_number, words)):
+            if _have_positions(remark := _names(bare)):
+                names, remarked = remark, True
+        elif not any(map(_is_text, words)):
             if len(words) == 1 and words[0].isdecimal() and count is None:
                 count = int(words[0])
                 continue
             break
-        elif _has_decimal_commas(bare):
+        elif _has_decimal_commas(bare, words):
             raise PlanewiseError(
                 f"has numbers with a decimal comma, which are not read: '{text[:60]}'; write them "
                 "with a decimal point"
             )
-        elif names is None or remarked:
-            names, remarked = words, False
-        else:
+        elif _have_positions(names) and _is_point(words, names):
+            break
+        elif _have_positions(names) and not remarked:
             raise PlanewiseError(f"has a second line that is no point: '{text[:60]}'")
+        elif sum(map(is_number, words)) >= len(_XYZ):
+            break
+        else:  # names, or a title before them
+            names, remarked = _names(bare), False
     else:
         raise PlanewiseError("holds no line of numbers")
-    if names is None or (remarked and len(names) != len(words)):  # prose, of x, y and z
-        rows = list(islice(point_lines(StringIO("".join(head[before:]))), 1000))
-        names = _usual_names([row.split(delimiter) for row in rows], len(words))
+    if not names or (remarked and len(names) != len(words)):  # prose, of x, y and z
+        names = _usual_names(head[before:], delimiter, len(words))
     elif len(names) != len(words):
         raise PlanewiseError(
             f"names {counted(len(names), 'column')} ({', '.join(names)}), but its points have "
@@ -115,8 +131,37 @@ def _layout(path: Path) -> _Layout:
     return _Layout(delimiter=delimiter, names=names, skip=before, count=count)
 
 
-def _has_decimal_commas(line: str) -> bool:
-    """Whether it is one of numbers once their commas are points."""
+def _names(line: str) -> list[str]:
+    """Names of columns in a line; those of a map's axes as x, y and z."""
+    line = _METRES.sub("", line)
+    names = split_words(line, _delimiter(line))
+    if names[-1:] == [""]:
+        names.pop()
+    lower = [name.lower() for name in names]
+    for axis, others in _MAP_NAMES.items():
+        found = [k for k, name in enumerate(lower) if name in others]
+        if axis not in lower and len(found) == 1:
+            names[found[0]] = axis
+    return names
+
+
+def _have_positions(names: list[str]) -> bool:
+    return set(_XYZ) <= {name.lower() for name in names}
+
+
+def _is_point(words: list[str], names: list[str]) -> bool:
+    """Whether words stand for a point, whatever there is in columns of unknown meaning."""
+    return len(words) == len(names) and not any(_is_text(words[k]) for k in positions(names))
+
+
+def _is_text(word: str) -> bool:
+    return bool(word) and not is_number(word)
+
+
+def _has_decimal_commas(line: str, words: list[str]) -> bool:
+    """Whether it, or one of its words, is of numbers once their commas are points."""
+    if any(_is_text(word) and is_number(word.replace(",", ".", 1)) for word in words):
+        return True
     words = line.replace('"', "").replace(";", " ").split()
     pointed = [word.replace(",", ".", 1) for word in words]
     return len(words) > 1 and pointed != words and all(map(is_number, pointed))
@@ -128,12 +173,29 @@ def _delimiter(line: str) -> str | None:
     return next((each for each in (";", ",", "\t") if each in line), None)
 
 
-def _usual_names(rows: list[list[str]], columns: int) -> list[str]:
-    """Names for columns without: [number] x y z [i] [r g b], what is beyond them unknown."""
+def _usual_names(lines: list[str], delimiter: str | None, columns: int) -> list[str]:
+    """Names for columns without any: of text, and as usual of numbers."""
+
+    def rows_of(some: list[str]) -> list[list[str]]:
+        points = point_lines(StringIO("".join(some)))
+        rows = (split_words(line, delimiter, columns) for line in points)
+        return [row for row in rows if len(row) == columns]
+
+    rows = rows_of(lines[:_FEW])
+    texts = {k for k, word in enumerate(rows[0]) if _is_text(word)}
+    texts = {k for k in texts if not any(is_number(row[k]) for row in rows)}
+    numbers = [[word for k, word in enumerate(row) if k not in texts] for row in rows]
+    usual = iter(_names_of_numbers(numbers))
+    return ["text" if k in texts else next(usual) for k in range(columns)]
+
+
+def _names_of_numbers(rows: list[list[str]]) -> list[str]:
+    """[number] x y z [i] [r g b], what is beyond them unknown."""
+    columns = len(rows[0])
     if columns < 3:
         raise PlanewiseError(f"has {counted(columns, 'number')} a line; a point has at least three")
     if columns > 3 and _are_numbered(rows):
-        return ["number", *_usual_names([row[1:] for row in rows], columns - 1)]
+        return ["number", *_names_of_numbers([row[1:] for row in rows])]
     rest = [f"column {k + 1}" for k in range(3, columns)]
     colours = {6: 3, 7: 4}.get(columns)  # where r, g, b would begin
     if colours is not None and _are_colours(rows, colours):
