@@ -339,14 +339,56 @@ def test_tables_that_are_not_understood_are_refused(tmp_path, text, said):
         read_cloud(tmp_path / "a.csv")
 
 
+@pytest.mark.parametrize("fraction", [0.0, 0.5])
+@pytest.mark.parametrize("rest", ["7", "1 2 3", "7 1 2 3"])
+def test_coordinates_that_count_are_no_numbers_of_points(tmp_path, rest, fraction):
+    """A raster's x counts along each of its rows, however long these are."""
+    y, x = np.mgrid[5_740_000:5_740_004, 592_000:595_000]
+    raster = np.column_stack((x.ravel(), y.ravel() + fraction, np.round(80 + 0.01 * x.ravel(), 2)))
+    lines = (f"{x:.0f} {y:.8g} {z:.2f} {rest}\n" for x, y, z in raster.tolist())
+    (tmp_path / "a.xyz").write_text("".join(lines))
+    assert_array_equal(open_cloud(tmp_path / "a.xyz").read().coordinates, raster)
+
+
+NUMBERS = {
+    "from 100": np.arange(100, 600),
+    "in tens": np.arange(500) * 10 + 10,
+    "with gaps": np.arange(500) + np.arange(500) // 7,
+    "shuffled": np.random.default_rng(0).permutation(500),
+}
+
+
 @pytest.mark.parametrize("code", ["", ",7"])
-def test_numbers_that_count_the_points_are_no_coordinates(tmp_path, points, code):
-    lines = (f"{k},{x!r},{y!r},{z!r}{code}\n" for k, (x, y, z) in enumerate(points.tolist(), 100))
+@pytest.mark.parametrize("numbers", NUMBERS)
+def test_numbers_of_the_points_are_no_coordinates(tmp_path, points, numbers, code):
+    rows = zip(NUMBERS[numbers], points.tolist(), strict=True)
     path = tmp_path / "a.csv"
-    path.write_text("".join(lines))
+    path.write_text("".join(f"{k},{x!r},{y!r},{z!r}{code}\n" for k, (x, y, z) in rows))
     cloud = in_blocks(path)
     assert_array_equal(cloud.points, points)
     assert (cloud.intensity is not None) == bool(code)
+
+
+@pytest.mark.parametrize("case", ["whole", "one row", "with gaps", "two scans"])
+def test_a_column_that_may_be_x_or_numbers_is_refused(tmp_path, points, case):
+    """Unless names say which it is."""
+    whole = (points * 1000).astype(int)
+    k = np.arange(500)
+    table = {
+        "whole": np.column_stack((k + 5001, whole)),
+        "one row": np.column_stack((k + 592_000, np.full(500, 5_740_000), whole[:, :2])),
+        "with gaps": np.column_stack((k + k // 7, whole)),
+        "two scans": np.column_stack((k % 250, points)),
+    }[case]
+    lines = "".join(
+        f"{row[0]:.0f} " + " ".join(f"{x:.8g}" for x in row[1:]) + "\n" for row in table
+    )
+    path = tmp_path / "a.xyz"
+    path.write_text(lines)
+    with pytest.raises(PlanewiseError, match=r"x or numbers of the points.*'x y z intensity' or"):
+        read_cloud(path)
+    path.write_text("number x y z\n" + lines)
+    assert_array_equal(read_cloud(path).coordinates, table[:, 1:])
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import StringIO
-from itertools import islice
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import IO
 
@@ -25,6 +25,7 @@ _MAP_NAMES = {
 _METRES = re.compile(r"\s*[\[(]\s*(m|met(re|er)s?)\s*[\])]", re.IGNORECASE)  # behind a name
 _FEW = 1000  # rows that tell what most columns are
 _FEWEST_NUMBERED = 10  # points whose numbers are no coordinate by chance
+_MEETINGS = 5  # of coordinates in one place, where chance has none once in a hundred files
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,6 +183,8 @@ def _usual_names(lines: list[str], delimiter: str | None, columns: int) -> list[
         return [row for row in rows if len(row) == columns]
 
     rows = rows_of(lines[:_FEW])
+    if any(all(row[k].isdecimal() for row in rows) for k in range(columns - len(_XYZ))):
+        rows = rows_of(lines)  # whole numbers before three columns, which may be x or not
     texts = {k for k, word in enumerate(rows[0]) if _is_text(word)}
     texts = {k for k in texts if not any(is_number(row[k]) for row in rows)}
     numbers = [[word for k, word in enumerate(row) if k not in texts] for row in rows]
@@ -206,11 +209,34 @@ def _names_of_numbers(rows: list[list[str]]) -> list[str]:
 
 
 def _are_numbered(rows: list[list[str]]) -> bool:
-    """Whether the first column counts the points, as surveyors write them."""
-    numbers = [row[0].strip() for row in rows]
-    if len(numbers) < _FEWEST_NUMBERED or not all(map(str.isdecimal, numbers)):
+    """Whether the first of four columns or more numbers the points, as surveyors write them.
+
+    Numbers are whole and none is there twice; x, y and z have decimals then, or the numbers count
+    from 0 or 1. A raster's x counts, too, but again in each of its rows, in which y stands still.
+    What may be either is refused: the wrong one would be nonsense that looks like points.
+    """
+    words = [row[0] for row in rows]
+    if len(words) < _FEWEST_NUMBERED or not all(map(str.isdecimal, words)):
         return False
-    return [int(each) - int(numbers[0]) for each in numbers] == list(range(len(numbers)))
+    numbers = list(map(int, words))
+    measured = all(any("." in row[k] for row in rows) for k in (1, 2, 3))
+    if len(set(numbers)) == len(numbers):
+        counts = numbers[0] <= 1 and numbers == list(range(numbers[0], numbers[0] + len(numbers)))
+        if (measured or counts) and len({row[1] for row in rows}) > 1:
+            return True
+        # As many whole coordinates within their extent would have met by chance.
+        extent = max(numbers) - min(numbers) + 1
+        unsure = len(numbers) * (len(numbers) - 1) / 2 > _MEETINGS * extent
+    else:  # numbers of several scans, one after the other?
+        steps = zip(pairwise(numbers), pairwise(rows), strict=True)
+        counted = sum(b - a == 1 and row[1] != after[1] for (a, b), (row, after) in steps)
+        unsure = measured and counted > len(numbers) / 2
+    if unsure:
+        raise PlanewiseError(
+            "has a first column that may be x or numbers of the points; write a line of names "
+            "before them, such as 'x y z intensity' or 'number x y z'"
+        )
+    return False
 
 
 def _are_colours(rows: list[list[str]], first: int) -> bool:
