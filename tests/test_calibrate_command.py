@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 
 import numpy as np
 import pytest
@@ -17,15 +18,16 @@ from .command import run
 from .dataset_files import write_generic
 
 CAMERA = ("--camera", "250,250,160,120")
+ONE_DEPTH = r"warning: all flat cells lie (at|from) .* m, so that noise at other depths is a guess"
 
 
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("frames")
-    for seed in range(2):
+    for seed, far in enumerate((1, 2)):
         for make in (scenes.corner, scenes.staircase):
-            scene = make(sigma=0.004, size=(240, 320), rng=seed)
-            Image.fromarray(scene.depth).save(folder / f"{make.__name__}{seed}.png")
+            scene = make(sigma=0.004 / far, size=(240, 320), rng=seed)
+            Image.fromarray(far * scene.depth).save(folder / f"{make.__name__}{seed}.png")
     return folder
 
 
@@ -150,9 +152,10 @@ def test_datasets_tell_camera_and_unit(tmp_path):
     data = write_generic(tmp_path / "data")
     files = (data / "depth", "--camera", "50,52,31,24.5", "--depth-scale", "0.0005")
     code, _, errors = run("calibrate", *files, "-o", tmp_path / "files.json")
-    assert (code, errors) == (0, "")
-    code, out, errors = run("calibrate", data, "-o", tmp_path / "data.json")
-    assert (code, errors) == (0, "")
+    assert code == 0
+    assert re.fullmatch(f"{ONE_DEPTH}.*", errors)
+    code, out, again = run("calibrate", data, "-o", tmp_path / "data.json")
+    assert (code, again) == (0, errors)
     assert "3 of 3 frames used" in out
     assert (tmp_path / "data.json").read_text() == (tmp_path / "files.json").read_text()
     (data / "depth" / "view 1.png").write_bytes(b"none")
@@ -177,8 +180,21 @@ def test_one_camera_of_a_bag_is_calibrated(tmp_path):
     assert not sensor.exists()
     topics = ("--topic", other, "--camera-topic", bag_files.INFO)
     code, out, errors = run("calibrate", bag, *topics, "-o", sensor)
-    assert (code, errors) == (0, "")
+    assert code == 0
+    assert re.fullmatch(f"{ONE_DEPTH}.*", errors)
     assert "3 of 3 frames used" in out
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_at_one_depth_noise_is_constant_and_a_warning_says_so(tmp_path, seed):
+    rng, out = np.random.default_rng(seed), tmp_path / "s.json"
+    wall = 1200 + 4 * rng.standard_normal((240, 320))
+    Image.fromarray(wall.round().astype(np.uint16)).save(tmp_path / "wall.png")
+    code, _, errors = run("calibrate", tmp_path / "wall.png", *CAMERA, "-o", out)
+    assert code == 0
+    assert re.fullmatch(f"{ONE_DEPTH}.*", errors)
+    assert np.ptp(pw.sensors.load(out).sigma([0.3, 1.2, 9.0])) == 0
+    assert json.loads(out.read_text())["calibration"]["caution"].startswith("all flat cells lie")
 
 
 BAD = {

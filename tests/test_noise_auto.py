@@ -326,6 +326,15 @@ def test_one_odd_point_does_not_bend_a_curve():
     assert_allclose(curve(z[:-1]), sigma[:-1], rtol=0.1)
 
 
+@pytest.mark.parametrize("apart", [0.0, 0.001])  # a wall in one bin, or where two bins meet
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_at_one_depth_is_constant(apart, seed):
+    z = 1.2 + apart * np.arange(2 if apart else 1)
+    sigma = 0.004 + 1e-5 * np.random.default_rng(seed).standard_normal(z.size)
+    curve = fit_polynomial(z, sigma, np.full(z.size, 0.02))
+    assert curve == noise.constant(curve.constant)
+
+
 def test_sums_of_noise_and_no_noise():
     both = noise.RootSum((noise.constant(0.003), noise.proportional(0.004)))
     assert str(both) == "sqrt((0.003)^2 + (0.004 z)^2) m"

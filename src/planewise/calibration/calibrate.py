@@ -48,7 +48,8 @@ def calibrate(
     Returns
     -------
     NoiseEstimate
-        Its `sensor` makes the sensor to detect with, and `planewise.sensors.save` keeps it.
+        Its `sensor` makes the sensor to detect with, and `planewise.sensors.save` keeps it; its
+        `caution` says where frames of about one depth leave open how noise grows with depth.
 
     Raises
     ------
@@ -91,6 +92,7 @@ def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:
     """Say in plain types what a noise was measured from: the evidence kept with a sensor."""
     bins = found.bins
     return found.describe() | {
+        "caution": found.caution,
         "shared_ratio": found.shared_ratio,
         "confidence": 0.95,
         "depth_m": bins.depth.tolist(),

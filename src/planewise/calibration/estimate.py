@@ -31,6 +31,7 @@ _CURVE_ERROR = 0.02  # relative error that a smooth curve may have on top
 _CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
 _LEAST_SHARED = 1.0  # else at least this, for what bends slowly hides from three cells in a row
 _DRIFT = 3.5  # drift over 100 pixels against the shared part: the Kinect's proportion
+_WIDE = 1.5  # farthest bin against the nearest: less hardly tells a constant from a slope
 RESAMPLES = 200
 """Of the bootstrap that a confidence band comes from."""
 _CONFIDENCE = (2.5, 97.5)  # percent
@@ -106,6 +107,15 @@ class NoiseEstimate:
     def parts(self) -> ErrorParts:
         """The parts for the spatial objective, which treats rounding by itself."""
         return ErrorParts(white=self.white, shared=self.shared, drift=self.drift)
+
+    @property
+    def caution(self) -> str:
+        """Why the curves may be wrong at other depths: cells lie at about one; else empty."""
+        if self.note or self.bins.depth[-1] >= _WIDE * self.bins.depth[0]:
+            return ""
+        near, far = (f"{depth:.3g}" for depth in self.bins.depth[[0, -1]])
+        where = f"at {near} m" if near == far else f"from {near} to {far} m"
+        return f"all flat cells lie {where}, so that noise at other depths is a guess"
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,8 @@ from planewise.noise import Polynomial
 Array = NDArray[np.float64]
 
 _OFFSETS = np.linspace(0.0, 0.9, 4)  # shares of the nearest depth
-_SETS = np.array([[a, b, c] for c in (0, 1) for b in (0, 1) for a in (0, 1)][1:], bool)
+_SETS = np.array(sorted(product((1, 0), repeat=3), key=sum)[1:], bool)  # constant first
+_TIED = 0.01  # nats: points at one depth cannot tell a constant from a slope or a square
 _SINGULAR = 1e-9  # determinant of scaled normal equations
 _ROUNDS = 8  # of moving points that lie far off, and fitting again
 _SETTLED = 1e-3  # relative change of the curve that ends it
@@ -22,6 +25,7 @@ def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
 
     Terms are chosen by code length: half of chi^2 plus 1/2 ln B nats for each number, B the number
     of points. d is less than the smallest depth. Points far from the others' curve count little.
+    Where points lie at one depth, which every term fits, sigma is taken to be constant.
 
     Parameters
     ----------
@@ -96,7 +100,8 @@ def _simplest(depth: Array, sigma: Array, weight: Array) -> Polynomial:
     refused = singular | (np.where(_SETS, size, 1.0) <= 0).any(axis=2)
     # An offset needs a square to move, and noise at the offset itself.
     refused |= (offset > 0) & ~(_SETS[:, 2] & (_SETS.sum(axis=1) > 1))
-    best = np.unravel_index(np.argmin(np.where(refused, np.inf, cost)), cost.shape)
+    cost[refused] = np.inf
+    best = np.unravel_index(np.argmax(cost <= cost.min() + _TIED), cost.shape)
     a, b, c = size[best].tolist()
     return Polynomial(a, b, c, float(offset[best[0], 0]))
 

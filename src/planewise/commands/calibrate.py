@@ -124,6 +124,8 @@ def calibrate(
                 write_image(files.enter_context(written_whole(picture)), drawn)
             save(noise.sensor(base), output, calibration=describe_calibration(noise))
         terminal.show_noise(noise, base if name is not None else None)
+        if noise.caution:
+            terminal.warning(f"{noise.caution}; add frames that are nearer and farther")
         terminal.say(f"{len(cells)} of {counted(len(found), 'frame')} used, sensor in {output}")
         if failed:
             raise typer.Exit(FAILED)
