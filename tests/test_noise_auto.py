@@ -12,6 +12,7 @@ import planewise as pw
 from planewise import noise, scenes
 from planewise.calibration.cells import _harmonics, blurred, noise_cells
 from planewise.calibration.fit import fit_polynomial
+from planewise.files.camera import read_noise
 from planewise.kernels import noise as kernels
 from planewise.metrics.scores import evaluate
 
@@ -333,6 +334,18 @@ def test_noise_at_one_depth_is_constant(apart, seed):
     sigma = 0.004 + 1e-5 * np.random.default_rng(seed).standard_normal(z.size)
     curve = fit_polynomial(z, sigma, np.full(z.size, 0.02))
     assert curve == noise.constant(curve.constant)
+
+
+@pytest.mark.parametrize("power", [2.5, 3.0])
+def test_noise_does_not_grow_towards_the_camera(power, tmp_path):
+    """Of frames of far places, whose noise grows faster than the square of depth."""
+    z = np.geomspace(3, 9, 7)
+    curve = fit_polynomial(z, 0.001 * z**power, np.full(7, 0.02))
+    near = np.linspace(0.1, 3.0, 30)
+    assert (np.diff(curve(near)) >= 0).all()
+    pw.sensors.save(pw.Sensor(noise=curve), tmp_path / "far.json")
+    assert_array_equal(pw.sensors.load(tmp_path / "far.json").sigma(near), curve(near))
+    assert_allclose(read_noise(str(curve))(near), curve(near), rtol=1e-4)
 
 
 def test_sums_of_noise_and_no_noise():

@@ -183,6 +183,7 @@ def test_why_there_are_no_readings_is_said(camera):
 def test_noise_models_say_what_they_are():
     assert str(pw.noise.KINECT) == "0.0012 + 0.0019 (z - 0.4)^2 m"
     assert_allclose(pw.noise.KINECT([0.4, 1.4]), [0.0012, 0.0031])
+    assert_allclose(pw.noise.KINECT([0.1, 0.3]), 0.0012)  # no more towards the sensor
     assert_allclose(pw.noise.stereo(focal=500, baseline=0.1, subpixel=0.1)([2.0]), [0.008])
     with pytest.raises(ValueError, match="baseline must be positive"):
         pw.noise.stereo(focal=500, baseline=0)

@@ -29,6 +29,8 @@ AUTO: Auto = "auto"
 class Polynomial:
     """sigma(z) = constant + linear z + quadratic (z - offset)^2, in metres.
 
+    Nearer than the offset the square is 0: noise does not grow towards the sensor.
+
     Parameters
     ----------
     constant : float
@@ -38,7 +40,7 @@ class Polynomial:
     quadratic : float
         Metres per square metre.
     offset : float
-        Depth at which the quadratic term vanishes, in metres.
+        Depth up to which the quadratic term is 0, in metres.
     """
 
     constant: float = 0.0
@@ -58,7 +60,8 @@ class Polynomial:
     def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
         z = np.asarray(z, dtype=np.float64)
-        return self.constant + self.linear * z + self.quadratic * (z - self.offset) ** 2
+        beyond = np.maximum(z - self.offset, 0.0)
+        return self.constant + self.linear * z + self.quadratic * beyond**2
 
     def scaled(self, factor: float) -> Polynomial:
         """The same curve, `factor` times as high."""
@@ -221,6 +224,8 @@ def proportional(fraction: float) -> Polynomial:
 
 def quadratic(constant: float, quadratic: float, offset: float = 0.0) -> Polynomial:
     """Noise of a triangulating sensor: sigma = constant + quadratic (z - offset)^2.
+
+    Nearer than the offset it is constant.
 
     Examples
     --------
