@@ -336,6 +336,21 @@ def test_noise_at_one_depth_is_constant(apart, seed):
     assert curve == noise.constant(curve.constant)
 
 
+@pytest.mark.parametrize("unit", [1e-6, 2e-5, 1e-3])  # metres
+@pytest.mark.parametrize("whole", [False, True])
+def test_noise_is_seen_at_the_resolution_of_any_sensor(unit, whole):
+    """Of a scanner that sees micrometres, and of cameras, in a plate as far as it is wide."""
+    camera = pw.PinholeCamera(fx=400, fy=400, cx=159.5, cy=119.5)
+    exact, _ = render(np.array([[0.1, 0.05, -1.0, 4000.0]]), camera, (240, 320))
+    noisy = np.round(exact + 5 * np.random.default_rng(0).standard_normal(exact.shape))
+    depth = noisy.astype(np.uint16) if whole else noisy * unit
+    sensor = pw.Sensor(max_depth=5000 * unit, resolution=unit)
+    found = pw.estimate_noise(depth, camera, sensor)
+    assert_allclose(found.bins.step, unit)
+    z = seen(found)
+    assert_allclose(found.white(z), 5 * unit, rtol=0.02)
+
+
 @pytest.mark.parametrize("power", [2.5, 3.0])
 def test_noise_does_not_grow_towards_the_camera(power, tmp_path):
     """Of frames of far places, whose noise grows faster than the square of depth."""

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.density import LEAST_READINGS, usual_count
-from planewise.depth_image import reading_steps
 from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
@@ -31,9 +30,6 @@ _FILLED = 0.75  # least readings of a cell against what is usual in the frame
 _NO_PLANE = 0.1  # of its depth: a cell that is rougher is none of a sensor's planes
 _HARMONICS = np.arange(1, 6)
 _MOST_CROSSED = 20.0  # steps within a cell; there is no difference beyond
-_READINGS_A_LEVEL = 4  # fewer readings on every distinct value: they are not quantised
-_GRID = 1e-4  # metres; distinct readings are told apart on this grid
-_COUNTED = 10_000_000  # places of that grid, a kilometre
 _BLOCK = 8  # cells along the side of a block, which the bootstrap draws
 
 
@@ -132,7 +128,10 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
         usable = (count >= max(_FILLED * usual_count(count), LEAST_READINGS)) & (
             np.sqrt(variance) < _NO_PLANE * depth
         )
-        step = _steps_at(np.where(usable, depth, 0.0), observation.depth)
+        step = np.zeros(usable.shape)
+        if usable.any():
+            image = observation.image
+            step[usable] = np.interp(depth[usable], image.depth, image.steps())
         crossed = np.abs((slope_x, slope_y)) * side * along**2 * longer / step
     quantised = usable & (step > 0)
     followed, mean = _harmonics(np.minimum(crossed, _MOST_CROSSED), quantised)
@@ -149,20 +148,6 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
         grid=(rows, columns),
         side=side,
     )
-
-
-def _steps_at(depth: Array, readings: Array) -> Array:
-    """Quantisation step in metres at some depths, from the distinct readings of the frame."""
-    if not readings.size:
-        return np.zeros(depth.shape)
-    place = np.rint(readings / _GRID).astype(np.int64)
-    # Counting is faster, but takes memory for all that is nearer than the farthest reading.
-    near = place.max() < _COUNTED
-    levels = np.flatnonzero(np.bincount(place)) if near else np.unique(place)
-    if readings.size < _READINGS_A_LEVEL * levels.size:
-        return np.zeros(depth.shape)
-    steps = np.interp(depth, levels * _GRID, reading_steps(levels) * _GRID)
-    return np.where(depth > 0, steps, 0.0)
 
 
 def _harmonics(crossed: Array, quantised: NDArray[np.bool_]) -> tuple[Array, Array]:
