@@ -91,6 +91,20 @@ def test_noise_auto(frames, tmp_path):
     assert used["shared"] == "0 m"
 
 
+def test_a_noise_that_was_assumed_is_warned_of(tmp_path):
+    wall = np.zeros((400, 480), np.uint16)
+    wall[:24, :24] = np.random.default_rng(0).normal(2000, 2, (24, 24))
+    (tmp_path / "frames").mkdir()
+    Image.fromarray(wall).save(tmp_path / "frames" / "wall.png")
+    for name, said in (("frames/wall.png", ""), ("frames", "wall.png: ")):
+        given = (tmp_path / name, *CAMERA, "--noise", "auto", "-o", tmp_path / "out")
+        code, text, errors = run("detect", *given, "--objective", "paper")
+        assert code == 0
+        assert "1 plane" in text
+        assert f"warning: {said}noise: " in errors
+        assert "sigma = 0.01 z m was assumed" in " ".join(errors.split())
+
+
 def test_bad_frames_are_reported_and_the_others_used(frames, tmp_path):
     Image.fromarray(np.zeros((240, 320), np.uint8)).save(tmp_path / "grey.png")
     out = tmp_path / "s.json"

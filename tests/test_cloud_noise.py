@@ -258,7 +258,7 @@ def test_points_that_do_not_tell(points):
     assert found.describe()["source"] == "assumed"
     model = pw.detect_planes_in_points(points, AUTO)
     assert len(model) == 0
-    assert model.note
+    assert model.note.endswith(f"; noise: {found.note}; where that is wrong, so are planes")
 
 
 def test_points_without_noise_have_that_of_their_rounding():

@@ -198,6 +198,39 @@ def test_what_is_assumed_is_the_preset_or_one_percent(camera):
         assert len(pw.detect_planes(rough, camera, AUTO, objective=objective)) == 0
 
 
+@pytest.mark.parametrize("apart", [(4, 4), (8, 8), (8, 1)])
+def test_noise_of_readings_on_every_nth_pixel_is_estimated(apart):
+    """Wider cells hold as many of them as cells of a full frame do."""
+    scene = scenes.corner(sigma=0.004)
+    thin = np.zeros_like(scene.depth)
+    some = (slice(None, None, apart[0]), slice(None, None, apart[1]))
+    thin[some] = scene.depth[some]
+    found = pw.estimate_noise(thin, scene.camera, AUTO)
+    assert not found.note
+    assert_allclose(found.white(seen(found)), 0.004, rtol=0.05)
+    if apart == (4, 4):
+        model = pw.detect_planes(thin, scene.camera, AUTO)
+        assert (len(model), model.note) == (4, "")
+
+
+def test_a_noise_that_was_assumed_is_in_the_note():
+    camera, said = pw.PinholeCamera(fx=250, fy=250, cx=240, cy=200), "noise: 9 flat cells, too few"
+    wall = np.zeros((400, 480))
+    wall[:24, :24] = np.random.default_rng(0).normal(2.0, 0.002, (24, 24))
+    model = pw.detect_planes(wall, camera, AUTO, objective="paper")
+    assert len(model) == 1
+    assert model.note.startswith(said)
+    assert model.note.endswith("sigma = 0.01 z m was assumed; where that is wrong, so are planes")
+    model = pw.detect_planes(wall, camera, AUTO)
+    assert model.note.startswith(f"no plane saves more than it costs; {said}")
+    empty = pw.detect_planes(np.zeros((400, 480)), camera, AUTO)
+    assert empty.note.startswith("0 valid readings; 3 are needed for a plane; noise: 0 flat cells")
+    wall[:24, 8:24] += 1.0
+    model = pw.detect_planes(wall, camera, AUTO, objective="paper")
+    assert len(model) == 2
+    assert model.top(1).note == model.note != ""
+
+
 @pytest.mark.parametrize("sigma", [0.0, 1e-5, 1e-4])
 def test_noise_below_the_steps_is_not_zero(sigma):
     scene = scenes.corner(sigma=sigma, size=(240, 320))

@@ -232,7 +232,7 @@ def test_noise_that_points_do_not_tell_is_warned_of(tmp_path, out, corner):
     for name, points in (("volume", volume), ("corner", corner[0])):
         np.save(tmp_path / f"{name}.npy", points)
         _, _, errors = run("points", tmp_path / f"{name}.npy", "-o", out)
-        warned = "warning: sigma: too few points lie on something flat; assumed 0.0086" in errors
+        warned = "; noise: too few points lie on something flat; assumed 0.0086" in errors
         assert warned == (name == "volume")
 
 

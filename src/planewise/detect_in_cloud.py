@@ -18,7 +18,7 @@ from planewise.noise import AUTO
 from planewise.options import Options, Seed
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
 from planewise.point_observation import checked_origin, checked_sigma
-from planewise.search import find_in_cloud
+from planewise.search import find_in_cloud, noted
 from planewise.sensor import Sensor, checked_sensor
 from planewise.stages import stage
 
@@ -117,7 +117,7 @@ def detect_planes_in_cloud(
         return find_in_cloud(points, sensor, errors, place, options)
     if len(points) > _LARGEST:
         raise ValueError(f"cloud must have at most {_LARGEST:,} points, got {len(points):,}")
-    return _find_in_tiles(points, sensor, errors, place, options, tile_points, disk)
+    return noted(_find_in_tiles(points, sensor, errors, place, options, tile_points, disk))
 
 
 def _find_in_tiles(

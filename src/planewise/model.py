@@ -186,7 +186,8 @@ class PlaneModel:
     search, objective : str
         What found it and what it minimises.
     note : str
-        Why there is no plane, where there is none; else empty.
+        Why there is no plane, where there is none, and what noise was assumed, where "auto" could
+        not tell it; else empty.
     settings : Mapping
         Options the model was made with, in plain types, for result files.
     """
@@ -239,7 +240,7 @@ class PlaneModel:
             planes=self.planes[:k],
             information=self.prefix[k],
             prefix=self.prefix[: k + 1],
-            note="" if k else "none of the planes was kept",
+            note=self.note if k else "none of the planes was kept",
         )
 
 

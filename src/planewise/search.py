@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -60,7 +63,8 @@ def find(
     objective = PAPER if spatial else as_objective(options.objective or "paper")
     settings = _settings(observation, options)
     if observation.count < observation.dimension:
-        return _no_planes(observation, options, settings, objective.empty(observation))
+        empty = objective.empty(observation)
+        return noted(_no_planes(observation, options, settings, empty))
 
     image = isinstance(observation, RayObservation)
     compilation.announce("spatial" if spatial else "paper" if image else "points")
@@ -71,7 +75,7 @@ def find(
         if spatial and isinstance(observation, RayObservation):
             from planewise.spatial.model import spatial_model
 
-            return spatial_model(
+            model = spatial_model(
                 observation,
                 instances=options.instances,
                 significance=options.significance,
@@ -80,9 +84,10 @@ def find(
                 workspace=workspace,
                 regions=regions,
             )
+            return noted(model)
         from planewise.paper.model import separable_model
 
-        return separable_model(observation, options, objective, settings, regions)
+        return noted(separable_model(observation, options, objective, settings, regions))
 
 
 def find_in_cloud(
@@ -137,7 +142,7 @@ def find_in_cloud(
         workers=workers,
         rng=np.random.default_rng(options.rng),
     )
-    return model if places is None else places.of_all(model)
+    return noted(model if places is None else places.of_all(model))
 
 
 def _regions(observation: Observation, options: Options, rgb: ArrayLike | None) -> Regions | None:
@@ -159,6 +164,15 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
     ):
         out["noise"] = observation.estimate.describe()
     return out
+
+
+def noted(model: PlaneModel) -> PlaneModel:
+    """Say in the model's note, too, where noise could not be estimated and was assumed."""
+    noise = model.settings.get("noise")
+    if not isinstance(noise, Mapping) or not noise["note"]:
+        return model
+    assumed = f"noise: {noise['note']}; where that is wrong, so are planes"
+    return replace(model, note="; ".join(filter(None, (model.note, assumed))))
 
 
 def _no_planes(

@@ -12,12 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.calibration.cells import NoiseCells, blurred
+from planewise.calibration.cells import FEWEST, NoiseCells, blurred
 
 Array = NDArray[np.float64]
-
-FEWEST = 12
-"""Flat cells of a bin, and of a frame that can tell."""
 
 _BIN = 1.19  # depths of a bin lie within this factor
 _START = 0.4  # quantile of the variances, from which to go up

@@ -24,6 +24,9 @@ from planewise.observation import RayObservation
 
 Array = NDArray[np.float64]
 
+FEWEST = 12
+"""Flat cells of a bin of depths, and of a frame that can tell."""
+
 _SIDES = (8, 4)  # pixels of a cell in a large image, and in one of few cells
 _FEW_CELLS = 3000  # of the larger side, below which the smaller is taken
 _FILLED = 0.75  # least readings of a cell against what is usual in the frame
@@ -95,12 +98,23 @@ def noise_cells(observation: RayObservation) -> NoiseCells:
     observation : RayObservation
         Of a depth image; its sigma is not looked at.
     """
-    from planewise.kernels import noise as kernels  # loads Numba
-
     observation = observation.tame
     height, width = observation.shape
     large = (height // _SIDES[0]) * (width // _SIDES[0])
     side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
+    cells = small = _cells_of(observation, side)
+    # Readings may lie far apart, as on every fourth pixel: wider cells hold enough of them.
+    while cells.usable.sum() < FEWEST <= (height // (2 * side)) * (width // (2 * side)):
+        side *= 2
+        cells = _cells_of(observation, side)
+    return cells if cells.usable.sum() >= FEWEST else small
+
+
+def _cells_of(observation: RayObservation, side: int) -> NoiseCells:
+    """Cells of so many pixels along either side."""
+    from planewise.kernels import noise as kernels  # loads Numba
+
+    height, width = observation.shape
     rows, columns = -(-height // side), -(-width // side)
     planes = np.empty((rows * columns, kernels.PLANE))
     pixel_size = np.array(observation.pixel_size)

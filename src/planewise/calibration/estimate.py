@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import checked_seed
-from planewise.calibration.bins import FEWEST, Bin, Pool, bootstrap, by_depth
-from planewise.calibration.cells import NoiseCells, noise_cells
+from planewise.calibration.bins import Bin, Pool, bootstrap, by_depth
+from planewise.calibration.cells import FEWEST, NoiseCells, noise_cells
 from planewise.calibration.correlated import shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
 from planewise.camera import Camera
@@ -233,7 +233,7 @@ def pooled_noise(
     ratio = shared_ratio(frames, curve)
     shared: Noise = NOTHING
     drift: Noise = NOTHING
-    if ratio * frames[0].side >= _CORRELATED:
+    if ratio * min(each.side for each in frames) >= _CORRELATED:
         shared = fit_polynomial(depth, max(ratio, _LEAST_SHARED) * sigma, error)
         drift = shared.scaled(_DRIFT)
     low, high = np.full((2, len(bins)), np.nan)

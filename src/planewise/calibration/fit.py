@@ -24,8 +24,9 @@ def fit_polynomial(depth: Array, sigma: Array, error: Array) -> Polynomial:
     """Curve sigma = a + b z + c (z - d)^2 without negative terms, as simple as the points allow.
 
     Terms are chosen by code length: half of chi^2 plus 1/2 ln B nats for each number, B the number
-    of points. d is less than the smallest depth; below d the square is 0. Points far from the others' curve count little.
-    Where points lie at one depth, which every term fits, sigma is taken to be constant.
+    of points. d is less than the smallest depth; below d the square is 0. Points far from the
+    others' curve count little. Where points lie at one depth, which every term fits, sigma is taken
+    to be constant.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ class _Reading:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 
     def _cells(self, given: _Frame) -> NoiseCells:
-        from planewise.calibration.bins import FEWEST
+        from planewise.calibration.cells import FEWEST
         from planewise.calibration.estimate import cells_of_frame, too_few
 
         frame = given.read()

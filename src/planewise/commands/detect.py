@@ -198,8 +198,7 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             sizes.see(path.name, result.model.labels.shape)
             planes = counted(len(result.model), "plane")
             terminal.say(f"{path.name}: {planes}, {1000 * result.seconds:.0f} ms")
-            if not len(result.model):
-                terminal.warning(f"{path.name}: no plane was found: {result.model.note}")
+            terminal.warn_of_note(result.model, f"{path.name}: ")
             if result.out_of_range:
                 terminal.warning(f"{path.name}: {result.out_of_range}")
             if result.unit and not told:

@@ -171,8 +171,6 @@ def points(
             terminal.say(f"distances are from {place_of}, which is subtracted from coordinates")
         if isinstance(told := model.settings.get("noise"), dict):
             terminal.say(f"sigma = {told['noise']}, {told['source']}")
-            if told["note"]:
-                terminal.warning(f"sigma: {told['note']}; where that is wrong, so are planes")
         elif model.settings.get("sigma_factor", 1.0) > _FAR_OFF:  # type: ignore[operator]
             terminal.warning(
                 f"sigma: points lie {model.settings['sigma_factor']:.1f} times as far from planes, "

@@ -165,8 +165,13 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     with_it = "compiling" if has_compiled() else "loading"
     readings = counted(model.readings, "reading")
     say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
-    if not len(model):
-        warning(f"no plane was found: {model.note}")
+    warn_of_note(model)
+
+
+def warn_of_note(model: PlaneModel, name: str = "") -> None:
+    """Warn where there is no plane, or a noise was assumed; `name` is that of a frame."""
+    if model.note:
+        warning(name + ("" if len(model) else "no plane was found: ") + model.note)
 
 
 def show_scores(scores: Mapping[str, Interval]) -> None:

@@ -149,7 +149,8 @@ def read_noise(text: str) -> Noise:
     text : str
         ``"0.005"`` or ``"5mm"``: sigma is the same at every depth. ``"1%"``: a share of the depth.
         ``"a + b*z + c*z^2"``, ``"a + c*(z - d)^2"``: a formula in metres, any term may be left
-        out; the square is 0 nearer than d. ``"kinect"`` or a key of `planewise.sensors.PRESETS`: that sensor's noise.
+        out; the square is 0 nearer than d. ``"kinect"`` or a key of `planewise.sensors.PRESETS`:
+        that sensor's noise.
 
     Returns
     -------
