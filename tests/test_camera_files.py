@@ -137,12 +137,29 @@ def test_distortion_by_whatever_name(tmp_path, stated):
         assert not any(camera.distortion[4:])
 
 
+RATIONAL = (0.5, -2.6, 0.001, -0.0003, 1.5, 0.4, -2.5, 1.4)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"D": RATIONAL, "distortion_model": "rational_polynomial"},
+        {"distortion_coefficients": {"rows": 1, "cols": 14, "data": [*RATIONAL, *[0] * 6]}},
+        dict(zip(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), RATIONAL, strict=True)),
+    ],
+)
+def test_a_rational_distortion(tmp_path, stated):
+    camera = read_camera(write(tmp_path, json.loads(json.dumps(NUMBERS | stated))))
+    assert is_right(camera)
+    assert camera.distortion == RATIONAL
+
+
 @pytest.mark.parametrize(
     ("stated", "match"),
     [
         ({"lens_distortion": [0.1, 0, 0, 0]}, "as 'lens_distortion', which is not known"),
         ({"distortion_table": {"rows": [[1, 2]]}}, "'distortion_table'"),
-        ({"k1": 0.1, "k4": 0.2}, "8 distortion"),
+        ({"k1": 0.1, "k4": 0.2}, "k4 without k5 and k6"),
         ({"radial_distortion": [0.1]}, "1 radial and 2 tangential"),
         ({"camera_model": "OPENCV_FISHEYE", "k1": 0.1}, "opencv_fisheye"),
         ({"fisheye_model": 1, "distortion_coefficients": [0.1, 0, 0, 0]}, "model 'fisheye'"),
@@ -199,7 +216,8 @@ def test_ros_states_what_is_read_of_the_sensor(tmp_path):
         ({"K": [[0, 0, 320], [0, 500, 240], [0, 0, 1]]}, "fx must be"),
         ({"K": MATRIX, "distortion_model": "equidistant", "D": [0] * 4}, "equidistant"),
         ({"K": MATRIX, "distortion_model": "fisheye", "D": [0.1] * 4}, "fisheye"),
-        ({"K": MATRIX, "distortion_model": "rational_polynomial", "D": [0.1] * 8}, "rational"),
+        ({"K": MATRIX, "distortion_model": "fov", "D": [0.1] * 8}, "'fov'"),
+        ({"K": MATRIX, "D": [0.1] * 12}, "12 distortion"),  # a thin prism
         ({"K": MATRIX, "D": [0.1] * 3}, "3 distortion"),
         ({"K": MATRIX, "width": "wide", "height": 480}, "'wide' where numbers are expected"),
         ({"fx": 10**400, "fy": 525, "cx": 319.5, "cy": 239.5}, "integer that is too large"),

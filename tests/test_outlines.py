@@ -351,6 +351,14 @@ def test_distortion_bends_borders_in_the_image_only():
     assert_allclose(camera.project(2 * camera.unproject(pixels)), pixels, atol=1e-6)
 
 
+def test_outlines_end_where_the_lens_folds_the_image():
+    camera = pw.PinholeCamera(fx=144, fy=144, cx=79.5, cy=59.5, distortion=(-0.33, 0, 0, 0))
+    model = pw.detect_planes(np.full((120, 160), 2000, np.uint16), camera, pw.Sensor(noise=0.002))
+    (surface,) = outline_image(model, camera, tolerance=0)
+    assert surface.area == pytest.approx(model.planes[0].area, rel=0.02)
+    assert 0.9 * 120 * 160 < model.planes[0].count < 120 * 160
+
+
 @settings(max_examples=25)
 @example(seed=2462)  # whose holes touch in a way that GEOS cannot triangulate
 @given(seed=st.integers(0, 10_000))

@@ -22,7 +22,7 @@ from planewise.arguments import (
     is_whole,
     make_plain,
 )
-from planewise.lens import distort, undistort
+from planewise.lens import COUNTS, ORDER, distort, undistort
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ RIG = 16
 """Cameras whose rays are kept, such as all of a robot."""
 
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
+_UNSEEN = 0.1  # share of an image that a lens may not see; more is no lens of that image
 
 
 class Camera(Protocol):
@@ -42,6 +43,8 @@ class Camera(Protocol):
     Cameras are immutable and hashable. A reading s on the ray r of its pixel is the point s r in
     the camera's frame.
     """
+
+    def __hash__(self) -> int: ...
 
     @property
     def frame(self) -> str:
@@ -63,7 +66,7 @@ class Camera(Protocol):
         ...
 
     def rays(self, shape: tuple[int, int]) -> Array:
-        """Rays of all pixels, shape (height, width, 3)."""
+        """Rays of all pixels, shape (height, width, 3); NaN where a lens (`bends`) has none."""
         ...
 
     def ray_rows(self, shape: tuple[int, int]) -> Array:
@@ -123,14 +126,16 @@ class PinholeCamera:
         Size of the image they hold for, in pixels. Where given, an image of another size is
         refused.
     distortion : tuple of float, optional
-        Radial-tangential coefficients (k1, k2, p1, p2[, k3]) as OpenCV and ROS ("plumb_bob") order
-        them. Rays are undistorted once per camera and image size.
+        Coefficients (k1, k2, p1, p2[, k3[, k4, k5, k6]]) as OpenCV and ROS order them: radial and
+        tangential ("plumb_bob"), with k4 to k6 the rational model ("rational_polynomial"), as of
+        Azure Kinect. Rays are undistorted once per camera and image size. Pixels that the lens
+        cannot have seen, where it folds the image, hold no readings.
 
     Raises
     ------
     ValueError
-        If a focal length is not positive, a number is not finite, the distortion has not 4 or 5
-        coefficients, or width and height are not whole numbers, at least 1, both or neither.
+        If a focal length is not positive, a number is not finite, the distortion has not 4, 5
+        or 8 coefficients, or width and height are not whole numbers, at least 1, both or neither.
 
     Examples
     --------
@@ -169,9 +174,9 @@ class PinholeCamera:
                 )
         if not all(map(is_finite, (self.cx, self.cy, *coefficients))):
             raise ValueError(f"camera: numbers must be finite, got {self}")
-        if len(self.distortion) not in (0, 4, 5):
+        if len(self.distortion) not in COUNTS:
             raise ValueError(
-                "camera: distortion must be (k1, k2, p1, p2) or (k1, k2, p1, p2, k3), "
+                f"camera: distortion must be ({ORDER}), "
                 f"got {counted(len(self.distortion), 'number')}"
             )
         size: tuple[Any, Any] = self.width, self.height
@@ -251,8 +256,14 @@ class PinholeCamera:
         Returns
         -------
         ndarray, shape (height, width, 3)
-            (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy. Read-only: it is computed once
-            per camera and image size.
+            (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy; u and v are NaN where the lens
+            folds the image, at the pixel or beside it. Read-only: it is computed once per camera
+            and image size.
+
+        Raises
+        ------
+        ValueError
+            If that is more than a tenth of the image.
         """
         shape = checked_shape("shape", shape)
         return np.moveaxis(_ray_rows(self, shape).reshape(3, *shape), 0, -1)
@@ -296,7 +307,7 @@ class PinholeCamera:
         ----------
         pixels : array_like, shape (..., 2)
             x and y; pixel centres are at integers. u is NaN where x is, v where y is; with
-            distortion both are.
+            distortion both are, and where the lens sees nothing.
         """
         pixels = np.asarray(pixels, np.float64)
         u = (pixels[..., 0] - self.cx) / self.fx
@@ -368,36 +379,65 @@ class PinholeCamera:
         return out
 
     def directions(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """Undistorted u and v of all pixels, where the ray is (u, v, 1); shape (height, width)."""
-        height, width = shape = checked_shape("shape", shape)
-        u = np.broadcast_to((np.arange(width) - self.cx) / self.fx, shape)
-        v = np.broadcast_to((np.arange(height) - self.cy)[:, None] / self.fy, shape)
-        return undistort(self.distortion, u, v) if any(self.distortion) else (u, v)
+        """Undistorted u and v of all pixels, shape (height, width): `rays` without the third."""
+        shape = checked_shape("shape", shape)
+        if any(self.distortion):
+            u, v, _ = _ray_rows(self, shape).reshape(3, *shape)
+            return u, v
+        return self._on_plane(shape)
+
+    def _on_plane(self, shape: tuple[int, int], margin: int = 0) -> tuple[Array, Array]:
+        """Where pixels lie on the plane z = 1, distorted; with a margin of pixels all around."""
+        height, width = (size + 2 * margin for size in shape)
+        u = (np.arange(width) - margin - self.cx) / self.fx
+        v = (np.arange(height) - margin - self.cy) / self.fy
+        return np.broadcast_to(u, (height, width)), np.broadcast_to(v[:, None], (height, width))
 
 
 @lru_cache(maxsize=RIG)
 def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
-    u, v = camera.directions(shape)
+    u, v = _undistorted(camera, shape) if any(camera.distortion) else camera._on_plane(shape)
     rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
     rows.flags.writeable = False
     return rows
+
+
+def _undistorted(camera: PinholeCamera, shape: tuple[int, int]) -> tuple[Array, Array]:
+    u, v = undistort(camera.distortion, *camera._on_plane(shape, margin=1))
+    blind = np.isnan(u)
+    u, v = u[1:-1, 1:-1], v[1:-1, 1:-1]
+    if blind.any():
+        # Rays change without bound towards a fold: all about a pixel has to be seen.
+        beside = np.lib.stride_tricks.sliding_window_view(blind, (3, 3)).any(axis=(2, 3))
+        if beside.mean() > _UNSEEN:
+            raise ValueError(
+                f"camera: distortion {camera.distortion} cannot be undone over "
+                f"{beside.mean():.0%} of the image; are the coefficients in the order {ORDER}?"
+            )
+        u[beside] = v[beside] = np.nan
+    return u, v
+
+
+def _filled(camera: PinholeCamera, shape: tuple[int, int]) -> tuple[Array, Array]:
+    """`directions` with numbers for pixels without rays, too, which hold no readings."""
+    (u, v), (flat_u, flat_v) = camera.directions(shape), camera._on_plane(shape)
+    blind = np.isnan(u)
+    return (np.where(blind, flat_u, u), np.where(blind, flat_v, v)) if blind.any() else (u, v)
 
 
 @lru_cache(maxsize=RIG)
 def _sectors(camera: PinholeCamera, shape: tuple[int, int]) -> Sectors:
     from planewise.sectors import one_sector  # loads Numba
 
-    u, v = camera.directions(shape)
     straight = not any(camera.distortion)
+    u, v = camera.directions(shape) if straight else _filled(camera, shape)
     return one_sector(u, v, (camera.fx, camera.fy), straight)
 
 
 @lru_cache(maxsize=RIG)
 def _pixel_area(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     if any(camera.distortion):
-        rays = camera.rays(shape)
-        u_y, u_x = np.gradient(rays[..., 0])
-        v_y, v_x = np.gradient(rays[..., 1])
+        (u_y, u_x), (v_y, v_x) = map(np.gradient, _filled(camera, shape))
         area = np.abs(u_x * v_y - u_y * v_x)
         area.flags.writeable = False
     else:

@@ -55,8 +55,9 @@ KINECT_V1 = PinholeCamera(fx=525.0, fy=525.0, cx=319.5, cy=239.5, width=640, hei
 """Kinect v1 and Xtion: the nominal values of the OpenNI drivers."""
 
 AZURE_KINECT = PinholeCamera(fx=504.0, fy=504.0, cx=319.5, cy=319.5, width=640, height=576)
-"""Azure Kinect, NFOV unbinned: typical of factory calibrations (about 504 px); distortion left to
-the caller."""
+"""Azure Kinect, NFOV unbinned: typical of factory calibrations (about 504 px), but for the
+distortion, which moves corners by more than 100 pixels: give all eight coefficients of the device's
+own."""
 
 REALSENSE_D415 = from_field_of_view(1280, 720, 65.0)
 """RealSense D415 at 1280 x 720: 65 degrees (Intel D400 series datasheet)."""

@@ -170,9 +170,11 @@ class DepthImage:
     def tame(self) -> DepthImage:
         """The same without wild readings; itself where there are next to none."""
         wild = wild_readings(self.values, self.low, self.high)
-        if wild is None:
-            return self
-        values = np.where(wild, self.values.dtype.type(0), self.values)
+        return self if wild is None else self.without(wild)
+
+    def without(self, pixels: NDArray[np.bool_]) -> DepthImage:
+        """Return the same without the readings of some pixels, a mask (H, W)."""
+        values = np.where(pixels, self.values.dtype.type(0), self.values)
         if values.dtype == np.uint16:
             return self._of_levels(values, self.scale, int(self.low), int(self.high))
         return self._of_metres(values, self.low, self.high, self.per_metre, Workspace(), self.unit)

@@ -13,14 +13,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import unmasked
-from planewise.camera import Camera, checked_camera
+from planewise.camera import RIG, Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO, ErrorParts
 from planewise.sensor import Sensor, checked_sensor
@@ -275,6 +275,13 @@ def _gathered(rows: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:
     return out
 
 
+@lru_cache(maxsize=RIG)
+def _without_rays(camera: Camera, shape: tuple[int, int]) -> NDArray[np.bool_] | None:
+    """Pixels that the lens of a camera cannot have seen, (H, W); ``None`` where there are none."""
+    blind = np.isnan(camera.ray_rows(shape)).any(axis=0)
+    return blind.reshape(shape) if blind.any() else None
+
+
 def checked_observation(observation: object) -> None:
     """Refuse what is no observation, such as the depth image itself.
 
@@ -306,7 +313,7 @@ def observe(
         Floating point: metres. Integer: units of `depth_scale`. 0, NaN, infinity and readings
         outside the sensor's range are "no reading".
     camera : Camera
-        Its rays.
+        Its rays. Where it has none, as where a lens folds the image, is "no reading", too.
     sensor : Sensor
         Its range, resolution and noise. The noise of integer depth is evaluated once per value;
         noise "auto" is estimated from the image (`planewise.estimate_noise`).
@@ -335,6 +342,8 @@ def observe(
         depth = unmasked("depth", depth).copy()  # the caller may change what it is of
     image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
     checked_camera(camera).check(image.shape)
+    if camera.bends and (blind := _without_rays(camera, image.shape)) is not None:
+        image = image.without(blind)
     seen = RayObservation(
         shape=image.shape,
         range=sensor.range,

@@ -43,7 +43,8 @@ def read_camera(text: str) -> Camera:
         or YAML file, ROS ``camera_info`` included. A file states the intrinsics as ``K``,
         ``camera_matrix``, ``intrinsic_matrix`` or ``intrinsics`` (nine numbers, three rows or four
         numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``, ``distortion``,
-        ``distortion_coefficients`` or the like in the order k1, k2, p1, p2, k3, or by these names;
+        ``distortion_coefficients`` or the like in the order k1, k2, p1, p2[, k3[, k4, k5, k6]], or
+        by these names;
         of ROS also what part of the sensor is read (``roi``, ``binning_x``). A LiDAR's
         file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's metadata
         (`planewise.files.lidar`).
@@ -56,8 +57,8 @@ def read_camera(text: str) -> Camera:
     Raises
     ------
     PlanewiseError
-        If it is none of these, or the camera is neither a pinhole with radial-tangential distortion
-        nor a LiDAR.
+        If it is none of these, or the camera is neither a pinhole with radial-tangential or
+        rational distortion nor a LiDAR.
     """
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
@@ -293,7 +294,7 @@ def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
     Raises
     ------
     PlanewiseError
-        If they describe no pinhole with radial-tangential distortion.
+        If they describe no pinhole with a distortion of `planewise.lens`.
     """
     values = {str(key).lower(): value for key, value in content.items()}
     fx, fy, cx, cy = _intrinsics(values)

@@ -1,4 +1,4 @@
-"""Radial-tangential distortion as calibration files write it down."""
+"""Distortion of a lens as calibration files write it down."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
 from planewise.files.numbers import first_of, numbers_of
+from planewise.lens import COUNTS, ORDER
 
 _PLAIN_MODELS = {
     "",
@@ -20,6 +21,7 @@ _PLAIN_MODELS = {
     "pinhole",
     "opencv",
     "perspective",
+    "rational_polynomial",
 }
 _MODELS = ("distortion_model", "distortion_type", "camera_model", "lens_model", "model")
 _ROWS = (  # names in lower case, without anything between their words
@@ -46,7 +48,7 @@ _OTHER_MODELS = {  # by what says that they are there
 
 
 def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
-    """Coefficients k1, k2, p1, p2[, k3] of named values; empty where all are zero.
+    """Coefficients of named values in the order of `planewise.lens`; empty where all are zero.
 
     They stand in a row, by their own names, or as radial and tangential ones.
 
@@ -61,8 +63,9 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
         If the model is another one, or a distortion is stated in a way that is not known.
     """
     numbers = _numbers(values)
-    if not np.any(numbers[5:]):
-        numbers = numbers[:5]
+    for count in (8, 5):  # what OpenCV writes beyond is zero of most lenses
+        if not np.any(numbers[count:]):
+            numbers = numbers[:count]
     model = str(first_of(values, *_MODELS) or "").lower()
     model = model.removeprefix("distortion.").replace(" ", "_")
     for name, value in values.items():
@@ -70,21 +73,17 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
         if other and (str(value).lower() == "true" or _is_stated(value)):
             model = other
     plain = model in _PLAIN_MODELS
-    # The rational model of eight numbers is the plain one where its last three are zero.
-    plain |= model == "rational_polynomial" and numbers.size <= 5
     if "brown_conrady" in model and not np.any(numbers):
         plain = True
     if not plain:
         raise PlanewiseError(
-            f"has the distortion model {model!r}, which is not supported (plumb_bob is); "
-            "undistort the depth image, or give its rectified camera"
+            f"has the distortion model {model!r}, which is not supported (plumb_bob and "
+            "rational_polynomial are); undistort the depth image, or give its rectified camera"
         )
     if not np.any(numbers):
         return ()
-    if numbers.size not in (4, 5):
-        raise PlanewiseError(
-            f"has {numbers.size} distortion coefficients; expected k1, k2, p1, p2[, k3]"
-        )
+    if numbers.size not in COUNTS:
+        raise PlanewiseError(f"has {numbers.size} distortion coefficients; expected {ORDER}")
     return tuple(numbers.tolist())
 
 
@@ -127,5 +126,8 @@ def _is_stated(value: Any) -> bool:
 
 
 def _by_name(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    if values.get("k4") and not all(name in values for name in _FURTHER):
+        # A fisheye has k1 to k4.
+        raise PlanewiseError("has k4 without k5 and k6: is it a fisheye? These are not supported")
     numbers = [values.get(name) or 0.0 for name in (*_NAMES, *_FURTHER)]
     return np.concatenate([numbers_of(number) for number in numbers])
