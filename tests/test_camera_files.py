@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from planewise import cameras, noise, sensors
+from planewise.camera import PinholeCamera
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera, read_noise, read_sensor
 
@@ -135,6 +136,49 @@ def test_distortion_by_whatever_name(tmp_path, stated):
         assert is_right(camera)
         assert camera.distortion[:4] == COEFFICIENTS
         assert not any(camera.distortion[4:])
+
+
+def test_a_rectified_image_has_the_camera_of_p(tmp_path, caplog):
+    p = [[360, 0, 320, 0], [0, 361, 240, 0], [0, 0, 1, 0]]
+    stated = {"K": MATRIX, "D": [-0.28, 0.07, 0, 0, 0], "P": p, "width": 640, "height": 480}
+    path = write(tmp_path, stated)
+    rectified = read_camera(f"{path}:rect")
+    assert rectified == read_camera(path, rectified=True)
+    assert rectified == PinholeCamera(fx=360, fy=361, cx=320, cy=240, width=640, height=480)
+    halved = write(tmp_path, stated | {"binning_x": 2, "binning_y": 2})
+    assert read_camera(halved, rectified=True) == rectified.scaled(0.5)
+    path = write(tmp_path, stated | {"distortion_model": "rational_polynomial"})
+    raw = read_camera(f"{path}:raw")
+    assert raw.distortion
+    assert is_right(raw)
+    assert not caplog.messages
+    assert read_camera(path) == raw
+    (told,) = caplog.messages
+    assert "camera.json:raw or camera.json:rect" in told
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"D": [0.1, 0, 0, 0, 0]},
+        {"D": [0.1, 0, 0, 0, 0], "P": [0] * 12},
+        {"D": [0.1, 0, 0, 0, 0], "P": np.c_[MATRIX, [0, 0, 0]].tolist()},
+        {"D": [0] * 5, "P": [360, 0, 320, 0, 0, 361, 240, 0, 0, 0, 1, 0]},
+    ],
+)
+def test_one_camera_needs_no_choice(tmp_path, caplog, stated):
+    path = write(tmp_path, {"K": MATRIX} | stated)
+    assert is_right(read_camera(path))
+    assert not caplog.messages
+    if not np.any(stated.get("P")):
+        with pytest.raises(PlanewiseError, match="no camera of rectified images; expected P"):
+            read_camera(f"{path}:rect")
+
+
+def test_names_that_are_no_files_have_no_rectified_camera(tmp_path):
+    for text in ("nyu:rect", "500,500,320,240:rect", str(tmp_path / "none.yaml:raw")):
+        with pytest.raises(PlanewiseError, match="camera: "):
+            read_camera(text)
 
 
 RATIONAL = (0.5, -2.6, 0.001, -0.0003, 1.5, 0.4, -2.5, 1.4)

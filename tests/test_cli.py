@@ -281,10 +281,27 @@ def test_inputs_are_not_written_over(tmp_path, depth):
 def test_a_camera_file_is_not_written_over(depth, tmp_path):
     kept = tmp_path / "planes.json"
     kept.write_text('{"fx": 125, "fy": 125, "cx": 80, "cy": 60}')
-    code, _, errors = run("detect", depth, "--camera", kept, "--noise", "5mm", "-o", tmp_path)
-    assert code == 2
-    assert "written over" in errors
-    assert "fx" in kept.read_text()
+    for camera in (kept, f"{kept}:raw"):
+        code, _, errors = run("detect", depth, "--camera", camera, "--noise", "5mm", "-o", tmp_path)
+        assert code == 2
+        assert "written over" in errors
+        assert "fx" in kept.read_text()
+
+
+def test_a_camera_that_may_be_another_is_told(depth, tmp_path):
+    camera = tmp_path / "camera_info.yaml"
+    camera.write_text(
+        "D: [0.001, 0, 0, 0, 0]\nK: [125, 0, 80, 0, 125, 60, 0, 0, 1]\n"
+        "P: [120, 0, 80, 0, 0, 120, 60, 0, 0, 0, 1, 0]\n"
+    )
+    out = ("--noise", "5mm", "-o", tmp_path / "out")
+    code, _, errors = run("detect", depth, "--camera", camera, *out)
+    assert code == 0
+    assert "camera_info.yaml:raw or camera_info.yaml:rect" in errors
+    code, _, errors = run("detect", depth, "--camera", f"{camera}:rect", *out)
+    assert (code, errors) == (0, "")
+    camera = json.loads((tmp_path / "out" / "planes.json").read_text())["camera"]
+    assert camera == {"fx": 120, "fy": 120, "cx": 80, "cy": 60}
 
 
 @with_signals

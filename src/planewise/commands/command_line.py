@@ -19,7 +19,7 @@ from planewise.commands import terminal
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
 from planewise.errors import NO_ROOM, PlanewiseError
-from planewise.files.camera import read_sensor
+from planewise.files.camera import camera_file, read_sensor
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def check_kept(
     """Refuse to write over what is read; presets and numbers, which name no file, do no harm."""
     targets = {each.resolve() for each in written}
     for each in inputs:
-        if each is not None and Path(each).resolve() in targets:
+        if each is not None and Path(camera_file(str(each))).resolve() in targets:
             raise PlanewiseError(f"{option}: {each} would be written over; choose another place")
 
 

@@ -111,15 +111,12 @@ def camera_of(message: Any, rectified: bool) -> PinholeCamera:
     region = {name: int(getattr(message.roi, name)) for name in REGION}
     values: dict[str, Any] = {
         name: int(getattr(message, name)) for name in ("width", "height", "binning_x", "binning_y")
-    } | {"roi": region}
-    if rectified and field("p").any():
-        values["k"] = field("p").reshape(3, 4)[:, :3].ravel()
-    else:
-        model = message.distortion_model
-        values |= {"k": field("k"), "d": field("d"), "distortion_model": model}
-    if not values["k"].any():
+    } | {"roi": region, "distortion_model": message.distortion_model}
+    values |= {name: field(name) for name in ("k", "d", "p")}
+    rectified &= bool(values["p"].any())
+    if not rectified and not values["k"].any():
         raise PlanewiseError("holds no calibration (K is zero)")
-    return camera_of_mapping(values)
+    return camera_of_mapping(values, rectified=rectified)
 
 
 def points_of(message: Any) -> tuple[NDArray[np.floating], NDArray[np.float32] | None]:

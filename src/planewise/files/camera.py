@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planewise import cameras, noise, sensors
 from planewise.camera import Camera, PinholeCamera
@@ -21,10 +23,13 @@ from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
 from planewise.wording import counted
 
+_LOG = logging.getLogger("planewise")
+
 REGION = "x_offset", "y_offset", "width", "height"
 """What ROS says of the region of a sensor that is read."""
 
 _MAX_BYTES = 1_000_000  # calibrations are a page of text
+_RECTIFIED, _RAW = ":rect", ":raw"  # behind a file's name
 _FOUR = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))  # intrinsics, each by the names it has
 
 NOISE_HELP = (
@@ -33,7 +38,7 @@ NOISE_HELP = (
 )
 
 
-def read_camera(text: str) -> Camera:
+def read_camera(text: str, *, rectified: bool | None = None) -> Camera:
     """Camera from a preset's name, four numbers or a calibration file.
 
     Parameters
@@ -45,9 +50,13 @@ def read_camera(text: str) -> Camera:
         numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``, ``distortion``,
         ``distortion_coefficients`` or the like in the order k1, k2, p1, p2[, k3[, k4, k5, k6]], or
         by these names;
-        of ROS also what part of the sensor is read (``roi``, ``binning_x``). A LiDAR's
-        file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's metadata
-        (`planewise.files.lidar`).
+        of ROS also what part of the sensor is read (``roi``, ``binning_x``). ``:rect`` or ``:raw``
+        behind a file's name says what `rectified` does. A LiDAR's file states ``elevation`` and
+        ``azimuth`` or ``columns``, or is Ouster's metadata (`planewise.files.lidar`).
+    rectified : bool, optional
+        Whether images are rectified, as those of a ROS topic ``image_rect``: their camera is that
+        of P (``projection_matrix``), without distortion. ``None`` means that they are not, with a
+        warning where the file states a P that is another camera.
 
     Returns
     -------
@@ -62,7 +71,9 @@ def read_camera(text: str) -> Camera:
     """
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
-    path = Path(text)
+    path = Path(camera_file(text))
+    if path.name != Path(text).name:
+        rectified = text.endswith(_RECTIFIED)
     if "," in text and not path.is_file():
         return _from_numbers(text)
     if not path.is_file():
@@ -73,13 +84,28 @@ def read_camera(text: str) -> Camera:
     try:
         content = read_mapping(path)
         values = {str(key).lower(): value for key, value in content.items()}
-        return spherical_camera(values) if is_spherical(values) else camera_of_mapping(content)
+        if is_spherical(values) and not rectified:
+            return spherical_camera(values)
+        camera = camera_of_mapping(content, rectified=bool(rectified))
+        if rectified is None and any(camera.distortion) and _rectifies(values):
+            _LOG.warning(
+                f"camera: {path.name} states K and D of raw images, which are taken, and a P of "
+                f"rectified ones; say which yours are: {path.name}{_RAW} or {path.name}{_RECTIFIED}"
+            )
+        return camera
     except PlanewiseError as error:
         if isinstance(error, MissingExtraError):
             raise
         raise PlanewiseError(f"camera: {path.name} {error}") from None
     except ValueError as error:
         raise PlanewiseError(f"{error} (from {path.name})") from None
+
+
+def camera_file(text: str) -> str:
+    """Name of the file that a camera is of, without ``:rect`` or ``:raw``; other text as it is."""
+    if Path(text).is_file():
+        return text
+    return text.removesuffix(_RECTIFIED).removesuffix(_RAW)
 
 
 def no_camera(what: str) -> PlanewiseError:
@@ -288,8 +314,8 @@ def _parse_yaml(text: str) -> Any:
         raise PlanewiseError(f"is not valid YAML ({first})") from None
 
 
-def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
-    """Camera of named values, as files state them; see `read_camera`.
+def camera_of_mapping(content: Mapping[str, Any], *, rectified: bool = False) -> PinholeCamera:
+    """Camera of named values, as files state them, or of rectified images; see `read_camera`.
 
     Raises
     ------
@@ -297,6 +323,8 @@ def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
         If they describe no pinhole with a distortion of `planewise.lens`.
     """
     values = {str(key).lower(): value for key, value in content.items()}
+    if rectified:
+        values = values | {"k": _projection(values)}
     fx, fy, cx, cy = _intrinsics(values)
     width, height = _size(values)
     camera = PinholeCamera(
@@ -306,7 +334,7 @@ def camera_of_mapping(content: Mapping[str, Any]) -> PinholeCamera:
         cy=cy,
         width=width,
         height=height,
-        distortion=distortion_of(values),
+        distortion=() if rectified else distortion_of(values),
     )
     return _read_out(camera, values)
 
@@ -320,6 +348,28 @@ def _read_out(camera: PinholeCamera, values: Mapping[str, Any]) -> PinholeCamera
             camera = camera.cropped(top, left, (height, width))
     across, down = (_pixels(values.get(name)) or 1 for name in ("binning_x", "binning_y"))
     return camera if across == down == 1 else camera.binned(across, down)
+
+
+def _rectifies(values: Mapping[str, Any]) -> bool:
+    """Whether P is stated, and another camera than K."""
+    if not _stated_projection(values).any():
+        return False
+    return not np.allclose(_intrinsics(values), _intrinsics({"k": _projection(values)}))
+
+
+def _projection(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    """Matrix 3 x 3 of P, the camera of rectified images."""
+    numbers = _stated_projection(values)
+    if numbers.size != 12 or not numbers.any():
+        raise PlanewiseError(
+            "states no camera of rectified images; expected P or projection_matrix, 3 x 4 numbers"
+        )
+    return numbers.reshape(3, 4)[:, :3]
+
+
+def _stated_projection(values: Mapping[str, Any]) -> NDArray[np.float64]:
+    given = first_of(values, "p", "projection_matrix")
+    return numbers_of(() if given is None else given)
 
 
 def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
