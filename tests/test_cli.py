@@ -422,7 +422,8 @@ def test_readings_out_of_range_are_said(depth, out, scene):
     assert code == 0
     assert "0 planes" not in text
     assert re.search(r"warning: \d+ of 19200 lie outside the sensor's range of 0 to ", errors)
-    assert "is a unit 1 mm (--depth-scale 0.001)?" in errors
+    assert "units were taken for 1 mm (--depth-scale 0.001)" in errors
+    assert "are they 1/5000 m (--depth-scale 0.0002)?" in errors
     code, text, errors = run("detect", depth.parent, *arguments)
     assert "warning: depth.png: " in errors
 

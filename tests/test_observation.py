@@ -169,9 +169,14 @@ def test_why_there_are_no_readings_is_said(camera):
     far = pw.observe(np.full((48, 64), 2000.0), camera, SENSOR)
     assert "is the depth in metres?" in far.note
     fine = pw.observe(np.full((48, 64), 20_000, np.uint16), camera, SENSOR)
-    assert "is a unit 1 mm (depth_scale = 0.001)?" in fine.note
+    taken = (
+        "units were taken for 1 mm (depth_scale = 0.001); are they 1/5000 m (depth_scale = 0.0002)?"
+    )
+    assert fine.note.endswith(taken)
     finer = pw.observe(np.full((48, 64), 200_000), camera, SENSOR)  # more than 16 bits
-    assert "is a unit 1 mm (depth_scale = 0.001)?" in finer.note
+    assert finer.note.endswith(taken)
+    known = pw.observe(np.full((48, 64), 60_000, np.uint16), camera, SENSOR, depth_scale=0.0002)
+    assert known.note.endswith("units were taken for 0.2 mm (depth_scale = 0.0002)")
     inverse = pw.observe(np.full((48, 64), 10_000, np.uint16), camera, SENSOR, depth_scale=5000)
     assert "depth_scale is metres per unit: 0.0002 rather than 5000?" in inverse.note
     assert "0 valid readings" in pw.observe(np.zeros((48, 64)), camera, SENSOR).note

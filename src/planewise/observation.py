@@ -234,7 +234,8 @@ class RayObservation(Observation):
         elif scale > 1:
             unit = f"depth_scale is metres per unit: {1 / scale:g} rather than {scale:g}?"
         else:
-            unit = f"is a unit {1000 * scale:g} mm (depth_scale = {scale:g})?"
+            unit = f"units were taken for {1000 * scale:g} mm (depth_scale = {scale:g})"
+            unit += "; are they 1/5000 m (depth_scale = 0.0002)?" if scale == 0.001 else ""
         return (
             f"{beyond} of {self.image.present} lie outside the sensor's range of "
             f"{self.sensor.min_depth:g} to {self.sensor.max_depth:g} m; {unit}"

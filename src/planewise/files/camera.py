@@ -33,7 +33,7 @@ _RECTIFIED, _RAW = ":rect", ":raw"  # behind a file's name
 _FOUR = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))  # intrinsics, each by the names it has
 
 NOISE_HELP = (
-    "0.005 or 5mm (the same at every depth), 1% (of the depth), a formula in z such as "
+    "0.005 or 5mm (the same at every depth), 1% (of the depth), 1mm + 0.1%, a formula in z such as "
     "'0.001 + 0.002*z^2' or '0.0012 + 0.0019*(z - 0.4)^2', or a preset's name"
 )
 
@@ -175,9 +175,9 @@ def read_noise(text: str) -> Noise:
     ----------
     text : str
         ``"0.005"`` or ``"5mm"``: sigma is the same at every depth. ``"1%"``: a share of the depth.
-        ``"a + b*z + c*z^2"``, ``"a + c*(z - d)^2"``: a formula in metres, any term may be left
-        out; the square is 0 nearer than d. ``"kinect"`` or a key of `planewise.sensors.PRESETS`:
-        that sensor's noise.
+        ``"1mm + 0.1%"``: their sum. ``"a + b*z + c*z^2"``, ``"a + c*(z - d)^2"``: a formula in
+        metres, any term may be left out; the square is 0 nearer than d. ``"kinect"`` or a key of
+        `planewise.sensors.PRESETS`: that sensor's noise.
 
     Returns
     -------
@@ -204,11 +204,7 @@ def read_noise(text: str) -> Noise:
         assert callable(model)
         return model
     try:
-        if number := re.fullmatch(rf"({_NUMBER})\s*%", name):
-            return noise.proportional(float(number[1]) / 100)
-        if (sigma := read_length(name)) is not None:
-            return noise.constant(sigma)
-        return _formula(name.removesuffix("m"))
+        return _formula(name)
     except ValueError as error:
         detail = f" ({error})" if str(error) else ""
         raise PlanewiseError(f"noise: {text!r} is not {NOISE_HELP}{detail}") from None
@@ -223,28 +219,30 @@ def read_length(text: str) -> float | None:
     0.005
     """
     length = re.fullmatch(rf"({_NUMBER})\s*(mm|cm|m)?", text.strip().lower())
-    return None if length is None else float(length[1]) / {"mm": 1000, "cm": 100}.get(length[2], 1)
+    return None if length is None else float(length[1]) / _PARTS.get(length[2], 1)
 
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|[-+]?inf"
+_PARTS = {"mm": 1000, "cm": 100, "%": 100}
 _TERM = re.compile(
-    rf"\s*(?P<size>{_NUMBER})?\s*\*?\s*"
+    rf"\s*(?P<size>{_NUMBER})?\s*(?:(?P<unit>mm|cm|%)|\*?\s*"
     r"(?:(?P<linear>z)(?!\s*(?:\^|\*\*))|(?P<square>z|\(\s*z\s*-\s*(?P<offset>[\d.e-]+)\s*\))"
-    r"\s*(?:\^|\*\*)\s*2)?\s*(?:\+|$)"
+    r"\s*(?:\^|\*\*)\s*2)?\s*m?)\s*(?:\+|$)"
 )
 
 
 def _formula(text: str) -> Polynomial:
-    """Parse a sum of terms: a number, number*z, number*z^2, number*(z - number)^2."""
+    """Parse a sum of terms: a length, number%, number*z, number*z^2, number*(z - number)^2."""
     terms = {"constant": 0.0, "linear": 0.0, "quadratic": 0.0, "offset": 0.0}
     seen: set[str] = set()
     at = 0
     while at < len(text):
         term = _TERM.match(text, at)
-        if term is None or not term[0].strip(" +"):
+        if term is None or not term[0].strip(" +*cm%"):
             raise ValueError(f"cannot read {text[at:].strip()!r}")
-        size = 1.0 if term["size"] is None else float(term["size"])
-        name = "linear" if term["linear"] else "quadratic" if term["square"] else "constant"
+        size = float(term["size"] or 1) / _PARTS.get(term["unit"], 1)
+        share = term["linear"] or term["unit"] == "%"
+        name = "linear" if share else "quadratic" if term["square"] else "constant"
         if name in seen:
             raise ValueError(f"two {name} terms")
         seen.add(name)

@@ -24,6 +24,14 @@ _PLAIN_MODELS = {
     "rational_polynomial",
 }
 _MODELS = ("distortion_model", "distortion_type", "camera_model", "lens_model", "model")
+_REALSENSE = (  # by their numbers in librealsense
+    "none",
+    "modified_brown_conrady",
+    "inverse_brown_conrady",
+    "ftheta",
+    "brown_conrady",
+    "kannala_brandt4",
+)
 _ROWS = (  # names in lower case, without anything between their words
     "d",
     "distortion",
@@ -62,11 +70,17 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
     PlanewiseError
         If the model is another one, or a distortion is stated in a way that is not known.
     """
+    if isinstance(values.get("distortion"), str):  # RealSense names the model so
+        values = {_MODELS[0]: values["distortion"], **values}
+        del values["distortion"]
     numbers = _numbers(values)
     for count in (8, 5):  # what OpenCV writes beyond is zero of most lenses
         if not np.any(numbers[count:]):
             numbers = numbers[:count]
-    model = str(first_of(values, *_MODELS) or "").lower()
+    stated = first_of(values, *_MODELS)
+    if stated in range(len(_REALSENSE)):
+        stated = _REALSENSE[stated]
+    model = str(stated or "").lower()
     model = model.removeprefix("distortion.").replace(" ", "_")
     for name, value in values.items():
         other = _OTHER_MODELS.get(_bare(name))

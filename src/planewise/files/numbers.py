@@ -17,7 +17,7 @@ def first_of(values: Mapping[str, Any], *names: str) -> Any:
 
 
 def numbers_of(value: Any) -> NDArray[np.float64]:
-    """All numbers of a value, in a row; of OpenCV's and ROS's matrices those in ``data``.
+    """All numbers of a value or text, in a row; of OpenCV's and ROS's matrices those in ``data``.
 
     Raises
     ------
@@ -27,7 +27,8 @@ def numbers_of(value: Any) -> NDArray[np.float64]:
     if isinstance(value, dict):
         value = value.get("data")
     try:
-        return np.asarray(value, dtype=np.float64).reshape(-1)
+        numbers = value.split() if isinstance(value, str) else value
+        return np.asarray(numbers, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
         raise PlanewiseError(f"holds {value!r} where numbers are expected") from None
     except OverflowError:
