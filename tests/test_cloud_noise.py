@@ -241,6 +241,39 @@ def test_where_most_is_rougher_than_what_is_quiet_phi_decides():
     assert 0.015 < found.noise.constant < 0.05
 
 
+def facade_and_ground(distance, share, sigma, count=60_000):
+    """Ground before a facade that holds a share of the points, and where a scanner stands on it."""
+    rng, wall = np.random.default_rng(0), int(share * count)
+    place = np.array([0.0, -distance, 1.7])
+    points = rng.uniform((-15, 2 - distance, 0), (15, 0, 10), (count, 3))
+    points[:wall, 1], points[wall:, 2] = 0.0, 0.0
+    rays = points - place
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    return points + rays * rng.normal(0, sigma, (count, 1)), np.arange(count) < wall
+
+
+@pytest.mark.parametrize(
+    ("distance", "share", "sigma"), [(30, 0.5, 0.002), (60, 0.5, 0.01), (15, 0.3, 0.002)]
+)
+def test_a_facade_errs_by_more_than_the_ground_that_a_scanner_grazes(distance, share, sigma):
+    points, wall = facade_and_ground(distance, share, sigma)
+    model = pw.detect_planes_in_points(points, replace(AUTO, max_depth=90.0))
+    assert len(model) == 2
+    for mine in (wall, ~wall):
+        assert (model.labels[mine] > 0).mean() > 0.99
+
+
+def test_planes_confirm_no_noise_where_what_they_leave_is_flat():
+    rng = np.random.default_rng(0)
+    calm, loud = (
+        np.column_stack((rng.uniform(0, 6, (20_000, 2)), at + rng.normal(0, sigma, 20_000)))
+        for at, sigma in ((0.0, 0.004), (4.0, 0.04))
+    )
+    points = np.vstack((calm, loud))
+    assert told(points).noise.constant > 0.015
+    assert len(pw.detect_planes_in_points(points, AUTO)) == 2
+
+
 @pytest.mark.parametrize(
     "points",
     [

@@ -8,8 +8,9 @@ so the estimate comes from below, as that of depth images (`calibration.estimate
 Points of a depth image lie on slices, the steps of its depth (`clouds.depth_steps`): then no cube
 counts as flatter than these steps, and sigma is a function of the range, that along the rays.
 
-Where most cubes are rougher than that, what is quiet is not the noise of the rest: near a scanner,
-or along its lines. Then sigma is doubled until Phi rises (`clouds.noise_factor`).
+Where most points lie in rougher cubes, or the rougher cubes agree on a noise of their own, what is
+quiet is not the noise of the rest: near a scanner, along its lines, or on ground that it grazes.
+Then sigma is doubled while Phi falls (`clouds.noise_factor`).
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ _SAMPLE = 200_000  # points that say how large such a part is
 _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
-_SURE = 0.6  # share of the cubes that are flat, above which noise is that of all
+_SURE = 0.6  # share of the points in cubes that lies in flat ones, above which noise is that of all
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
 
@@ -176,11 +177,16 @@ def cloud_noise(
     noise = constant(told.sigma)
     if rays is not None:
         noise = _of_range(sizes, rounding) or _of_steps(sizes, rounding) or noise
-    if told.share < _SURE and not rounding.has_steps:
+    if not rounding.has_steps and _differs(told, dict(sizes)[told.side], floor):
         # Its compiled loops are loaded only where they are used.
         from planewise.clouds.noise_factor import noise_factor
 
-        noise = noise.scaled(noise_factor(some, sensor, noise, seen_from, workers))
+        def noise_of(points: Points) -> float:
+            sizes = _sizes(points, centre, reach, None, workers)
+            told = _best([each for each in sizes if each[0] < 0.5 * wide], floor, _FULL)
+            return told.sigma if told is not None and told.share >= _SURE else 0.0
+
+        noise = noise.scaled(noise_factor(some, sensor, noise, seen_from, noise_of, workers))
     return CloudNoise(noise=noise, cubes=told.cubes, side=told.side)
 
 
@@ -322,7 +328,7 @@ def _begins(keys: NDArray[np.uint64]) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class _Told:
-    """What cubes of one size say: sigma in metres; flat ones, their share, degrees of freedom."""
+    """What cubes of one size say: sigma in metres; flat ones, their share of points, freedom."""
 
     sigma: float
     cubes: int
@@ -349,7 +355,7 @@ def _best(sizes: list[tuple[float, Array]], floor: float, full: float = math.inf
 def _told(side: float, cubes: Array, floor: float) -> _Told:
     """From below: the mean of the cubes that are not much rougher, again and again."""
     variance, freedom = cubes[:, VARIANCE], cubes[:, FREEDOM]
-    rough = 1.0 + _ROUGH * np.sqrt(2.0 / freedom)
+    rough = _roughest(cubes)
     square = max(float(np.quantile(variance, _START)), floor)
     for _ in range(_STEPS):
         flat = variance <= rough * square
@@ -360,7 +366,25 @@ def _told(side: float, cubes: Array, floor: float) -> _Told:
             break
     flat = variance <= rough * square
     weight = float(np.minimum(freedom[flat], _ENOUGH).sum())
-    return _Told(math.sqrt(square), int(flat.sum()), float(flat.mean()), weight, side)
+    share = float(freedom[flat].sum() / freedom.sum())
+    return _Told(math.sqrt(square), int(flat.sum()), share, weight, side)
+
+
+def _roughest(cubes: Array) -> Array:
+    """Variance of cubes that are still flat, against that of the noise."""
+    return np.asarray(1.0 + _ROUGH * np.sqrt(2.0 / cubes[:, FREEDOM]))
+
+
+def _differs(told: _Told, cubes: Array, floor: float) -> bool:
+    """Whether noise is not that of all: most err by more, or those that err by twice as much agree.
+
+    cubes: of the size that told it.
+    """
+    if told.share < _SURE:
+        return True
+    rougher = cubes[cubes[:, VARIANCE] > _roughest(cubes) * (2.0 * told.sigma) ** 2]
+    other = _best([(told.side, rougher)], floor)
+    return other is not None and other.share >= _SURE
 
 
 def _of_range(sizes: list[tuple[float, Array]], rounding: Rounding) -> Polynomial | None:

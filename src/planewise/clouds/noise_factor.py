@@ -1,12 +1,13 @@
 """How much more points err than the quiet ones among them: models with different noise compare.
 
-Where most cubes are rougher than the noise of the quiet ones, as near a scanner or along its lines,
-that is not the noise of the rest.
+Where many points lie in cubes that are rougher than the quiet ones, as near a scanner, along its
+lines, or on a facade beside ground that it grazes, noise of these is not that of the rest.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -26,13 +27,22 @@ def noise_factor(
     sensor: Sensor,
     noise: Polynomial,
     origin: NDArray[np.float64] | None,
+    noise_of: Callable[[NDArray[np.floating]], float],
     workers: int,
 ) -> float:
     """Power of two that noise is multiplied by for the lowest Phi.
 
     None where a good part of the points is on planes and errs by no more than that: Phi falls for
-    larger noise, too, where layers of what fills space, such as crowns of trees, pay then.
+    larger noise, too, where layers of what fills space, such as crowns of trees, pay then. But
+    where what is on no plane is flat and errs twice as much, it has planes of its own, and Phi may
+    rise before it falls by these.
+
+    noise_of: returns the standard deviation of points if most lie on something flat, else 0.
     """
+
+    def lost(model: PlaneModel, sigma: float) -> bool:
+        return origin is None and noise_of(points[model.labels == 0]) >= 2.0 * sigma
+
     best, lowest = 0, math.inf
     for power in range(_DOUBLED + 1):
         model = cloud_model(
@@ -40,11 +50,13 @@ def noise_factor(
             instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
             workers=workers, rng=np.random.default_rng(0),
         )  # fmt: skip
-        if not model.information < lowest:
+        sigma = 2.0**power * noise.constant
+        enough = not model.information < lowest
+        if not enough:
+            best, lowest = power, model.information
+            enough = not power and origin is None and _confirms(model, sigma)
+        if enough and not lost(model, sigma):
             break
-        if not power and origin is None and _confirms(model, noise.constant):
-            break
-        best, lowest = power, model.information
     return 2.0**best
 
 
