@@ -580,6 +580,20 @@ def test_points_that_lie_farther_from_planes_than_told_are_said_to():
     assert right.settings["sigma_factor"] == pytest.approx(1.0, abs=0.1)
 
 
+def test_lines_of_two_strips_one_above_the_other_are_no_walls():
+    """Lines of a strip lie along those of the other, farther above them than either errs."""
+    rng, strips = np.random.default_rng(0), []
+    for shift, height in ((0.0, 0.0), (0.17, 0.05)):
+        x, y = np.meshgrid(np.arange(-20, 20, 0.15) + shift, np.arange(-20, 20, 0.5))
+        x, z = x + rng.normal(0, 0.02, x.shape), height + rng.normal(0, 0.01, x.shape)
+        strips.append(np.column_stack((x.ravel(), y.ravel(), z.ravel())))
+    sensor = pw.Sensor(max_depth=100.0, resolution=0.001, noise=0.01)
+    model = pw.detect_planes_in_points(np.vstack(strips), sensor)
+    assert len(model) == 1
+    assert (model.labels > 0).mean() > 0.99
+    assert model.settings["sigma_factor"] > 2.0
+
+
 def test_arrays_of_a_cloud_may_be_lists():
     cloud = pw.PointCloud(points=[[0, 0, 1], [1, 0, 1]], offset=[5, 0, 0], origins=[[0, 0, 0]])
     assert_array_equal(cloud.coordinates, [[5, 0, 1], [6, 0, 1]])

@@ -32,6 +32,7 @@ _LEAST_PART = 2_000  # cubes that are worth a thread
 _SAMPLED = 1_000_000  # points that stand for more
 _PART = 1 << 16  # points whose noise is evaluated at once: arrays of them fit the cache
 _GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
+WIDE = 0.15  # least ratio of the variances in a plane: points of a line lie in one that is none
 STEEPEST = 0.06  # variance of a slope that a cell's points have to tell better
 FEWEST = 6.0  # points of a cell
 FEWEST_TOLD = 50  # cells, or pairs of them, that can tell
@@ -165,7 +166,9 @@ def roughness_of(nodes: Array, workers: int) -> float | None:
     """
     ratios = np.empty(len(nodes))
     over_part(
-        lambda first, last: kernels.roughness(nodes, STEEPEST, FEWEST + 2.0, first, last, ratios),
+        lambda first, last: kernels.roughness(
+            nodes, STEEPEST, WIDE, FEWEST + 2.0, first, last, ratios
+        ),
         0, len(nodes), workers, _LEAST_PART,
     )  # fmt: skip
     ratios = ratios[ratios >= 0.0]

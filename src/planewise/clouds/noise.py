@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import checked_points
 from planewise.calibration.fit import fit_polynomial
-from planewise.clouds.cloud import STEEPEST, mean_origins, middle_of, side_for
+from planewise.clouds.cloud import STEEPEST, WIDE, mean_origins, middle_of, side_for
 from planewise.clouds.depth_steps import Rounding
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, Order, blocks_of, extent_in_blocks, order_of
@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 Points = NDArray[np.floating]
 
 _FEWEST = 8.0  # points of a cube
-_WIDE = 0.15  # least ratio of the variances of a cube's points in its plane
 _GRAZING = 0.1  # least cos^2 between ray and normal
 _THICK = 12.0  # standard deviations that the side of a cube has at least: it must not cut the sheet
 _FULL = 0.12  # of the side: at most 1 / sqrt 12, at which points fill a cube
@@ -308,7 +307,7 @@ def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]
     )  # fmt: skip
     if origin is not None:
         seen_from = mean_origins(origin, order, starts) - grid.centre
-    limits = _FEWEST, _WIDE, STEEPEST, _GRAZING
+    limits = _FEWEST, WIDE, STEEPEST, _GRAZING
     for _ in range(_LEVELS):
         out = np.empty((len(nodes), 3))
         yield out[: kernels.flat_cubes(nodes, seen_from, limits, out)]

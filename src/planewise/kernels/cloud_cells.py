@@ -114,10 +114,12 @@ def foreshorten(nodes, origins, tilt, least, steepest, variance):  # type: ignor
 
 
 @compiled
-def roughness(nodes, tilt, least, first, last, ratios):  # type: ignore[no-untyped-def]
+def roughness(nodes, tilt, wide, least, first, last, ratios):  # type: ignore[no-untyped-def]
     """chi^2 of nodes[first:last] about their planes over its lower quartile for so many points.
 
-    Writes ratios (n,), -1 where the points of a node tell no plane.
+    tilt: largest variance of a slope; wide: least ratio of the two variances in the plane, for
+    lines of a scanner, one above the other, lie in a plane that is no surface; least: number of
+    points. Writes ratios (n,), -1 where the points of a node tell no plane.
     """
     row = np.empty(ROW)
     for node in range(first, last):
@@ -127,8 +129,8 @@ def roughness(nodes, tilt, least, first, last, ratios):  # type: ignore[no-untyp
             continue
         for e in range(ROW):
             row[e] = nodes[node, e]
-        chi2, _, middle = write_normal(row)
-        if middle > 0.0 and 1.0 / middle < tilt:
+        chi2, largest, middle = write_normal(row)
+        if middle > wide * largest and 1.0 / middle < tilt:
             freedom = count - 3.0
             # Wilson and Hilferty
             spread_ = 2.0 / (9.0 * freedom)
