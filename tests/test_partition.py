@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 
 import numpy as np
@@ -239,6 +240,15 @@ def test_segment_anything_says_which_extra_it_needs(monkeypatch, camera):
     assert SegmentAnything(model="/a/folder/").describe() == (
         "Segment Anything (folder), stability of at least 0.98"
     )
+
+
+@pytest.mark.parametrize(
+    "place", ["../nowhere", "/no/where", "./sam", "nowhere/", "a/b/c", "a\\b\\c"]
+)
+def test_a_folder_of_weights_that_is_not_there_is_said(place, camera):
+    view = View(depth=np.ones(SHAPE), camera=camera, rgb=np.zeros((*SHAPE, 3), np.uint8))
+    with pytest.raises(ValueError, match=f"sam: there is no folder {re.escape(place)}; give a"):
+        SegmentAnything(model=place)(view)
 
 
 @pytest.fixture(scope="module")

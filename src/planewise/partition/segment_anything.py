@@ -7,10 +7,12 @@ twice. This is what the authors' generator of masks does; that of `transformers`
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
 Masks = NDArray[np.bool_]
 
 _KINDS = ("sam", "sam2", "sam2_video")
+_PATH = re.compile(r"[./~\\]|.*[/\\](.*[/\\]|$)")  # no name on the hub, OWNER/NAME, is like that
 _OFFSET = 1.0  # of the network's output: how far the cut is moved to see whether a mask is stable
 
 
@@ -172,6 +175,11 @@ class _Network:
 @lru_cache(maxsize=1)
 def _network(model: str, device: str) -> _Network:
     """Load weights; those used last are kept."""
+    if _PATH.match(model) and not Path(model).is_dir():
+        raise PlanewiseError(
+            f"sam: there is no folder {model}; give a folder with weights, or a name on the hub "
+            "such as facebook/sam-vit-huge"
+        )
     try:
         import PIL  # noqa: F401
         import torch
