@@ -230,10 +230,12 @@ def test_graph_says_which_extra_it_needs(monkeypatch, view):
         Graph()(view)
 
 
-def test_segment_anything_says_which_extra_it_needs(monkeypatch, camera):
-    monkeypatch.setitem(__import__("sys").modules, "torch", None)
+@pytest.mark.parametrize(("module", "package"), [("torch", "torch"), ("PIL", "pillow")])
+def test_segment_anything_says_which_extra_it_needs(monkeypatch, camera, module, package):
+    monkeypatch.setitem(__import__("sys").modules, module, None)
     view = View(depth=np.ones(SHAPE), camera=camera, rgb=np.zeros((*SHAPE, 3), np.uint8))
-    with pytest.raises(ValueError, match=r"pip install 'planewise\[sam\]'"):
+    message = rf"needs the package {package}, .* pip install 'planewise\[sam\]'"
+    with pytest.raises(ValueError, match=message):
         SegmentAnything(model="none of this name")(view)
     with pytest.raises(ValueError, match=r"stability must lie in 0 \.\.\. 1, got 2"):
         SegmentAnything(stability=2)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite, make_counts
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import MissingExtraError, PlanewiseError, in_one_line, needs
 
 if TYPE_CHECKING:
     from planewise.partition.partitioner import View
@@ -180,8 +180,9 @@ def _network(model: str, device: str) -> _Network:
             f"sam: there is no folder {model}; give a folder with weights, or a name on the hub "
             "such as facebook/sam-vit-huge"
         )
-    try:
+    with needs("pillow", "the partition 'sam'", "sam"):
         import PIL  # noqa: F401
+    try:
         import torch
         from transformers import AutoConfig, AutoModelForMaskGeneration
         from transformers.image_processing_base import ImageProcessingMixin
