@@ -8,22 +8,18 @@ from planewise import scenes
 
 
 @pytest.mark.parametrize(
-    ("search", "objective"), [("joint", "paper"), ("sequential", "paper"), ("joint", "spatial")]
+    "options",
+    [
+        {"objective": "paper"},
+        {"search": "sequential", "confidence": 0.99, "inlier_ratio": 0.25},
+        {"objective": "spatial"},
+    ],
 )
 @pytest.mark.parametrize("name", ["staircase", "corner"])
-def test_four_planes_at_every_seed(name, search, objective):
+def test_four_planes_at_every_seed(name, options):
     for seed in range(20):
         scene = getattr(scenes, name)(rng=seed)
-        model = pw.detect_planes(
-            scene.depth,
-            scene.camera,
-            scene.sensor,
-            search=search,
-            objective=objective,
-            confidence=0.99,
-            inlier_ratio=0.25,
-            max_planes=8,
-        )
+        model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, max_planes=8, **options)
         assert len(model) == 4
         normals = np.array([plane.normal for plane in model.planes])
         cosine = np.clip(scene.planes[:, :3] @ normals.T, -1, 1).max(axis=1)
