@@ -1,5 +1,7 @@
 """Hyperplanes of free points in n dimensions, under the paper's objective."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise.paper.sequential import trial_count
 
 SIGMA = 0.01
 SENSOR = pw.Sensor(max_depth=4.0, resolution=0.001, noise=SIGMA)
@@ -39,6 +42,16 @@ def test_hyperplanes_among_as_many_outliers(n, count, search):
         for row in truth:
             near = rows[np.argmin(np.linalg.norm(rows - row, axis=1))]
             assert_allclose(near, row, atol=5 * SIGMA / 20 * n)
+
+
+@pytest.mark.parametrize("n", [7, 9])
+def test_samples_in_many_dimensions_are_not_waited_for_until_tomorrow(n):
+    points, _ = hyperplanes(n, 1, np.random.default_rng(0))
+    with pytest.raises(ValueError, match=f"got 0.1: a plane in {n} dimensions would") as refused:
+        pw.detect_planes_in_points(points, SENSOR, search="sequential")
+    least = float(re.search(r"give at least ([\d.]+),", str(refused.value)).group(1))
+    assert 5e6 < trial_count(0.99, least, n) <= 1e7
+    assert trial_count(0.99, 0.1, 6) < 1e7
 
 
 @pytest.mark.parametrize("search", ["joint", "sequential"])

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
 _CHUNK = 16_384  # samples held at a time
-_MOST_TRIALS = 1e9  # hours for one plane
+_MOST_TRIALS = 1e7  # minutes for a thousand points
 
 
 def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
@@ -30,7 +30,7 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     Raises
     ------
     ValueError
-        If c or r is no share, or r so small that no search would end.
+        If c or r is no share, or r so small for so many dimensions that it takes minutes a plane.
 
     Examples
     --------
@@ -43,9 +43,11 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     alone = float(inlier_ratio) ** dimension
     trials = math.log1p(-confidence) / math.log1p(-alone) if alone else math.inf
     if trials > _MOST_TRIALS:
+        least = (-math.expm1(math.log1p(-confidence) / _MOST_TRIALS)) ** (1 / dimension)
         raise ValueError(
-            f"inlier_ratio is too small, got {inlier_ratio!r}: a plane would take {trials:.3g} "
-            f"samples, more than {_MOST_TRIALS:.0e}"
+            f"inlier_ratio is too small, got {inlier_ratio!r}: a plane in {dimension} dimensions "
+            f"would take {trials:.3g} samples, more than {_MOST_TRIALS:.0e}; give at least "
+            f"{math.ceil(1000 * least) / 1000:g}, a smaller confidence, or search='joint'"
         )
     return max(1, math.ceil(trials))
 
