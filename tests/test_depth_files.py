@@ -12,8 +12,17 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from planewise.datasets.paths import listed
 from planewise.errors import PlanewiseError
-from planewise.files.depth import MAX_PIXELS, list_depth_files, natural_order, read_depth
+from planewise.files.depth import (
+    MAX_PIXELS,
+    is_depth_file,
+    list_depth_files,
+    natural_order,
+    read_depth,
+)
+from planewise.results.cloud import CLOUD_FILES
+from planewise.results.image import FILES, OUTLINE_FILES
 
 DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
 METRES = (DEPTH / 1000).astype(np.float32)
@@ -234,6 +243,16 @@ def test_folder_is_listed_in_natural_order(tmp_path):
         list_depth_files(tmp_path / "sub.png")
     with pytest.raises(PlanewiseError, match="not a folder"):
         list_depth_files(tmp_path / "notes.txt")
+
+
+def test_results_in_a_folder_of_depth_images_are_none(tmp_path):
+    for name in ("1.png", *FILES, *OUTLINE_FILES, *CLOUD_FILES):
+        (tmp_path / name).write_bytes(b"")
+    assert [path.name for path in list_depth_files(tmp_path)] == ["1.png"]
+    assert [path.name for path in listed(tmp_path, is_depth_file)] == ["1.png"]
+    (tmp_path / "planes.json").unlink()
+    names = ["1.png", "curve.png", "labels.png", "overlay.png", "preview.png"]
+    assert [path.name for path in list_depth_files(tmp_path)] == names
 
 
 def test_what_goes_with_depth_is_not_taken_for_it(tmp_path):

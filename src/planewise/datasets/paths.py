@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
-from planewise.files.depth import natural_order
+from planewise.files.depth import natural_order, without_results
 
 LARGEST_TEXT = 100_000_000
 """Bytes; lists of frames are far smaller."""
@@ -37,7 +37,9 @@ def inside(root: Path, name: str | Path) -> Path:
 
 
 def listed(folder: Path, wanted: Callable[[Path], bool]) -> list[Path]:
-    """Files of a folder in natural order (frame 2 before frame 10); hidden ones are left out.
+    """Files of a folder in natural order (frame 2 before frame 10).
+
+    Hidden ones are left out, and so are pictures that a run wrote.
 
     Raises
     ------
@@ -47,7 +49,7 @@ def listed(folder: Path, wanted: Callable[[Path], bool]) -> list[Path]:
     if not folder.is_dir():
         raise PlanewiseError(f"{folder} is not a folder")
     paths = (path for path in folder.iterdir() if not path.name.startswith("."))
-    return sorted(filter(wanted, paths), key=natural_order)
+    return sorted(filter(wanted, without_results(paths)), key=natural_order)
 
 
 def text_of(root: Path, name: str) -> str:

@@ -11,7 +11,7 @@ import logging
 import math
 import re
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +31,7 @@ MAX_PIXELS = 50_000_000
 
 _LOG = logging.getLogger("planewise")
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
+_RESULTS = {"labels.png", "overlay.png", "curve.png", "preview.png"}  # beside planes.json
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
 _EXR = b"\x76\x2f\x31\x01"
 _SAMPLES = 339  # its tag that says whether numbers are signed
@@ -105,8 +106,17 @@ def is_depth_file(path: Path) -> bool:
     return path.suffix.lower() in _READERS and not path.name.startswith(".")
 
 
+def without_results(paths: Iterable[Path]) -> list[Path]:
+    """Of the files of a folder those that are no pictures of a run's, which has a planes.json."""
+    known = list(paths)
+    written = _RESULTS if any(path.name == "planes.json" for path in known) else ()
+    return [path for path in known if path.name not in written]
+
+
 def list_depth_files(folder: str | Path) -> list[Path]:
     """Depth files of a folder in natural order (frame 2 before frame 10), others ignored.
+
+    Pictures that a run wrote into it are none of them.
 
     Raises
     ------
@@ -116,7 +126,8 @@ def list_depth_files(folder: str | Path) -> list[Path]:
     folder = Path(folder)
     if not folder.is_dir():
         raise PlanewiseError(f"depth: {folder} is not a folder")
-    files = [path for path in folder.iterdir() if is_depth_file(path) and not path.is_dir()]
+    paths = without_results(folder.iterdir())
+    files = [path for path in paths if is_depth_file(path) and not path.is_dir()]
     if not files:
         known = ", ".join(sorted(_READERS))
         raise PlanewiseError(f"depth: the folder {folder} holds no depth files ({known})")
