@@ -197,6 +197,9 @@ def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     read = Store(store)
     assert (len(read), read.failed, read.frames.num_rows) == (9, ("00007",), COUNT)
     assert read["00003"].row["reason"] is None
+    code, text, _ = run("batch", frames, "-o", store, *CAMERA, "--retry-failed")
+    assert code == 0  # for the store holds others
+    assert "0 of 1 frame done" in text
 
 
 @pytest.mark.usefixtures("here")
