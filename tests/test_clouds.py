@@ -341,6 +341,39 @@ def test_a_roof_of_few_points(count):
     assert_array_equal(shuffled.labels, found.labels[order])
 
 
+def flat(plan, noise=0.01):
+    rng = np.random.default_rng(len(plan))
+    points = np.column_stack((plan, 2 + rng.normal(0, noise, len(plan))))
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return points @ turn.T, pw.Sensor(max_depth=200, noise=noise)
+
+
+@pytest.mark.parametrize("count", [100, 1000])
+def test_gaps_between_few_points_are_no_area(count):
+    plan = np.random.default_rng(0).uniform(0, 2, (count, 2))
+    plan[::2, 0] += 50
+    points, sensor = flat(plan)
+    found = pw.detect_planes_in_points(points, sensor)
+    assert len(found) == 1
+    assert found.planes[0].area == pytest.approx(8, rel=0.4 if count == 100 else 0.15)
+
+
+def test_a_ring_of_few_points_has_a_hole():
+    rng = np.random.default_rng(0)
+    angle, radius = rng.uniform(0, 2 * np.pi, 3000), rng.uniform(9.5, 10, 3000)
+    plan = np.column_stack((np.cos(angle), np.sin(angle))) * radius[:, None]
+    found = pw.detect_planes_in_points(*flat(plan))
+    assert len(found) == 1
+    assert 30 < found.planes[0].area < 45  # 30.6; a square that scatters so has 570
+
+
+@pytest.mark.parametrize("count", [100, 1000, 4000])
+def test_a_rectangle_of_few_points_has_the_area_of_one_that_scatters_so(count):
+    plan = np.random.default_rng(count).uniform(0, 1, (count, 2)) * (3, 2)
+    found = pw.detect_planes_in_points(*flat(plan))
+    assert found.planes[0].area == pytest.approx(6, rel=3 / np.sqrt(count))
+
+
 def test_covariance_is_the_scatter_of_the_estimates():
     found, claimed = [], []
     normal = np.array([0.0, 0.6, 0.8])

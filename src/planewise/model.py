@@ -74,9 +74,11 @@ class Plane:
         the surface bends or the error drifts (spatial objective; NaN with too few cells).
     area : float
         Area its readings cover, in square metres; of points in space that of its cells, up to
-        two fifths too large where noise is as thick as these, and up to twice where points are few
-        or the plane lies along sides of cells.
-        NaN of points in other dimensions, and of points under the paper's objective.
+        two fifths too large where noise is as thick as these, and up to twice where the plane lies
+        along sides of cells. Of a cloud of at most 4,096 points it is that of a rectangle which
+        scatters as its points do, or of cells that hold them, whichever is smaller: some two fifths
+        too large where the surface is a few points wide. NaN of points in other dimensions, and of
+        points under the paper's objective.
     bounding_box : tuple of int
         (top, left, bottom, right) in pixels, the last two exclusive; empty for free points. In an
         image all the way round, the shortest run of columns that holds the plane: across the end of

@@ -28,6 +28,7 @@ from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import AREA, ROW, WEIGHT, XX, ZZ, write_normals
 from planewise.objective import PAPER
+from planewise.outlines.occupancy import FEWEST, held_area
 from planewise.paper.evaluate import evaluator
 from planewise.paper.joint import joint_search
 from planewise.paper.problem import Problem
@@ -44,6 +45,7 @@ POINTS = 3.0  # in a cube of such a cloud
 _MOST_PLANES = 64
 _RELABELLED = 3  # times
 _MERGED_PLANES = 24  # above which merging them by trial takes too long
+_MOST_CELLS = 300  # along a third of a plane, which may have wide gaps
 _FALL = 1e-6  # nats that count as a fall
 _PARALLEL = 0.9  # least cosine between planes that are merged
 
@@ -94,6 +96,21 @@ def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError
     area = 12.0 * np.sqrt(inside.prod(axis=1)) / np.maximum(rows[:, WEIGHT], 1e-300)
     rows[:, AREA] = np.where(told, area, 0.0)
     return rows
+
+
+def bound_areas(cloud: Cloud, labels: Labels, rows: Array) -> None:
+    """Lower the areas of rows to those of cells with points, for a rectangle has no gaps or holes.
+
+    labels: of the sorted points, j for row j - 1.
+    """
+    points = cloud.positions()
+    for label, row in enumerate(rows, start=1):
+        mine = points[labels == label]
+        if row[AREA] > 0 and len(mine) >= FEWEST:
+            mine -= mine.mean(axis=0)
+            _, axes = np.linalg.eigh(mine.T @ mine)
+            inside = mine @ axes[:, :0:-1]  # the longer way first
+            row[AREA] = min(row[AREA], held_area(inside - inside.min(axis=0), _MOST_CELLS))
 
 
 def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tuple[float, Labels]:

@@ -222,11 +222,10 @@ def _from_few(
     worth = np.bincount(groups.label, alone - data, n + 1)[1:]
     saved = np.asarray(worth - plane_information(3, *limits), np.float64)
     keep = np.flatnonzero((saved > significance) & ~curved)
-    place = ranks(keep, n)
+    labels, rows = ranks(keep, n)[labels], rows[keep]
+    cloud_few.bound_areas(cloud, labels, rows)
     unknown = np.full(len(keep), np.nan)
-    return CloudPlanes(
-        cloud, place[labels], rows[keep], found.error, saved[keep], unknown, int(curved.sum())
-    )
+    return CloudPlanes(cloud, labels, rows, found.error, saved[keep], unknown, int(curved.sum()))
 
 
 def ranked_model(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,20 +12,14 @@ from planewise.arguments import checked_points, is_finite
 from planewise.copies import places_of
 from planewise.model import PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
-from planewise.outlines.occupancy import neighbours, share_in_surfaces
+from planewise.outlines.occupancy import FEWEST, MOST_CELLS, counts, derive_cells, neighbours
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
 
 Array = NDArray[np.float64]
 
-_MOST_CELLS = 3000  # along one side of the grid
-_FIRST = 1.5  # smallest cells that are tried: 2.25 points on the mean in those that hold any
-_LADDER = math.sqrt(2.0)
 _MITRE = 2.0
 _STRAIGHT = 1.5  # cells; a straight border at any angle becomes one line
 _NARROW = 0.25  # of a narrow strip's cells across: they are not straightened by more
-_STRIP, _ROWS = 4.0, 3.0  # length over width; cells across, of which fewer are two
-_FILLED = 0.95  # of two rows of cells, in which nothing encloses a gap
-_FEWEST = 10  # points whose density can be told
 _ENOUGH = 50_000  # points that tell the direction of the grid
 
 
@@ -105,12 +98,12 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
     local -= low
     extent = local.max(axis=0)
     sides = derive_cells(local) if spacing is None else np.full(2, spacing, np.float64)
-    sides *= max(1.0, float(extent[0]) / (_MOST_CELLS * float(sides[0])))
-    overhang = _overhang(_counts(local, sides))
+    sides *= max(1.0, float(extent[0]) / (MOST_CELLS * float(sides[0])))
+    overhang = _overhang(counts(local, sides))
     # Cells that reach beyond the outermost points by what they do on the mean.
     number = np.maximum(np.round(extent / sides + 2 * overhang), 1)
     sides = extent / (number - 2 * overhang)
-    cells = _counts(local + overhang * sides, sides) > 0
+    cells = counts(local + overhang * sides, sides) > 0
     for _ in range(2):
         cells |= neighbours(cells) >= 6
     start = low - (1 + overhang) * sides  # of the grid, whose margin is one empty cell
@@ -144,7 +137,7 @@ def _overhang(counts: NDArray[np.int64]) -> float:
 def _along(flat: Array) -> Array | None:
     """Rotation of points into the frame of their smallest rectangle; None where they are a line."""
     shapely = load_shapely()
-    if len(flat) < _FEWEST:
+    if len(flat) < FEWEST:
         return None
     hull = shapely.MultiPoint(_outermost(flat)).convex_hull
     if hull.geom_type != "Polygon":
@@ -169,58 +162,3 @@ def _outermost(flat: Array) -> Array:
         along = flat @ direction
         found |= {int(along.argmin()), int(along.argmax())}
     return np.asarray(flat[sorted(found)])
-
-
-def derive_cells(local: Array) -> Array:
-    """Sides of the cells that points cover without gaps, in their unit, shape (2,).
-
-    They are squares, but where the points make a strip as narrow as that: then two lie across.
-
-    Parameters
-    ----------
-    local : ndarray, shape (k, 2)
-        Points, from zero on; x is along the longer side of their rectangle.
-    """
-    extent = local.max(axis=0)
-    largest, half = float(extent.max()) / 3, 0.5 * float(extent.min())
-    smallest = _sparse(local, float(extent.prod()), largest / _MOST_CELLS)
-    best, most = np.array((smallest, smallest)), -1.0
-    for side in _sides(smallest, largest):
-        two_rows = np.array((min(side * side / half, largest), half))
-        narrow = 2.0 * half < min(_ROWS * side, extent.max() / _STRIP)
-        if narrow and (_counts(local, two_rows)[1:-1, 1:3] > 0).mean() >= _FILLED:
-            return two_rows
-        sides = np.array((side, side)) if side < half else two_rows
-        share, closed = share_in_surfaces(_counts(local, sides) > 0)
-        if closed and not narrow:
-            return sides
-        share += closed  # ragged, but better than none that is closed
-        if share > most:
-            best, most = sides, share
-    return best
-
-
-def _sparse(local: Array, area: float, least: float) -> float:
-    """Side of cells of which those that hold points have some two, wherever the points lie."""
-    side = math.inf
-    while True:
-        finer = max(_FIRST * math.sqrt(area / len(local)), least)
-        if finer > side / _LADDER:
-            return min(side, finer)
-        side = finer
-        area = np.count_nonzero(_counts(local, np.array((side, side)))) * side**2
-
-
-def _sides(smallest: float, largest: float) -> Iterator[float]:
-    side = smallest
-    while side <= largest:
-        yield side
-        side *= _LADDER
-
-
-def _counts(local: Array, sides: Array) -> NDArray[np.int64]:
-    """Points in each cell, with a margin of one empty cell; axis 0 is x."""
-    cell = (local / sides).astype(np.int64) + 1
-    shape = cell.max(axis=0) + 2
-    flat = cell[:, 0] * shape[1] + cell[:, 1]
-    return np.bincount(flat, minlength=int(shape.prod())).reshape(shape)
