@@ -1,6 +1,7 @@
 """Formats of datasets: small files in the real format in, the frames that were put in out."""
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -206,7 +207,40 @@ def test_redwood_pairs_by_number_where_names_differ(tmp_path):
     assert dataset[1].timestamp == pytest.approx(0.033333)
     (tmp_path / "data/image/0000003-000000066675.jpg").unlink()
     fewer = datasets.open(tmp_path / "data")
-    assert fewer[0].rgb is None  # nobody can tell which is missing
+    assert [each.rgb is None for each in fewer] == [False, False, True]
+    assert fewer.pictured == fewer.ids[:2]
+    for each, kept in zip(fewer, dataset[:2], strict=False):
+        assert_array_equal(each.rgb, kept.rgb)
+
+
+@pytest.mark.parametrize(
+    ("depth", "rgb", "pairs"),
+    [
+        ("1-0 3-9 4-13", "1-0 2-5 3-9 4-14", {1: 1, 3: 3, 4: 4}),  # Redwood, the first by its name
+        ("0001 0003 0005", "0002 0004 0006", {}),
+        ("d1 d3 d4", "c1 c2 c3", {1: 1, 3: 3}),
+        ("0 1 2", "000 001 002", {0: 0, 1: 1, 2: 2}),
+        ("a_1 b_2", "a_2 b_1", {}),  # of two sequences
+        ("1-1 1-2 2-1", "1-5 1-6 2-5", {2: 2}),
+    ],
+)
+def test_pictures_are_paired_by_name_or_number_and_never_by_position(
+    tmp_path, caplog, depth, rgb, pairs
+):
+    def number(name):
+        return int(re.search(r"\d+", name)[0])
+
+    for name in depth.split():
+        files.png(tmp_path / f"depth/{name}.png", np.ones((4, 5), np.uint16))
+    for name in rgb.split():
+        files.png(tmp_path / f"rgb/{name}.png", np.full((4, 5, 3), number(name), np.uint8))
+    (tmp_path / "camera.json").write_text('{"fx": 5, "fy": 5, "cx": 2, "cy": 2, "depth_scale": 1}')
+    dataset = datasets.open(tmp_path)
+    found = {number(each.id): each.rgb[0, 0, 0] for each in dataset if each.rgb is not None}
+    assert found == pairs
+    alone = len(dataset) - len(pairs)
+    assert len(dataset.pictured) == len(pairs)
+    assert (f"{alone} of {len(dataset)} frames have no picture" in caplog.text) == (alone > 0)
 
 
 def test_any_folder_with_a_camera(tmp_path):

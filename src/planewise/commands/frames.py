@@ -69,6 +69,9 @@ def frames(
         terminal.say(f"{dataset.kind}: {known_as}")
         some = ", ".join(dataset.ids[:_FIRST]) + (" ..." if len(dataset) > _FIRST else "")
         terminal.say(f"{counted(len(dataset), 'frame')}: {some}")
+        pictured = getattr(dataset, "pictured", None)
+        if pictured is not None and len(pictured) < len(dataset):
+            terminal.say(f"pictures: of {len(pictured):,} of {counted(len(dataset), 'frame')}")
         for option, names in topics_of(dataset).items():
             terminal.say(f"{option.replace('_', ' ')}: {', '.join(names)}")
         _show_first(dataset.without_pictures(), quiet=check)

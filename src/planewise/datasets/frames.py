@@ -292,6 +292,11 @@ class Dataset(Frames[DatasetFrame]):
         """Ids of the frames that have true planes, as far as names and headers tell."""
         return ()
 
+    @property
+    def pictured(self) -> tuple[str, ...] | None:
+        """Ids of the frames that have a picture, as far as names tell; ``None``: they do not."""
+        return None
+
 
 class PointDataset(Frames[PointFrame]):
     """Sweeps and clouds of points; see `Frames`."""

@@ -19,7 +19,9 @@ CAMERA = "camera.json"
 
 
 class GenericFolder(PictureFolder):
-    """Folder with ``depth/``, ``camera.json`` and, where there, ``rgb/`` with the same names.
+    """Folder with ``depth/``, ``camera.json`` and, where there, ``rgb/``.
+
+    Pictures go with the depth image of the same name, else of the same number.
 
     ``camera.json`` states fx, fy, cx and cy in pixels and, for integer depth, depth_scale in metres
     per unit; width, height, distortion and sensor (a key of `planewise.sensors.PRESETS`) may

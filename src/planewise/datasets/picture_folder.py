@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import logging
+import re
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +17,12 @@ from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed, matrix_of
 from planewise.files.colour import is_picture, read_colour
 from planewise.files.depth import is_depth_file, read_depth
+from planewise.wording import counted
+
+_LOG = logging.getLogger("planewise")
+
+_STAMPED = re.compile(r"()(\d+)-\d+()")  # Redwood's: number of the frame, time
+_NUMBERED = re.compile(r"(.*?)(\d+(?:\.\d+)?)(\D*)", re.DOTALL)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -95,6 +104,11 @@ class PictureFolder(Dataset):
             return None
         return read_colour(inside(self.folder, name))
 
+    @property
+    def pictured(self) -> tuple[str, ...]:
+        """Ids of the frames that have a picture."""
+        return tuple(each for each in self.ids if self._files[each].rgb is not None)
+
 
 def depth_and_colour(folder: Path, colour: Iterable[str]) -> list[FrameFiles]:
     """Pair the depth images of the folder ``depth`` with the pictures of another.
@@ -109,23 +123,48 @@ def depth_and_colour(folder: Path, colour: Iterable[str]) -> list[FrameFiles]:
     Returns
     -------
     list of FrameFiles
-        With the picture of the same name; where no name fits but both folders hold as many files,
-        with that of the same number; else without.
+        With the picture of the same name, else of the same frame number, where there is one. A
+        warning says how many have none though there are pictures that go with no frame.
     """
     images = listed(inside(folder, "depth"), is_depth_file)
     place = next((name for name in colour if (folder / name).is_dir()), None)
     pictures = [] if place is None else listed(inside(folder, place), is_picture)
-    named = {path.stem: path for path in pictures}
-    if named.keys().isdisjoint(path.stem for path in images) and len(pictures) == len(images):
-        named = {path.stem: picture for path, picture in zip(images, pictures, strict=True)}
+    named = {path.stem: path.name for path in pictures}
+    of_number = {number: path.name for path, number in _frame_numbers(pictures).items()}
+    numbers = _frame_numbers(images)
+    found = {path: named.get(path.stem) or of_number.get(numbers.get(path, "")) for path in images}
+    alone = sum(name is None for name in found.values())
+    if alone and set(named.values()) - set(found.values()):
+        _LOG.warning(
+            f"{folder.name}: {alone:,} of {counted(len(images), 'frame')} have no picture, for "
+            f"none in {place}/ has the name or the number of the depth image"
+        )
     return [
         FrameFiles(
             id=path.stem,
             depth=f"depth/{path.name}",
-            rgb=f"{place}/{named[path.stem].name}" if path.stem in named else None,
+            rgb=None if name is None else f"{place}/{name}",
         )
-        for path in images
+        for path, name in found.items()
     ]
+
+
+def _frame_numbers(paths: Iterable[Path]) -> dict[Path, str]:
+    """Number of the frame in each name that has one, the last but for a time as Redwood's have.
+
+    None where names differ in more than the number, or several have the same: such numbers do not
+    tell frames from each other.
+    """
+    found = {
+        path: name.groups()
+        for path in paths
+        if (name := _STAMPED.fullmatch(path.stem) or _NUMBERED.fullmatch(path.stem))
+    }
+    if len({(before, after) for before, _, after in found.values()}) > 1:
+        return {}
+    numbers = {path: number.lstrip("0") or "0" for path, (_, number, _) in found.items()}
+    count = Counter(numbers.values())
+    return {path: number for path, number in numbers.items() if count[number] == 1}
 
 
 def pose_of(root: Path, name: str) -> NDArray[np.float64] | None:

@@ -24,7 +24,7 @@ class RedwoodFolder(PictureFolder):
     """Folder with ``depth/``, ``color/``, ``image/`` or ``rgb/``, and ``camera_intrinsic.json``.
 
     Pictures go with the depth image of the same name, else of the same number. Names such as
-    ``0000001-000000033369.png`` state a time in microseconds.
+    ``0000001-000000033369.png`` state the number of the frame, and a time in microseconds.
 
     Parameters
     ----------
