@@ -343,6 +343,26 @@ def test_cameras_that_are_no_pinholes_are_kept_in_words():
     assert "fx" not in row
 
 
+@pytest.mark.parametrize("registered", [True, False])
+def test_pictures_of_another_view_are_no_regions(registered):
+    seen = []
+
+    def regions(view):
+        seen.append(view.rgb)
+        return np.ones(view.depth.shape, int)
+
+    room = scenes.room(0, size=(60, 80))
+    source = _Pictured({"room": DepthFile(depth=room.depth, camera=room.camera, rgb=room.rgb)})
+    source.registered = registered
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(partition=regions))
+    assert FrameWork(source, recipe)(0, "room").reason == ""
+    assert [each is not None for each in seen] == [registered]
+
+
+class _Pictured(dict):
+    name = "pictured"
+
+
 def test_every_column_is_documented():
     text = (Path(__file__).parents[1] / "docs" / "batch.md").read_text(encoding="utf-8")
     frames, planes = text.split("### `frames`")[1].split("### `planes`")

@@ -240,6 +240,21 @@ def test_distortion_that_scenes_cannot_state_is_told(tmp_path, caplog, bent):
     assert len(told) == bool(bent)
 
 
+@pytest.mark.parametrize("kind", ["7_scenes", "generic"])
+def test_pictures_of_a_camera_beside_the_depth_camera_are_told(tmp_path, caplog, kind):
+    write = {"7_scenes": dataset_files.write_seven_scenes, "generic": dataset_files.write_generic}
+    write[kind](tmp_path / "data")
+    opened = open_source(tmp_path / "data", camera=dataset_files.CAMERA)
+    store = make_store(opened, tmp_path / "store")
+    for form, options in (("planercnn", {}), ("coco", {}), ("coco", {"pictures": True})):
+        caplog.clear()
+        source = StoredSource(store)
+        output = tmp_path / f"{form}{len(options)}"
+        assert not all_of(store, FORMATS[form], output, source=source, **options)
+        warned = any("of a camera beside" in each for each in caplog.messages)
+        assert warned == (kind == "7_scenes" and (form == "planercnn" or "pictures" in options))
+
+
 def test_long_scenes_are_cut(made, tmp_path, monkeypatch):
     monkeypatch.setattr("planewise.exports.planercnn._FRAMES_A_SCENE", 2)
     store = Store(made / "png")

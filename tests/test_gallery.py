@@ -15,6 +15,7 @@ from PIL import Image
 import planewise as pw
 from planewise import scenes
 from planewise.batch import Selection, Store
+from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
 from planewise.drawing.overlay import draw_small
 from planewise.errors import PlanewiseError
@@ -22,7 +23,7 @@ from planewise.gallery import Shown, write_gallery
 from planewise.gallery.page import _about
 from planewise.gallery.records import record_of
 from planewise.gallery.thumbnail import HEIGHT, Thumbnail, thumbnail_of
-from tests import browser
+from tests import browser, dataset_files
 from tests.batch_sources import Renamed
 from tests.command import run
 from tests.stores import SIZE, Cloning, Many, Sweeps, make_folder_store, make_store, write_frames
@@ -191,6 +192,18 @@ def test_a_picture_of_another_view_is_left_out(tmp_path):
     np.savez(tmp_path / "frames" / "room 0.npz", **arrays | {"rgb": arrays["rgb"][:, ::2]})
     store = make_folder_store(tmp_path / "frames", tmp_path / "store")
     assert thumbnail_of(store["room 0"], StoredSource(store)).over == "its depth"
+
+
+@pytest.mark.parametrize("parts", [".", "seq-01"])
+def test_pictures_of_a_camera_beside_are_not_drawn_over(tmp_path, parts):
+    dataset_files.write_seven_scenes(tmp_path / "data" / parts)
+    opened = open_source(tmp_path / "data", camera=dataset_files.CAMERA)
+    store = make_store(opened, tmp_path / "store")
+    source = StoredSource(store)
+    first = store[store.ids[0]]
+    assert source[first].rgb is not None
+    assert not source.registered
+    assert thumbnail_of(first, source).over == "its depth"
 
 
 def test_sweeps_of_a_lidar_are_magnified(opened, tmp_path, monkeypatch):

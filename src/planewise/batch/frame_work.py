@@ -16,7 +16,7 @@ from planewise.arguments import checked_scale, unit_told
 from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
-from planewise.batch.source import Source, SourceFrame
+from planewise.batch.source import Source, SourceFrame, is_registered
 from planewise.camera import Camera, PinholeCamera, checked_camera
 from planewise.errors import MissingExtraError
 from planewise.files.camera import no_camera
@@ -156,7 +156,7 @@ class FrameWork:
         seen = self.source[frame]
         read = time.perf_counter()
         detector = self._detector(seen)
-        regions = self.recipe.options.partition is not None
+        regions = self.recipe.options.partition is not None and is_registered(self.source)
         observed, model = detector.observe_and_find(seen.depth, rgb=seen.rgb if regions else None)
         detected = time.perf_counter()
         name, label_file, rle = None, None, None

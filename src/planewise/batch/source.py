@@ -39,14 +39,15 @@ class SourceFrame(Protocol):
 
     @property
     def rgb(self) -> NDArray[np.uint8] | None:
-        """Picture of the same view, where there is one."""
+        """Picture of the view, where there is one."""
         ...
 
 
 class Source(Protocol):
     """Frames by id; every `planewise.datasets.Dataset` is one.
 
-    A source is copied to other processes and machines, which have to reach what it reads.
+    A source is copied to other processes and machines, which have to reach what it reads. Where it
+    has an attribute `registered` that is false, its pictures do not show the view of the depth.
     """
 
     @property
@@ -62,6 +63,11 @@ class Source(Protocol):
     def __getitem__(self, frame: str) -> SourceFrame:
         """Read one frame; raise `ValueError` or `OSError` where it cannot be read."""
         ...
+
+
+def is_registered(source: Source) -> bool:
+    """Whether the pictures of a source show the view of its depth images."""
+    return bool(getattr(source, "registered", True))
 
 
 class DepthFolder:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planewise.arguments import MOST_LENGTH
 from planewise.batch.frame_work import fingerprint
 from planewise.batch.open_source import open_source
-from planewise.batch.source import DepthFolder, Source, SourceFrame
+from planewise.batch.source import DepthFolder, Source, SourceFrame, is_registered
 from planewise.batch.store import Store, StoredFrame
 from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.opening import READERS
@@ -36,6 +36,8 @@ class StoredSource:
     ----------
     missing : str
         Why it cannot be read; empty if it can.
+    registered : bool
+        Whether its pictures show the view of the depth images.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class StoredSource:
             if path is not None:
                 raise
             self.missing = str(error)
+        self.registered = self._source is None or is_registered(self._source)
 
     def __getitem__(self, frame: StoredFrame) -> SourceFrame:
         """Read a frame.

@@ -106,6 +106,7 @@ class Collection(_Joined[DatasetFrame], Dataset):
         self.folder = folder
         sensors = [part.sensor for part in parts.values() if not isinstance(part, str)]
         self.sensor = sensors[0] if all(each == sensors[0] for each in sensors) else None
+        self.registered = all(isinstance(part, str) or part.registered for part in parts.values())
 
     @property
     def labelled(self) -> tuple[str, ...]:

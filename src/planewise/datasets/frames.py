@@ -56,7 +56,8 @@ class DatasetFrame:
     depth_scale : float, optional
         Metres per unit of integer depth; ``None`` for metres.
     rgb : ndarray of uint8, shape (h, w, 3), optional
-        Picture of the same view, of the same size unless the dataset says otherwise.
+        Picture of the same view if the dataset is `Dataset.registered`, of the same size unless it
+        says otherwise.
     timestamp : float, optional
         Seconds, on the dataset's clock.
     labels : ndarray of int, shape (H, W), optional
@@ -283,9 +284,12 @@ class Dataset(Frames[DatasetFrame]):
     ----------
     sensor : Sensor, optional
         What took them, where the dataset tells.
+    registered : bool
+        Whether pictures show the view of the depth camera, not that of a camera beside it.
     """
 
     sensor: Sensor | None = None
+    registered: bool = True
 
     @property
     def labelled(self) -> tuple[str, ...]:

@@ -63,6 +63,7 @@ class NyuRaw(Dataset):
     kind: ClassVar[str] = "nyu-raw"
     holds: ClassVar[str] = "a folder of d-TIME-TICKS.pgm (NYU-v2, raw)"
     sensor = sensors.NYU
+    registered = False
 
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
         self.folder, self.camera = Path(folder), camera or DEPTH_CAMERA

@@ -41,6 +41,7 @@ class SevenScenes(PictureFolder):
     kind: ClassVar[str] = "7-scenes"
     holds: ClassVar[str] = "a folder of frame-000000.depth.png and so on (7-Scenes)"
     sensor = sensors.KINECT_V1
+    registered = False
 
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
         root = Path(folder)

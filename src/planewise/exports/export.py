@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from planewise.batch.stored_source import StoredSource
 from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.exports.form import Form
 from planewise.whole_files import output_folder
+
+_LOG = logging.getLogger("planewise")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,12 +76,17 @@ def export(
         raise PlanewiseError(f"output: {output} is in the store; choose another folder")
     if output.is_dir() and any(output.iterdir()):
         raise PlanewiseError(f"output: the folder {output} is not empty; give a new one")
+    reads = source if form.needs_source or pictures else None
+    if reads is not None and not reads.registered:
+        _LOG.warning(
+            f"the pictures of {store.info['source']['name']} are of a camera beside the depth "
+            "camera: they are written as they are, and planes lie some pixels off what they show"
+        )
     written, reason = 0, ""
     with (
         output_folder(output) as folder,
         closing(form(folder, store, ids, pictures=pictures)) as writer,
     ):
-        reads = source if form.needs_source or pictures else None
         for frame in store.chosen(ids):
             done = _one(writer, frame, reads)
             written += not done.reason

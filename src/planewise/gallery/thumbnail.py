@@ -52,8 +52,8 @@ def thumbnail_of(frame: StoredFrame, source: StoredSource) -> Thumbnail:
     except (ValueError, OSError) as error:
         return Thumbnail(webp=_webp(draw_small(labels, HEIGHT)), reason=str(error))
     under: dict[str, Any] = {"depth": metres(frame, seen), "camera": camera_of(frame)}
-    if seen.rgb is not None:
-        with suppress(PlanewiseError):  # a picture of another view
+    if seen.rgb is not None and source.registered:
+        with suppress(PlanewiseError):  # of other proportions: a picture of another view
             picture = draw_small(labels, HEIGHT, **under, rgb=seen.rgb)
             return Thumbnail(webp=_webp(picture), over="its picture")
     return Thumbnail(webp=_webp(draw_small(labels, HEIGHT, **under)), over="its depth")
