@@ -143,6 +143,53 @@ def test_tum_takes_the_nearest_picture_and_pose(tmp_path):
     assert strict[0].pose is not None
 
 
+@pytest.mark.parametrize("first", ["depth", "rgb"])
+def test_a_list_of_pairs_by_times_is_no_icl_nuim(tmp_path, first):
+    dataset = opened("tum", tmp_path)
+    root = tmp_path / "data"
+    lines = []
+    for each in dataset.ids[::-1]:
+        depth = f"{each} depth/{each}.png"
+        time = float(each) + 0.01
+        rgb = f"{time:.6f} rgb/{time:.6f}.png"
+        lines.append(f"{depth} {rgb}" if first == "depth" else f"{rgb} {depth}")
+    (root / "associations.txt").write_text("\n".join(lines))
+    for name in ("depth.txt", "rgb.txt"):
+        (root / name).unlink()
+    pairs = datasets.open(root)
+    assert pairs.kind == "tum"
+    assert pairs.camera == pw.cameras.KINECT_V1
+    assert pairs.sensor == pw.sensors.KINECT_V1
+    assert pairs.ids == dataset.ids
+    for each, other in zip(pairs, dataset, strict=True):
+        assert each.timestamp == other.timestamp
+        assert_array_equal(each.rgb, other.rgb)
+        assert_allclose(each.pose, other.pose)
+
+
+def test_a_list_of_times_with_names_that_are_none_may_be_of_any_camera(tmp_path):
+    opened("icl-nuim", tmp_path)
+    lines = [f"{1e9 + n} depth/{n}.png {1e9 + n} rgb/{n}.png" for n in range(COUNT)]
+    (tmp_path / "data/associations.txt").write_text("\n".join(lines))
+    with pytest.raises(PlanewiseError, match="no dataset of a known kind"):
+        datasets.open(tmp_path / "data")
+    assert datasets.open(tmp_path / "data", "icl-nuim", camera=CAMERA)[1].timestamp == 1e9 + 1
+
+
+def test_times_of_icl_nuim_are_those_of_depth_where_pictures_come_first(tmp_path):
+    dataset = opened("icl-nuim", tmp_path)
+    lines = [f"{n + 7} rgb/{n}.png {n} depth/{n}.png" for n in range(COUNT)]
+    (tmp_path / "data/associations.txt").write_text("\n".join(lines))
+    again = datasets.open(tmp_path / "data")
+    assert again.kind == "icl-nuim"
+    for each, other in zip(again, dataset, strict=True):
+        assert (each.id, each.timestamp) == (other.id, other.timestamp)
+        assert_array_equal(each.rgb, other.rgb)
+    (tmp_path / "data/associations.txt").write_text("0 rgb/0.png zero depth/0.png")
+    with pytest.raises(PlanewiseError, match=r"expected a time before depth/0.png, got zero"):
+        datasets.open(tmp_path / "data")
+
+
 def test_a_quaternion_turns_as_it_should():
     from planewise.datasets.tum import rigid
 

@@ -5,10 +5,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from planewise.datasets.paths import text_of
 from planewise.errors import PlanewiseError
+
+ASSOCIATIONS = "associations.txt"
+"""Name of the list of depth images with their pictures."""
+
+_FIRST_TIME = 1e8  # seconds since 1970; no sequence has as many frames
 
 APART = 0.02
 """Seconds by which two readings of one frame may differ, as in the tools of TUM RGB-D."""
@@ -32,14 +38,57 @@ def timed_list(root: Path, name: str) -> list[tuple[float, list[str]]]:
         words = line.replace(",", " ").split()
         if not words or words[0].startswith("#"):
             continue
-        try:
-            time = float(words[0])
-        except ValueError:
-            time = math.nan
+        time = _number(words[0])
         if not math.isfinite(time) or len(words) < 2:
             raise PlanewiseError(f"{name}, line {number}: expected a time and a name")
         lines.append((time, words[1:]))
     return sorted(lines, key=lambda line: line[0])
+
+
+@dataclass(frozen=True, slots=True)
+class Associated:
+    """A depth image and its picture, with the number or time that a list has beside the first."""
+
+    time: float
+    depth: str
+    rgb: str
+
+
+def associations(root: Path) -> list[Associated]:
+    """Pairs of `ASSOCIATIONS`, as the tools of TUM RGB-D write them, in order of their times.
+
+    Lines are "time depth time picture", or pictures come first.
+
+    Raises
+    ------
+    PlanewiseError
+        If the file cannot be read, or a line is none of these.
+    """
+    pairs = []
+    for time, words in timed_list(root, ASSOCIATIONS):
+        if len(words) < 3:
+            raise PlanewiseError(f"{ASSOCIATIONS}: expected lines 'time depth time picture'")
+        first, beside, second = words[:3]
+        if "depth" in second and "depth" not in first:
+            time, first, second = _number(beside), second, first
+        if not math.isfinite(time):
+            raise PlanewiseError(f"{ASSOCIATIONS}: expected a time before {first}, got {beside}")
+        pairs.append(Associated(time, first, second))
+    return sorted(pairs, key=lambda pair: pair.time)
+
+
+def states_times(root: Path, *, named: bool = False) -> bool:
+    """Whether there is a list of `associations` by times of a clock, not by numbers of frames.
+
+    With `named`, files have to be named by times, too, as those of TUM RGB-D are.
+    """
+    try:
+        pairs = associations(root)
+    except PlanewiseError:
+        return False
+    if not pairs or pairs[0].time < _FIRST_TIME:
+        return False
+    return not named or _number(Path(pairs[0].depth).stem) > _FIRST_TIME
 
 
 def nearest(times: Sequence[float], time: float, apart: float = APART) -> int | None:
@@ -58,3 +107,10 @@ def nearest(times: Sequence[float], time: float, apart: float = APART) -> int | 
     near = [at for at in (after - 1, after) if 0 <= at < len(times)]
     best = min(near, key=lambda at: abs(times[at] - time), default=None)
     return best if best is not None and abs(times[best] - time) <= apart else None
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return math.nan

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from planewise.camera import PinholeCamera
-from planewise.datasets.association import timed_list
+from planewise.datasets.association import ASSOCIATIONS, associations, states_times
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
@@ -28,8 +28,6 @@ CAMERA = PinholeCamera(fx=481.2, fy=480.0, cx=319.5, cy=239.5, width=640, height
 DEPTH_SCALE = 1 / 5000
 """Metres per unit of the pictures."""
 
-LIST = "associations.txt"
-
 _DISTANCES = re.compile(r"scene_\d+_\d+\.depth")
 _LONGEST_NUMBER = 32  # characters that are read for each distance, at most
 
@@ -37,7 +35,8 @@ _LONGEST_NUMBER = 32  # characters that are read for each distance, at most
 class IclNuim(PictureFolder):
     """Folder with ``associations.txt`` and the ``depth/`` and ``rgb/`` pictures that it lists.
 
-    Lines are "number depth number picture". Numbers become ids and, at 30 frames a second, times.
+    Lines are "number depth number picture", or pictures come first. Names of depth images become
+    ids, their numbers times, at 30 frames a second.
 
     Parameters
     ----------
@@ -56,8 +55,10 @@ class IclNuim(PictureFolder):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Whether the folder has the list and the folders of pictures."""
-        return (path / LIST).is_file() and all((path / name).is_dir() for name in ("depth", "rgb"))
+        """Whether the folder has the list, of no clock's times, and the folders of pictures."""
+        if not all((path / name).is_dir() for name in ("depth", "rgb")):
+            return False
+        return (path / ASSOCIATIONS).is_file() and not states_times(path)
 
 
 class IclNuimRendered(Dataset):
@@ -115,9 +116,7 @@ def _has_distances(path: Path) -> bool:
 
 
 def _frames(root: Path) -> Iterator[FrameFiles]:
-    for number, words in timed_list(root, LIST):
-        if len(words) < 3:
-            raise PlanewiseError(f"{LIST}: expected lines 'number depth number picture'")
-        first = "depth" in words[0] or "depth" not in words[2]  # some lists have pictures first
-        depth, picture = (words[0], words[2]) if first else (words[2], words[0])
-        yield FrameFiles(id=Path(depth).stem, depth=depth, rgb=picture, timestamp=number / 30)
+    rate = 1 if states_times(root) else 30
+    for pair in associations(root):
+        stem = Path(pair.depth).stem
+        yield FrameFiles(id=stem, depth=pair.depth, rgb=pair.rgb, timestamp=pair.time / rate)

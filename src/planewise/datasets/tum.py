@@ -16,7 +16,14 @@ from numpy.typing import NDArray
 from planewise import sensors
 from planewise.camera import PinholeCamera
 from planewise.cameras import KINECT_V1
-from planewise.datasets.association import APART, nearest, timed_list
+from planewise.datasets.association import (
+    APART,
+    ASSOCIATIONS,
+    associations,
+    nearest,
+    states_times,
+    timed_list,
+)
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
 from planewise.errors import PlanewiseError
 
@@ -30,7 +37,8 @@ class TumSequence(PictureFolder):
     """Folder with ``depth.txt``, ``rgb.txt`` and the files that they list.
 
     Frames are the lines of ``depth.txt``, with the picture (and the pose of ``groundtruth.txt``)
-    nearest in time, where one is within `apart`. Ids are the names of the depth images.
+    nearest in time, where one is within `apart`. Without these lists, frames and pictures are those
+    of ``associations.txt``. Ids are the names of the depth images.
 
     Parameters
     ----------
@@ -44,7 +52,9 @@ class TumSequence(PictureFolder):
     """
 
     kind: ClassVar[str] = "tum"
-    holds: ClassVar[str] = "a folder with depth.txt and rgb.txt (TUM RGB-D)"
+    holds: ClassVar[str] = (
+        "a folder with depth.txt and rgb.txt, or associations.txt of times (TUM RGB-D)"
+    )
     sensor = sensors.KINECT_V1
 
     def __init__(
@@ -57,8 +67,8 @@ class TumSequence(PictureFolder):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Whether the folder has both lists."""
-        return all((path / name).is_file() for name in ("depth.txt", "rgb.txt"))
+        """Whether the folder has both lists, or that of pairs by their times."""
+        return _has_lists(path) or states_times(path, named=True)
 
     def _pose(self, files: FrameFiles) -> NDArray[np.float64] | None:
         assert files.timestamp is not None
@@ -66,7 +76,16 @@ class TumSequence(PictureFolder):
         return None if at is None else rigid(self._poses[at])
 
 
+def _has_lists(root: Path) -> bool:
+    return all((root / name).is_file() for name in ("depth.txt", "rgb.txt"))
+
+
 def _frames(root: Path, apart: float) -> Iterator[FrameFiles]:
+    if not _has_lists(root) and (root / ASSOCIATIONS).is_file():
+        for pair in associations(root):
+            stem = Path(pair.depth).stem
+            yield FrameFiles(id=stem, depth=pair.depth, rgb=pair.rgb, timestamp=pair.time)
+        return
     pictures = timed_list(root, "rgb.txt")
     times = [time for time, _ in pictures]
     for time, words in timed_list(root, "depth.txt"):
