@@ -17,6 +17,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from planewise.batch import Store
+from planewise.batch.lock import locked
 from planewise.commands.app import command_line
 from planewise.errors import MissingExtraError
 from tests.command import run
@@ -46,6 +47,33 @@ def store(tmp_path):
 def here(monkeypatch):
     """Have frames done in this process."""
     monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: InOrder())
+
+
+def test_a_store_of_failures_gives_way_to_other_options(frames, store):
+    arguments = ("batch", frames, "-o", store, "--sensor", "kinect-v1", "--limit", 3)
+    assert run(*arguments, "--camera", "nyu")[0] == 2
+    assert len(Store(store).failed) == 3
+    code, _, errors = run(*arguments, *CAMERA[:2], "--dry-run")
+    assert (code, errors) == (0, "")
+    assert len(Store(store).failed) == 3
+    code, _, errors = run(*arguments, *CAMERA[:2])
+    assert code == 0
+    assert errors.count("begun anew") == 1
+    found = Store(store)
+    assert (len(found.ids), found.failed) == (3, ())
+    assert found.info["made_with"]["camera"]["fx"] == 65.625
+    code, _, errors = run(*arguments, "--camera", "nyu")
+    assert (code, "made with other options" in errors) == (2, True)
+    assert len(Store(store).ids) == 3
+
+
+def test_a_store_that_is_being_filled_does_not_give_way(frames, store):
+    arguments = ("batch", frames, "-o", store, "--sensor", "kinect-v1", "--limit", 1)
+    assert run(*arguments, "--camera", "nyu")[0] == 2
+    with locked(store, (1, 2)):
+        code, _, errors = run(*arguments, *CAMERA[:2], "--shard", "2/2")
+    assert (code, "made with other options" in errors) == (2, True)
+    assert len(Store(store).failed) == 1
 
 
 def damage(path):

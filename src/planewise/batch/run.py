@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import logging
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -29,6 +30,8 @@ from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
 from planewise.whole_files import parent_folder, remove_empty
 from planewise.wording import counted
+
+_LOG = logging.getLogger("planewise")
 
 _UNFINISHED = ".unfinished-"
 _DAMAGED = "damaged"  # status of a frame whose label image is lost
@@ -148,6 +151,8 @@ class Batch:
         """
         self._plan(readings=True, labels=False)
         folder = Path(self.store)
+        if (folder / STORE_FILE).exists():
+            self._make_way(folder)
         new = not (folder / STORE_FILE).exists()
         with parent_folder(folder):
             try:
@@ -157,6 +162,21 @@ class Batch:
                 if new:
                     _remove_without_frames(folder)
                 raise
+
+    def _make_way(self, folder: Path) -> None:
+        """Remove a store of another batch of which no frame is done, unless it is being filled."""
+        here = info_of(self.source, self.recipe)
+        if not self._supersedes(Store(folder), here):
+            return
+        with suppress(PlanewiseError), locked(folder):
+            if self._supersedes(Store(folder), here):  # still, now that nobody else can change it
+                _LOG.warning(
+                    f"{folder} was made with other options or of other frames, but none was done: "
+                    "it is begun anew"
+                )
+                for name in FOLDERS:
+                    shutil.rmtree(folder / name)
+                (folder / STORE_FILE).unlink()  # last: without it, frames are no store
 
     @contextmanager
     def _held(self, folder: Path, engine: Engine) -> Iterator[Run]:
@@ -181,6 +201,8 @@ class Batch:
             _check_empty(folder)
             return {}
         store, here = Store(folder), info_of(self.source, self.recipe)
+        if compared and self._supersedes(store, here):
+            return {}
         check_same(folder, store.info, here)
         known = dict.fromkeys(store.ids, DONE) | dict.fromkeys(store.failed, FAILED)
         strange = known.keys() - set(self.source.ids)
@@ -198,6 +220,16 @@ class Batch:
         if compared:
             self._check_readings(store)
         return known
+
+    @staticmethod
+    def _supersedes(store: Store, here: Mapping[str, Any]) -> bool:
+        """Whether the store is of another batch, and none of its frames is done."""
+        same = store.info["source"]["ids_sha256"] == here["source"]["ids_sha256"]
+        try:
+            check_same(store.path, store.info, here)
+        except PlanewiseError:
+            same = False
+        return not same and not store.ids
 
     def _check_readings(self, store: Store) -> None:
         """See by a few frames, the first and the last too, whether all are what they were."""
