@@ -388,8 +388,6 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
         ({"inlier_ratio": 0.0}, "inlier_ratio must lie between 0 and 1"),
         ({"inlier_ratio": 1e-200}, "inlier_ratio is too small, got 1e-200: .* inf samples"),
         ({"inlier_ratio": 1e-3, "search": "sequential"}, "inlier_ratio is too small, got 0.001"),
-        ({"inlier_ratio": 0.2}, "inlier_ratio needs search='sequential', got search='joint'"),
-        ({"confidence": 0.5, "objective": "paper"}, "confidence needs search='sequential'"),
         ({"max_planes": 0}, "max_planes must lie in"),
         ({"max_planes": 70000}, "max_planes must lie in"),
         ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),

@@ -8,18 +8,22 @@ from planewise import scenes
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        {"objective": "paper"},
-        {"search": "sequential", "confidence": 0.99, "inlier_ratio": 0.25},
-        {"objective": "spatial"},
-    ],
+    ("search", "objective"), [("joint", "paper"), ("sequential", "paper"), ("joint", "spatial")]
 )
 @pytest.mark.parametrize("name", ["staircase", "corner"])
-def test_four_planes_at_every_seed(name, options):
+def test_four_planes_at_every_seed(name, search, objective):
     for seed in range(20):
         scene = getattr(scenes, name)(rng=seed)
-        model = pw.detect_planes(scene.depth, scene.camera, scene.sensor, max_planes=8, **options)
+        model = pw.detect_planes(
+            scene.depth,
+            scene.camera,
+            scene.sensor,
+            search=search,
+            objective=objective,
+            confidence=0.99,
+            inlier_ratio=0.25,
+            max_planes=8,
+        )
         assert len(model) == 4
         normals = np.array([plane.normal for plane in model.planes])
         cosine = np.clip(scene.planes[:, :3] @ normals.T, -1, 1).max(axis=1)

@@ -30,12 +30,14 @@ def hyperplanes(n, count, rng, points=400):
     return np.vstack(parts), np.array(truth)
 
 
-@pytest.mark.parametrize("search", [{}, {"search": "sequential", "inlier_ratio": 0.2}])
+@pytest.mark.parametrize("search", ["joint", "sequential"])
 @pytest.mark.parametrize(("n", "count"), [(2, 3), (3, 3), (4, 2), (5, 1)])
 def test_hyperplanes_among_as_many_outliers(n, count, search):
     for seed in range(3):
         points, truth = hyperplanes(n, count, np.random.default_rng(seed))
-        model = pw.detect_planes_in_points(points, SENSOR, objective="paper", **search)
+        model = pw.detect_planes_in_points(
+            points, SENSOR, search=search, objective="paper", inlier_ratio=0.2
+        )
         assert len(model) == count
         assert model.labels.shape == (len(points),)
         rows = model.coefficients

@@ -135,9 +135,6 @@ class Options:
         elif self.search != "joint" and given:
             raise ValueError(f"{given} needs search='joint', got another search")
         trial_count(self.confidence, self.inlier_ratio, 2)  # the fewest dimensions there are
-        for name in ("confidence", "inlier_ratio"):
-            if self.search == "joint" and getattr(self, name) != getattr(Options, name):
-                raise ValueError(f"{name} needs search='sequential', got search='joint'")
         as_reassignment(self.reassign)
         if self.reassign is not None and self._spatial:
             raise ValueError(
