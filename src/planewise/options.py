@@ -64,7 +64,8 @@ class Options:
         each of its pieces, where it is seen in several: the larger, the fewer planes. Readings of a
         plane that fails this are labelled 0, or go to a neighbouring plane.
     confidence : float
-        c of the paper: probability that a plane's sample is drawn from it alone (sequential).
+        c of the paper: probability that a plane's sample is drawn from it alone (sequential; other
+        searches ignore it and the next).
     inlier_ratio : float
         r of the paper: share of the readings on the smallest plane sought (sequential). Samples go
         with 1 / r^n: at the default every further dimension of points takes ten times as many, six
