@@ -10,6 +10,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import datasets
+from planewise.batch import open_source
 from planewise.datasets.association import nearest
 from planewise.datasets.frames import Dataset
 from planewise.errors import PlanewiseError
@@ -128,6 +129,35 @@ def _is_depth(path):
     return path.suffix in (".pgm", ".npz", ".depth") or (
         path.suffix == ".png" and (path.parent.name == "depth" or ".depth." in path.name)
     )
+
+
+@pytest.mark.parametrize("parts", [".", "scene0000_00"])
+def test_a_damaged_pose_costs_nothing_where_poses_are_not_wanted(tmp_path, parts):
+    files.write_scannet(tmp_path / "data" / parts)
+    (tmp_path / "data" / parts / "pose/2.txt").write_text("1 0 0")
+    dataset = datasets.open(tmp_path / "data")
+    with pytest.raises(PlanewiseError, match=r"pose/2.txt must hold 4 x 4 numbers"):
+        dataset[2]
+    for bare in (dataset.without_poses(), dataset.without_pictures().without_poses()):
+        assert_array_equal(bare[2].depth, files.units(FRAMES[2], 0.001))
+        assert [each.pose for each in bare] == [None] * COUNT
+    assert dataset[0].pose is not None
+    source = open_source(tmp_path / "data")
+    assert source[source.ids[2]].pose is None
+    posed = open_source(tmp_path / "data", poses=True)
+    assert posed[posed.ids[0]].pose is not None
+
+
+def test_damaged_lines_of_a_trajectory_are_left_out(tmp_path, caplog):
+    dataset = opened("tum", tmp_path)
+    path = tmp_path / "data/groundtruth.txt"
+    lines = path.read_text().splitlines()
+    more = ["1305031102.3 1 2 3 0 0", "nan 1 2 3 0 0 0 1", "1305031102.3 1 2 x 0 0 0 1"]
+    path.write_text("\n".join(more + lines))
+    again = datasets.open(tmp_path / "data")
+    assert "3 lines of groundtruth.txt cannot be read" in caplog.text
+    for each, other in zip(again, dataset, strict=True):
+        assert_array_equal(each.pose, other.pose)
 
 
 def test_tum_takes_the_nearest_picture_and_pose(tmp_path):

@@ -206,6 +206,13 @@ def test_pictures_of_a_camera_beside_are_not_drawn_over(tmp_path, parts):
     assert thumbnail_of(first, source).over == "its depth"
 
 
+def test_a_damaged_pose_is_nothing_to_the_page(tmp_path):
+    dataset_files.write_scannet(tmp_path / "data")
+    (tmp_path / "data/pose/2.txt").write_text("")
+    store = make_store(open_source(tmp_path / "data"), tmp_path / "store")
+    assert write_gallery(store, tmp_path / "g.html") == Shown(frames=3)
+
+
 def test_sweeps_of_a_lidar_are_magnified(opened, tmp_path, monkeypatch):
     store = make_store(Sweeps(), tmp_path / "store")
     monkeypatch.setattr("planewise.batch.stored_source._open", lambda *_: Sweeps())

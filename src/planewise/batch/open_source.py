@@ -25,6 +25,7 @@ def open_source(
     topic: str | None = None,
     camera_topic: str | None = None,
     pictures: bool = False,
+    poses: bool = False,
 ) -> Source:
     """Open frames of any kind.
 
@@ -40,8 +41,8 @@ def open_source(
         Metres per unit, likewise.
     topic, camera_topic : str, optional
         Of a bag: those of its depth images and of their CameraInfo.
-    pictures : bool
-        Read the pictures of a dataset, too.
+    pictures, poses : bool
+        Read the pictures and poses of a dataset, too.
 
     Raises
     ------
@@ -64,6 +65,7 @@ def open_source(
     opened = open_offered(path, kind, given, list(recipe))
     if isinstance(opened, PointDataset):
         raise PlanewiseError(f"data: {opened.name} holds points; depth images are needed")
+    opened = opened if poses else opened.without_poses()
     return _storable(opened if pictures else opened.without_pictures())
 
 

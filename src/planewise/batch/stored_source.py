@@ -31,6 +31,8 @@ class StoredSource:
         Says where its source was.
     path : path, optional
         Where it is now; ``None`` means where it was.
+    poses : bool
+        Read the frames' poses, too.
 
     Attributes
     ----------
@@ -45,11 +47,11 @@ class StoredSource:
         If `path` is given and cannot be read.
     """
 
-    def __init__(self, store: Store, path: Path | None = None) -> None:
+    def __init__(self, store: Store, path: Path | None = None, *, poses: bool = True) -> None:
         self._source: Source | None = None
         self.missing = ""
         try:
-            self._source = _open(store.info, path)
+            self._source = _open(store.info, path, poses)
         except MissingExtraError:
             raise
         except (PlanewiseError, OSError) as error:
@@ -101,7 +103,7 @@ def _described(camera: dict[str, Any]) -> Camera | None:
     return PinholeCamera(**camera) if "fx" in camera else None
 
 
-def _open(info: Mapping[str, Any], path: Path | None) -> Source:
+def _open(info: Mapping[str, Any], path: Path | None, poses: bool) -> Source:
     """Open the source as the batch did, with pictures."""
     recorded, made = info["source"], info["made_with"]
     if path is None:
@@ -125,5 +127,6 @@ def _open(info: Mapping[str, Any], path: Path | None) -> Source:
         camera=camera,
         depth_scale=made["depth_scale"],
         pictures=True,
+        poses=poses,
         **topics,
     )

@@ -79,7 +79,7 @@ def export(
             kind,
             output,
             selection=chosen,
-            source=StoredSource(read, source) if takes else None,
+            source=StoredSource(read, source, poses=kind.needs_source) if takes else None,
             pictures=pictures,
         )
         count = len(chosen.of(read.ids))

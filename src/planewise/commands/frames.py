@@ -74,7 +74,7 @@ def frames(
             terminal.say(f"pictures: of {len(pictured):,} of {counted(len(dataset), 'frame')}")
         for option, names in topics_of(dataset).items():
             terminal.say(f"{option.replace('_', ' ')}: {', '.join(names)}")
-        _show_first(dataset.without_pictures(), quiet=check)
+        _show_first(dataset.without_pictures().without_poses(), quiet=check)
         if check and _damaged(dataset):
             raise typer.Exit(FAILED)
 

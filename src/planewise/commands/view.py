@@ -53,9 +53,8 @@ def view(
                 f"--every {-(-count // _MANY)} takes fewer"
             )
         with terminal.bar(count) as done:
-            shown = write_gallery(
-                read, output, selection=chosen, source=StoredSource(read, source), report=done
-            )
+            seen = StoredSource(read, source, poses=False)
+            shown = write_gallery(read, output, selection=chosen, source=seen, report=done)
         if shown.alone:
             terminal.warning(
                 f"the planes of {counted(shown.alone, 'frame')} are drawn without picture or "

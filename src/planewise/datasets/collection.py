@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar, Self
@@ -58,11 +58,20 @@ class _Joined(Frames[Frame]):
     def without_pictures(self) -> Self:
         """Return the same frames, whose pictures are not read."""
         bare = super().without_pictures()
-        bare.parts = {
-            name: part if isinstance(part, str) else part.without_pictures()
-            for name, part in self.parts.items()
-        }
+        bare.parts = self._changed(lambda part: part.without_pictures())
         return bare
+
+    def without_poses(self) -> Self:
+        """Return the same frames, whose poses are not read."""
+        bare = super().without_poses()
+        bare.parts = self._changed(lambda part: part.without_poses())
+        return bare
+
+    def _changed(
+        self, change: Callable[[Frames[Frame]], Frames[Frame]]
+    ) -> dict[str, Frames[Frame] | str]:
+        parts = self.parts.items()
+        return {name: part if isinstance(part, str) else change(part) for name, part in parts}
 
     def _read(self, frame: str) -> Frame:
         place = self._place(frame)

@@ -151,8 +151,8 @@ class Frames(ABC, Generic[Frame]):
     ----------
     kind, holds : str
         Name of the format, as `planewise.datasets.open` knows it, and what it is recognised by.
-    pictures : bool
-        Whether frames come with their pictures.
+    pictures, poses : bool
+        Whether frames come with their pictures and poses.
 
     Examples
     --------
@@ -173,6 +173,7 @@ class Frames(ABC, Generic[Frame]):
     name: str
     ids: tuple[str, ...]
     pictures: bool = True
+    poses: bool = True
 
     def __init__(self, name: str, ids: Sequence[str]) -> None:
         if not ids:
@@ -265,6 +266,12 @@ class Frames(ABC, Generic[Frame]):
         """Return the same frames, whose pictures are not read: decoding them takes longest."""
         bare = copy.copy(self)
         bare.pictures = False
+        return bare
+
+    def without_poses(self) -> Self:
+        """Return the same frames, whose poses are not read: one that is damaged costs no frame."""
+        bare = copy.copy(self)
+        bare.poses = False
         return bare
 
     @classmethod

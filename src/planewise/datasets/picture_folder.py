@@ -93,7 +93,7 @@ class PictureFolder(Dataset):
             depth_scale=None if depth.dtype.kind == "f" else self.depth_scale,
             rgb=self._picture(files.rgb),
             timestamp=files.timestamp,
-            pose=self._pose(files),
+            pose=self._pose(files) if self.poses else None,
         )
 
     def _pose(self, files: FrameFiles) -> NDArray[np.float64] | None:

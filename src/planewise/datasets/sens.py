@@ -142,7 +142,7 @@ class SensFile(Dataset):
             depth_scale=1 / self.header.depth_shift,
             rgb=rgb,
             timestamp=time / 1e6,
-            pose=known_pose(np.array(pose, np.float64).reshape(4, 4)),
+            pose=known_pose(np.array(pose, np.float64).reshape(4, 4)) if self.poses else None,
         )
 
     def _colour(self, data: bytes) -> NDArray[np.uint8]:

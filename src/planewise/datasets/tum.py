@@ -6,6 +6,8 @@ IROS 2012.
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import ClassVar
@@ -24,8 +26,11 @@ from planewise.datasets.association import (
     states_times,
     timed_list,
 )
+from planewise.datasets.paths import text_of
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
-from planewise.errors import PlanewiseError
+from planewise.wording import counted
+
+_LOG = logging.getLogger("planewise")
 
 DEPTH_SCALE = 1 / 5000
 """Metres per unit."""
@@ -102,14 +107,23 @@ def _trajectory(root: Path) -> tuple[list[float], list[NDArray[np.float64]]]:
     """Times and rows tx, ty, tz, qx, qy, qz, qw of the true trajectory, where it is there."""
     if not (root / TRAJECTORY).is_file():
         return [], []
-    lines = timed_list(root, TRAJECTORY)
+    lines = [line.replace(",", " ").split() for line in text_of(root, TRAJECTORY).splitlines()]
+    lines = [words for words in lines if words and not words[0].startswith("#")]
+    rows = sorted(filter(None, map(_timed_pose, lines)), key=lambda row: row[0])
+    if len(rows) < len(lines):
+        _LOG.warning(
+            f"{root.name}: {counted(len(lines) - len(rows), 'line')} of {TRAJECTORY} cannot be "
+            "read as a time and seven numbers, and left out"
+        )
+    return [time for time, _ in rows], [row for _, row in rows]
+
+
+def _timed_pose(words: list[str]) -> tuple[float, NDArray[np.float64]] | None:
     try:
-        rows = [np.array(words, np.float64) for _, words in lines]
+        time, *row = map(float, words)
     except ValueError:
-        rows = []
-    if len(rows) < len(lines) or any(row.shape != (7,) for row in rows):
-        raise PlanewiseError(f"{TRAJECTORY} must have lines of a time and seven numbers")
-    return [time for time, _ in lines], rows
+        return None
+    return (time, np.array(row)) if len(row) == 7 and math.isfinite(time) else None
 
 
 def rigid(row: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -155,7 +155,9 @@ def write_gallery(
         raise PlanewiseError(f"output: {output} is in the store; choose another folder")
     if not output.parent.is_dir():
         raise PlanewiseError(f"output: there is no folder {output.parent}")
-    filling = _Filling(store, ids, source or StoredSource(store), report or (lambda _: None))
+    filling = _Filling(
+        store, ids, source or StoredSource(store, poses=False), report or (lambda _: None)
+    )
     page = _template().generate(**_head(store), blocks=filling.blocks())
     with (
         written_whole(output) as partial,
