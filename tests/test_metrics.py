@@ -135,6 +135,16 @@ def test_nothing_predicted_and_nothing_true():
     none = evaluate(np.zeros((20, 30), int), np.zeros((20, 30), int))
     assert math.isnan(none.detections[0].recall)
     assert none.frame.rand_index == none.labelled.covering == 1
+    lost, empty, alarm = (
+        evaluate(predicted, truth).row()["precision@0.5"]
+        for predicted, truth in (
+            (np.zeros((20, 30), int), np.ones((20, 30), int)),
+            (np.zeros((20, 30), int), np.zeros((20, 30), int)),
+            (np.ones((20, 30), int), np.zeros((20, 30), int)),
+        )
+    )
+    assert lost == alarm == 0
+    assert math.isnan(empty)
     assert evaluate(np.zeros((0, 4), int), np.zeros((0, 4), int)).true_planes == 0
 
 

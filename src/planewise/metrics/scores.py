@@ -62,6 +62,8 @@ class Detection:
         A pair of planes matches when its IoU over the whole frame is larger.
     hits : int
         True planes, large enough to count, that are matched.
+    predictions : int
+        Predictions that count: all but those that match a true plane too small to.
     precision : float
         Hits among the predictions that count; 0 where there is none.
     recall : float
@@ -72,6 +74,7 @@ class Detection:
 
     iou: float
     hits: int
+    predictions: int
     precision: float
     recall: float
     f1: float
@@ -141,7 +144,8 @@ class FrameScores:
     def row(self) -> dict[str, float]:
         """All numbers by name, for tables, files and means; NaN is "not defined".
 
-        A clustering of fewer than two pixels is not, though it is a perfect one by itself.
+        A clustering of fewer than two pixels is not, though it is a perfect one by itself, nor is
+        the precision where no plane is predicted or true, which is 0 by itself.
         """
         out: dict[str, float] = {
             "planes_predicted": self.predicted_planes,
@@ -159,7 +163,8 @@ class FrameScores:
             out[f"ri_{policy}"] = each.rand_index
             out[f"sc_{policy}"] = each.covering
         for found in self.detections:
-            out[f"precision@{found.iou:g}"] = found.precision
+            planes = found.predictions or self.counted_planes
+            out[f"precision@{found.iou:g}"] = found.precision if planes else math.nan
             out[f"recall@{found.iou:g}"] = found.recall
             out[f"f1@{found.iou:g}"] = found.f1
         for kind in ("correct", "over", "under", "missed", "noise"):
@@ -191,12 +196,14 @@ def detection(
     """
     matched, counted = _matches(table, iou, minimum_pixels)
     hits = int(matched[counted].sum())
-    alarms = matched.shape[1] - int(matched[~counted].sum())
-    precision = hits / alarms if alarms else 0.0
+    predictions = matched.shape[1] - int(matched[~counted].sum())
+    precision = hits / predictions if predictions else 0.0
     recall = hits / int(counted.sum()) if counted.any() else math.nan
     both = precision + recall
     f1 = 0.0 if both == 0 else 2 * precision * recall / both
-    return Detection(iou=iou, hits=hits, precision=precision, recall=recall, f1=f1)
+    return Detection(
+        iou=iou, hits=hits, predictions=predictions, precision=precision, recall=recall, f1=f1
+    )
 
 
 def _matches(
