@@ -124,6 +124,21 @@ def test_label_images_and_tables(store, tmp_path):
         assert np.array_equal(found.reshape(-1, 4), frame.planes)
 
 
+def test_tables_state_the_whole_camera_and_the_unit(tmp_path):
+    distortion = [0.01, 0.002, 0.0, 0.001, 0.003]
+    dataset_files.write_generic(tmp_path / "data", distortion=distortion)
+    store = make_store(open_source(tmp_path / "data"), tmp_path / "store")
+    assert not all_of(store, PngExport, tmp_path / "out")
+    with (tmp_path / "out" / "frames.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3
+    for row in rows:
+        frame = store[row["frame"]].row
+        assert json.loads(row["distortion"]) == frame["distortion"] == distortion
+        assert float(row["depth_scale"]) == frame["depth_scale"] == 0.0005
+        assert float(row["fx"]) == frame["fx"]
+
+
 def test_archives_hold_labels_planes_and_camera(store, tmp_path):
     assert not all_of(store, NpzExport, tmp_path / "out")
     for frame in store:
