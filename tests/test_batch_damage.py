@@ -145,6 +145,8 @@ def test_damaged_tables_are_told_with_what_to_do(made, here, table, how):
         assert said in str(caught.value)
         assert "\n" not in str(caught.value)
         assert batch(here)[::2] == (2, f"error: {caught.value} ")
+        told = run("eval", here / "store", made / "store" / "labels")
+        assert told[::2] == (2, f"error: {caught.value} ")  # and not once a frame
     for each in ("frames", "planes"):
         (here / "store" / each / name).unlink(missing_ok=True)
     assert batch(here)[0] == 0

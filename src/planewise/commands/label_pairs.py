@@ -139,7 +139,7 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     Raises
     ------
     PlanewiseError
-        If `truth` is no folder, or no frame is in both.
+        If `truth` is no folder, a table of the store is damaged, or no frame is in both.
     """
     if not truth.is_dir():
         raise PlanewiseError(
@@ -149,6 +149,8 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     from planewise.batch.store import Store
 
     store, true = Store(folder), label_images(truth)
+    for _ in store:  # so that a damaged table is told once, and not with each of its frames
+        pass
     names = {each: each if each in true else safe_name(each, "") for each in store.ids}
     known = set(names.values())
     pairs = Pairs(
