@@ -2,6 +2,7 @@
 
 import pickle
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -276,6 +277,39 @@ def test_a_scene_folder_opens_as_its_recording(tmp_path):
     files.write_sens(tmp_path / "scene0000_00.sens")
     (tmp_path / "scene0000_00.txt").write_text("axisAlignment = 1 0 0\n")
     assert datasets.open(tmp_path).kind == "sens"
+
+
+@pytest.mark.parametrize("rows", [3, 4])
+def test_the_layout_of_scannets_25k_frames(tmp_path, rows):
+    dataset = opened("scannet", tmp_path)
+    root = tmp_path / "data"
+    shutil.rmtree(root / "intrinsic")
+    files.matrix(root / "intrinsics_depth.txt", files.intrinsics()[:rows, :rows])
+    files.matrix(root / "intrinsics_color.txt", files.intrinsics()[:rows, :rows])
+    again = datasets.open(root)
+    assert again.kind == "scannet"
+    assert again[0].camera == CAMERA
+    assert again.ids == dataset.ids
+    (root / "intrinsics_depth.txt").write_text("1 2 3 4")
+    with pytest.raises(PlanewiseError, match=r"depth.txt must hold 4 x 4 or 3 x 3 numbers"):
+        datasets.open(root)
+
+
+def test_a_line_twice_and_names_that_differ_in_their_ending_cost_nothing(tmp_path, caplog):
+    dataset = opened("tum", tmp_path)
+    path = tmp_path / "data/depth.txt"
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([*lines, lines[-1]]))
+    assert datasets.open(tmp_path / "data").ids == dataset.ids
+    assert "1 depth image listed again" in caplog.text
+    (tmp_path / "scan").mkdir()
+    files.write_scannet(tmp_path / "scan")
+    np.save(tmp_path / "scan/depth/0.npy", files.units(FRAMES[0], 0.001))
+    scan = datasets.open(tmp_path / "scan")
+    assert scan.ids == ("0.npy", "0.png", "1.png", "2.png")
+    assert_allclose(scan["2.png"].pose, POSES[2])
+    assert all(each.rgb is not None for each in scan)
+    assert_array_equal(scan["0.npy"].depth, scan["0.png"].depth)
 
 
 def test_redwood_pairs_by_number_where_names_differ(tmp_path):

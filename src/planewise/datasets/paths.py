@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -71,10 +72,11 @@ def text_of(root: Path, name: str) -> str:
         raise PlanewiseError(f"{name} is damaged: it is no text") from None
 
 
-def matrix_of(root: Path, name: str) -> NDArray[np.float64]:
-    """Matrix of a text file of 4 x 4 numbers."""
+def matrix_of(root: Path, name: str, sides: tuple[int, ...] = (4,)) -> NDArray[np.float64]:
+    """Square matrix of a text file, of one of these numbers of rows."""
     words = text_of(root, name).split()
-    try:
-        return np.array(words, np.float64).reshape(4, 4)
-    except ValueError:
-        raise PlanewiseError(f"{name} must hold 4 x 4 numbers") from None
+    for side in sides:
+        if len(words) == side**2:
+            with suppress(ValueError):
+                return np.array(words, np.float64).reshape(side, side)
+    raise PlanewiseError(f"{name} must hold {' or '.join(f'{n} x {n}' for n in sides)} numbers")

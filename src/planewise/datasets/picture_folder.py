@@ -77,7 +77,11 @@ class PictureFolder(Dataset):
     ) -> None:
         self.folder, self.camera, self.depth_scale = folder, camera, depth_scale
         self._invalid = invalid
-        known = list(frames)
+        files = list(frames)
+        known = list({each.depth: each for each in reversed(files)}.values())[::-1]
+        if len(known) < len(files):
+            more = counted(len(files) - len(known), "depth image")
+            _LOG.warning(f"{folder.name}: {more} listed again, and taken once")
         self._files = {each.id: each for each in known}
         super().__init__(folder.name or str(folder), [each.id for each in known])
 
@@ -116,7 +120,7 @@ def depth_and_colour(folder: Path, colour: Iterable[str]) -> list[FrameFiles]:
     Parameters
     ----------
     folder : Path
-        The dataset; names of depth images without ending become ids.
+        The dataset; names of depth images become ids, without ending where they differ in more.
     colour : iterable of str
         Names the folder of pictures may have; the first that is there is taken.
 
@@ -139,9 +143,10 @@ def depth_and_colour(folder: Path, colour: Iterable[str]) -> list[FrameFiles]:
             f"{folder.name}: {alone:,} of {counted(len(images), 'frame')} have no picture, for "
             f"none in {place}/ has the name or the number of the depth image"
         )
+    unique = len({path.stem for path in images}) == len(images)
     return [
         FrameFiles(
-            id=path.stem,
+            id=path.stem if unique else path.name,
             depth=f"depth/{path.name}",
             rgb=None if name is None else f"{place}/{name}",
         )

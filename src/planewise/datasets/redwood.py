@@ -64,5 +64,5 @@ class RedwoodFolder(PictureFolder):
 
 
 def _stamped(files: FrameFiles) -> FrameFiles:
-    stamp = _STAMPED.fullmatch(files.id)
+    stamp = _STAMPED.fullmatch(Path(files.depth).stem)
     return files if stamp is None else replace(files, timestamp=int(stamp[1]) / 1e6)

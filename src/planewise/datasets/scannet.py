@@ -21,12 +21,13 @@ from planewise.errors import PlanewiseError
 DEPTH_SCALE = 0.001
 """Metres per unit."""
 
-_INTRINSIC = "intrinsic/intrinsic_depth.txt"
+_INTRINSICS = "intrinsic/intrinsic_depth.txt", "intrinsics_depth.txt"  # the second of 25k frames
 
 
 class ScanNetFolder(PictureFolder):
     """Folder with ``depth/``, ``color/``, ``pose/`` and ``intrinsic/intrinsic_depth.txt``.
 
+    In the subset of 25,000 frames, the last is ``intrinsics_depth.txt`` in the folder itself.
     Pictures are larger than the depth images. Poses of infinities, where tracking was lost, are
     left out.
 
@@ -39,23 +40,27 @@ class ScanNetFolder(PictureFolder):
     """
 
     kind: ClassVar[str] = "scannet"
-    holds: ClassVar[str] = "a folder with depth/, color/ and intrinsic/ (ScanNet, exported)"
+    holds: ClassVar[str] = (
+        "a folder with depth/, color/ and intrinsic/ or intrinsics_depth.txt (ScanNet, exported)"
+    )
     sensor = sensors.STRUCTURE
 
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
         root = Path(folder)
         poses = {path.name for path in (root / "pose").iterdir()} if _has(root, "pose") else set()
         frames = [
-            replace(each, pose=f"pose/{each.id}.txt") if f"{each.id}.txt" in poses else each
+            replace(each, pose=f"pose/{name}") if name in poses else each
             for each in depth_and_colour(root, ("color",))
+            for name in [f"{Path(each.depth).stem}.txt"]
         ]
-        known = camera or camera_of(matrix_of(root, _INTRINSIC))
+        name = next((name for name in _INTRINSICS if (root / name).is_file()), _INTRINSICS[0])
+        known = camera or camera_of(matrix_of(root, name, (4, 3)))
         super().__init__(root, frames, known, DEPTH_SCALE)
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """Whether the folder has depth/ and the intrinsics of the depth camera."""
-        return _has(path, "depth") and (path / _INTRINSIC).is_file()
+        return _has(path, "depth") and any((path / name).is_file() for name in _INTRINSICS)
 
 
 def camera_of(
