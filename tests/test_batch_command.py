@@ -230,6 +230,32 @@ def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     assert "0 of 1 frame done" in text
 
 
+@pytest.mark.parametrize("left", ["nothing", "an empty folder"])
+def test_a_source_that_vanishes_ends_the_run_and_fails_no_frame(
+    frames, store, tmp_path, monkeypatch, left
+):
+    class Vanishing(InOrder):
+        def run(self, work, to_do):
+            for done, (number, frame) in enumerate(to_do):
+                if done == 4:
+                    frames.rename(tmp_path / "elsewhere")
+                    if left == "an empty folder":
+                        frames.mkdir()
+                yield work(number, frame)
+
+    monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: Vanishing())
+    code, _, errors = run("batch", frames, "-o", store, *CAMERA)
+    assert code == 2
+    assert f"error: source: {frames} is there no more" in errors
+    assert (len(Store(store).ids), Store(store).failed) == (4, ())
+    if left == "an empty folder":
+        frames.rmdir()
+    (tmp_path / "elsewhere").rename(frames)
+    monkeypatch.setattr("planewise.commands.batch._engine", lambda *_: InOrder())
+    assert run("batch", frames, "-o", store, *CAMERA)[0] == 0
+    assert len(Store(store).ids) == COUNT
+
+
 @pytest.mark.usefixtures("here")
 def test_where_no_frame_can_be_done_something_is_wrong(frames, store):
     code, text, errors = run("batch", frames, "-o", store, "--camera", "nyu", "--sensor", "nyu")

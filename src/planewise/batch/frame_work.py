@@ -16,7 +16,7 @@ from planewise.arguments import checked_scale, unit_told
 from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
-from planewise.batch.source import Source, SourceFrame, is_registered
+from planewise.batch.source import Source, SourceFrame, is_gone, is_registered, path_of
 from planewise.camera import Camera, PinholeCamera, checked_camera
 from planewise.errors import MissingExtraError
 from planewise.files.camera import no_camera
@@ -146,6 +146,9 @@ class FrameWork:
         except MissingExtraError as error:
             return Outcome(number=number, frame=frame, fatal=str(error))
         except (ValueError, OSError) as error:
+            if is_gone(self.source):
+                gone = f"source: {path_of(self.source)} is there no more; once it is, go on"
+                return Outcome(number=number, frame=frame, fatal=gone)
             named = f"{self.source.name}, frame {frame}: "  # by datasets, and again by who shows it
             return failure(number, frame, _one_line(error).removeprefix(named))
         except Exception as error:  # one frame must not end a run of days

@@ -70,6 +70,23 @@ def is_registered(source: Source) -> bool:
     return bool(getattr(source, "registered", True))
 
 
+def path_of(source: Source) -> Path | None:
+    """Where a source lies, if it says so: pictures can be shown beside its labels then."""
+    path = getattr(source, "folder", None) or getattr(source, "path", None)
+    return None if path is None else Path(path)
+
+
+def is_gone(source: Source) -> bool:
+    """Whether what a source reads is there no more, or an empty folder as of a share unmounted."""
+    path = path_of(source)
+    if path is None:
+        return False
+    try:
+        return not (path.is_file() or any(path.iterdir()))
+    except OSError:
+        return True
+
+
 class DepthFolder:
     """Depth images of a folder in natural order; a frame's id is its file name without ending.
 

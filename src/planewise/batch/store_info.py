@@ -11,7 +11,7 @@ from typing import Any
 from planewise._version import __version__
 from planewise.batch.columns import SCHEMA_VERSION
 from planewise.batch.frame_work import Recipe
-from planewise.batch.source import Source
+from planewise.batch.source import Source, path_of
 from planewise.datasets.ros import TOPICS, topics_of
 from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
@@ -48,7 +48,7 @@ _PACKAGES = ("pillow", "pyarrow", "ray")
 
 def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
     """Content of ``store.json``: all that the results depend on, and the versions used."""
-    ids = hashlib.sha256()
+    path, ids = path_of(source), hashlib.sha256()
     for each in source.ids:
         ids.update(each.encode("utf-8", "surrogateescape") + b"\0")
     return {
@@ -58,7 +58,7 @@ def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
         "source": {
             "name": source.name,
             "kind": type(source).__name__,
-            "path": _path_of(source),
+            "path": None if path is None else str(path.absolute()),
             "frames": len(source.ids),
             "ids_sha256": ids.hexdigest(),
             **topics_of(source),
@@ -66,12 +66,6 @@ def info_of(source: Source, recipe: Recipe) -> dict[str, Any]:
         "sensor": recipe.sensor.describe(),
         "versions": versions(_PACKAGES),
     }
-
-
-def _path_of(source: Source) -> str | None:
-    """Where it lies, for those who want to see pictures beside the labels."""
-    path = getattr(source, "folder", None) or getattr(source, "path", None)
-    return None if path is None else str(Path(path).absolute())
 
 
 def _made_with(recipe: Recipe) -> dict[str, Any]:
