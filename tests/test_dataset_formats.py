@@ -1,8 +1,10 @@
 """Formats of datasets: small files in the real format in, the frames that were put in out."""
 
+import os
 import pickle
 import re
 import shutil
+import sys
 
 import numpy as np
 import pytest
@@ -640,6 +642,17 @@ def test_the_command_reports_damage(run, tmp_path):
     code, out, err = run(root, "--camera", "nyu")
     assert code == 0
     assert "camera is for images of 640 x 480 pixels" in err
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every name is text")
+def test_the_command_reports_names_that_are_no_text(run, tmp_path):
+    files.write_generic(tmp_path / "data")
+    name = os.fsdecode(b"z\xff1.png")
+    shutil.copy(tmp_path / "data/depth/view 1.png", tmp_path / "data/depth" / name)
+    code, text, errors = run(tmp_path / "data", "--check")
+    assert code == 2
+    assert "3 of 4 frames can be read" in text
+    assert "has a frame z\\xff1, which is not valid UTF-8; rename it" in errors.replace("\n", " ")
 
 
 def test_a_damaged_first_frame_is_said_once(run, tmp_path):

@@ -7,7 +7,7 @@ from pathlib import Path
 from planewise.batch.source import DepthFolder, Source
 from planewise.camera import Camera
 from planewise.datasets.archives import ArchiveFolder
-from planewise.datasets.frames import PointDataset
+from planewise.datasets.frames import PointDataset, check_text
 from planewise.datasets.opening import holds_depth_images, open_offered, reader_of
 from planewise.datasets.ros import TOPICS
 from planewise.errors import PlanewiseError
@@ -72,13 +72,7 @@ def open_source(
 def _storable(source: Source) -> Source:
     """Refuse ids that no table can hold: names of files with bytes that are no text."""
     for each in source.ids:
-        try:
-            each.encode()
-        except UnicodeEncodeError:
-            shown = each.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
-            raise PlanewiseError(
-                f"data: {source.name} has a frame {shown}, which is not valid UTF-8; rename it"
-            ) from None
+        check_text(source.name, each)
     return source
 
 

@@ -120,12 +120,15 @@ def _short(value: object) -> object:
 
 def _damaged(dataset: Dataset | PointDataset) -> int:
     """Read all frames; report and count those that cannot be read."""
+    from planewise.datasets.frames import check_text
+
     damaged = 0
     for each in terminal.progress(dataset.ids, len(dataset)):
         try:
             frame: DatasetFrame | PointFrame = dataset[each]
             if not hasattr(frame, "points"):
                 frame.camera.check(frame.depth.shape)
+                check_text(dataset.name, each)
         except MissingExtraError:
             raise
         except ValueError as error:

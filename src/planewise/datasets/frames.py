@@ -137,6 +137,23 @@ def numbered(count: int) -> list[str]:
     return [sys.intern(f"{n:06d}") for n in range(count)]
 
 
+def check_text(dataset: str, frame: str) -> None:
+    """Refuse an id that no table can hold: the name of a file with bytes that are no text.
+
+    Raises
+    ------
+    PlanewiseError
+        Which names the dataset and the frame.
+    """
+    try:
+        frame.encode()
+    except UnicodeEncodeError:
+        shown = frame.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
+        raise PlanewiseError(
+            f"data: {dataset} has a frame {shown}, which is not valid UTF-8; rename it"
+        ) from None
+
+
 class Frames(ABC, Generic[Frame]):
     """Frames by id or number, read when they are asked for; see the module for a reader's duties.
 
