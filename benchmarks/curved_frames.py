@@ -74,9 +74,9 @@ def _waves(rays: Array) -> Array:
     return 2.5 + 0.1 * np.sin(6 * rays[..., 0]) + 0.1 * np.cos(5 * rays[..., 1])
 
 
-def _curtain(fold: float, rays: Array) -> Array:
-    """Folds so many metres wide and 8 cm deep, at 2.5 m."""
-    return 2.5 + 0.04 * np.sin(2 * np.pi * 2.5 * rays[..., 0] / fold + 0.3 * rays[..., 1])
+def _curtain(fold: float, lean: float, rays: Array) -> Array:
+    """Folds so many metres wide and 8 cm deep, at 2.5 m; upright, or they lean a little."""
+    return 2.5 + 0.04 * np.sin(2 * np.pi * 2.5 * rays[..., 0] / fold + lean * rays[..., 1])
 
 
 _Z, _Y = (0, 0, 1), (0, 1, 0)
@@ -91,8 +91,10 @@ SURFACES: dict[str, Callable[[Array], Array]] = {
     "tunnel": lambda rays: cylinder((0.3, 0.1, 1), (0, 0.3, 0), 2.0, rays, inside=True),
     "bowl": _bowl,
     "waves": _waves,
-    "curtain, folds of 20 cm": partial(_curtain, 0.2),
-    "curtain, folds of 40 cm": partial(_curtain, 0.4),
+    "curtain, folds of 20 cm": partial(_curtain, 0.2, 0.3),
+    "curtain, folds of 40 cm": partial(_curtain, 0.4, 0.3),
+    "curtain, upright folds of 20 cm": partial(_curtain, 0.2, 0.0),
+    "curtain, upright folds of 40 cm": partial(_curtain, 0.4, 0.0),
     "LiDAR in a tunnel": lambda rays: cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, rays, inside=True),
     "LiDAR in a shaft": lambda rays: cylinder(_Z, (0.5, 1, 0), 6.0, rays, inside=True),
     "LiDAR in a dome": lambda rays: sphere((1, 0.5, 1), 8.0, rays, inside=True),
