@@ -198,8 +198,10 @@ def test_a_model_of_another_kind_is_refused(tmp_path, view):
 
 
 def test_what_cannot_be_loaded_is_said_in_one_line(tmp_path, sam, view):
-    with pytest.raises(ValueError, match=r"sam: .*nowhere cannot be used on cpu") as error:
-        generous(tmp_path / "nowhere")(view)
-    assert "\n" not in str(error.value)
+    (tmp_path / "empty").mkdir()
+    for name, why in (("nowhere", "there is no folder .*nowhere"), ("empty", ".*empty cannot be")):
+        with pytest.raises(ValueError, match=f"sam: {why}") as error:
+            generous(tmp_path / name)(view)
+        assert "\n" not in str(error.value)
     with pytest.raises(ValueError, match="cannot be used on abacus"):
         generous(sam, device="abacus")(view)

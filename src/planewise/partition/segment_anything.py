@@ -198,7 +198,9 @@ def _network(model: str, device: str) -> _Network:
         with _no_progress(logging):
             settings, _ = ImageProcessingMixin.get_image_processor_dict(model)
             net = AutoModelForMaskGeneration.from_pretrained(model).eval().to(place)
-    except (OSError, RuntimeError, AssertionError) as error:
+    except PlanewiseError:
+        raise
+    except (OSError, ValueError, RuntimeError, AssertionError) as error:
         # A device or weights that are not there; the messages are of many lines.
         detail = in_one_line(error)
         raise PlanewiseError(f"sam: {model} cannot be used on {device}: {detail}") from None
