@@ -86,7 +86,7 @@ def test_pixels_beyond_a_fold_hold_no_readings():
     ("fx", "distortion"), [(504, AZURE), (461, AZURE[:4]), (450, (0.26, -0.8, -0.001, 0.002, 0.9))]
 )
 def test_lenses_are_those_of_opencv(fx, distortion):
-    cv2 = pytest.importorskip("cv2")
+    cv2 = pytest.importorskip("cv2", reason="OpenCV is not installed")
     if distortion is not AZURE:
         distortion = tuple(0.1 * k for k in distortion)
     camera = pw.PinholeCamera(fx=fx, fy=fx + 1, cx=332, cy=326, distortion=distortion)

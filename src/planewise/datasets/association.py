@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from planewise.datasets.paths import text_of
+from planewise.datasets.picture_folder import FrameFiles
 from planewise.errors import PlanewiseError
 
 ASSOCIATIONS = "associations.txt"
@@ -18,6 +18,20 @@ _FIRST_TIME = 1e8  # seconds since 1970; no sequence has as many frames
 
 APART = 0.02
 """Seconds by which two readings of one frame may differ, as in the tools of TUM RGB-D."""
+
+
+def numbered_words(root: Path, name: str) -> Iterator[tuple[int, list[str]]]:
+    """Words of the lines of a list that are no comments, with the number of each line.
+
+    Raises
+    ------
+    PlanewiseError
+        If the file cannot be read.
+    """
+    for number, line in enumerate(text_of(root, name).splitlines(), start=1):
+        words = line.replace(",", " ").split()
+        if words and not words[0].startswith("#"):
+            yield number, words
 
 
 def timed_list(root: Path, name: str) -> list[tuple[float, list[str]]]:
@@ -34,10 +48,7 @@ def timed_list(root: Path, name: str) -> list[tuple[float, list[str]]]:
         If the file cannot be read, or a line is none of these.
     """
     lines = []
-    for number, line in enumerate(text_of(root, name).splitlines(), start=1):
-        words = line.replace(",", " ").split()
-        if not words or words[0].startswith("#"):
-            continue
+    for number, words in numbered_words(root, name):
         time = _number(words[0])
         if not math.isfinite(time) or len(words) < 2:
             raise PlanewiseError(f"{name}, line {number}: expected a time and a name")
@@ -45,19 +56,11 @@ def timed_list(root: Path, name: str) -> list[tuple[float, list[str]]]:
     return sorted(lines, key=lambda line: line[0])
 
 
-@dataclass(frozen=True, slots=True)
-class Associated:
-    """A depth image and its picture, with the number or time that a list has beside the first."""
+def associations(root: Path) -> list[FrameFiles]:
+    """Frames of `ASSOCIATIONS`, as the tools of TUM RGB-D write it, in order of their times.
 
-    time: float
-    depth: str
-    rgb: str
-
-
-def associations(root: Path) -> list[Associated]:
-    """Pairs of `ASSOCIATIONS`, as the tools of TUM RGB-D write them, in order of their times.
-
-    Lines are "time depth time picture", or pictures come first.
+    Lines are "time depth time picture", or pictures come first. A time may be a number. Ids are the
+    names of the depth images.
 
     Raises
     ------
@@ -73,22 +76,28 @@ def associations(root: Path) -> list[Associated]:
             time, first, second = _number(beside), second, first
         if not math.isfinite(time):
             raise PlanewiseError(f"{ASSOCIATIONS}: expected a time before {first}, got {beside}")
-        pairs.append(Associated(time, first, second))
-    return sorted(pairs, key=lambda pair: pair.time)
+        pairs.append((time, first, second))
+    return [
+        FrameFiles(id=Path(depth).stem, depth=depth, rgb=picture, timestamp=time)
+        for time, depth, picture in sorted(pairs, key=lambda pair: pair[0])
+    ]
+
+
+def are_timed(frames: Sequence[FrameFiles]) -> bool:
+    """Whether `associations` are by times of a clock, not by numbers of frames."""
+    return bool(frames) and (frames[0].timestamp or 0.0) >= _FIRST_TIME
 
 
 def states_times(root: Path, *, named: bool = False) -> bool:
-    """Whether there is a list of `associations` by times of a clock, not by numbers of frames.
+    """Whether there is a list of `associations` that are timed.
 
     With `named`, files have to be named by times, too, as those of TUM RGB-D are.
     """
     try:
-        pairs = associations(root)
+        frames = associations(root)
     except PlanewiseError:
         return False
-    if not pairs or pairs[0].time < _FIRST_TIME:
-        return False
-    return not named or _number(Path(pairs[0].depth).stem) > _FIRST_TIME
+    return are_timed(frames) and (not named or _number(frames[0].id) > _FIRST_TIME)
 
 
 def nearest(times: Sequence[float], time: float, apart: float = APART) -> int | None:

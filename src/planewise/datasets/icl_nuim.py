@@ -8,14 +8,14 @@ everywhere, so fy is 480, and its poses, made for the other axes, are not read.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
 from planewise.camera import PinholeCamera
-from planewise.datasets.association import ASSOCIATIONS, associations, states_times
+from planewise.datasets.association import ASSOCIATIONS, are_timed, associations, states_times
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.paths import inside, listed
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
@@ -115,8 +115,8 @@ def _has_distances(path: Path) -> bool:
     return _DISTANCES.fullmatch(path.name) is not None and path.is_file()
 
 
-def _frames(root: Path) -> Iterator[FrameFiles]:
-    rate = 1 if states_times(root) else 30
-    for pair in associations(root):
-        stem = Path(pair.depth).stem
-        yield FrameFiles(id=stem, depth=pair.depth, rgb=pair.rgb, timestamp=pair.time / rate)
+def _frames(root: Path) -> list[FrameFiles]:
+    frames = associations(root)
+    if are_timed(frames):
+        return frames
+    return [replace(each, timestamp=(each.timestamp or 0.0) / 30) for each in frames]

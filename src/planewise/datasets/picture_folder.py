@@ -21,7 +21,9 @@ from planewise.wording import counted
 
 _LOG = logging.getLogger("planewise")
 
-_STAMPED = re.compile(r"()(\d+)-\d+()")  # Redwood's: number of the frame, time
+STAMPED = re.compile(r"(\d+)-(\d+)")
+"""Names as of Redwood: number of the frame, time in microseconds."""
+
 _NUMBERED = re.compile(r"(.*?)(\d+(?:\.\d+)?)(\D*)", re.DOTALL)
 
 
@@ -160,11 +162,11 @@ def _frame_numbers(paths: Iterable[Path]) -> dict[Path, str]:
     None where names differ in more than the number, or several have the same: such numbers do not
     tell frames from each other.
     """
-    found = {
-        path: name.groups()
-        for path in paths
-        if (name := _STAMPED.fullmatch(path.stem) or _NUMBERED.fullmatch(path.stem))
-    }
+    found = {}
+    for path in paths:
+        stamped = STAMPED.fullmatch(path.stem)
+        if name := _NUMBERED.fullmatch(stamped[1] if stamped else path.stem):
+            found[path] = name.groups()
     if len({(before, after) for before, _, after in found.values()}) > 1:
         return {}
     numbers = {path: number.lstrip("0") or "0" for path, (_, number, _) in found.items()}

@@ -6,18 +6,16 @@ Zhou, Miller, Koltun, "A large dataset of object scans", 2016.
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 from planewise.camera import PinholeCamera
 from planewise.datasets.paths import inside
-from planewise.datasets.picture_folder import FrameFiles, PictureFolder, depth_and_colour
+from planewise.datasets.picture_folder import STAMPED, FrameFiles, PictureFolder, depth_and_colour
 from planewise.files.camera import read_camera
 
 _CAMERAS = ("camera_intrinsic.json", "intrinsic.json", "camera_primesense.json")
-_STAMPED = re.compile(r"\d+-(\d+)")
 
 
 class RedwoodFolder(PictureFolder):
@@ -64,5 +62,5 @@ class RedwoodFolder(PictureFolder):
 
 
 def _stamped(files: FrameFiles) -> FrameFiles:
-    stamp = _STAMPED.fullmatch(Path(files.depth).stem)
-    return files if stamp is None else replace(files, timestamp=int(stamp[1]) / 1e6)
+    stamp = STAMPED.fullmatch(Path(files.depth).stem)
+    return files if stamp is None else replace(files, timestamp=int(stamp[2]) / 1e6)

@@ -23,10 +23,10 @@ from planewise.datasets.association import (
     ASSOCIATIONS,
     associations,
     nearest,
+    numbered_words,
     states_times,
     timed_list,
 )
-from planewise.datasets.paths import text_of
 from planewise.datasets.picture_folder import FrameFiles, PictureFolder
 from planewise.wording import counted
 
@@ -87,9 +87,7 @@ def _has_lists(root: Path) -> bool:
 
 def _frames(root: Path, apart: float) -> Iterator[FrameFiles]:
     if not _has_lists(root) and (root / ASSOCIATIONS).is_file():
-        for pair in associations(root):
-            stem = Path(pair.depth).stem
-            yield FrameFiles(id=stem, depth=pair.depth, rgb=pair.rgb, timestamp=pair.time)
+        yield from associations(root)
         return
     pictures = timed_list(root, "rgb.txt")
     times = [time for time, _ in pictures]
@@ -107,8 +105,7 @@ def _trajectory(root: Path) -> tuple[list[float], list[NDArray[np.float64]]]:
     """Times and rows tx, ty, tz, qx, qy, qz, qw of the true trajectory, where it is there."""
     if not (root / TRAJECTORY).is_file():
         return [], []
-    lines = [line.replace(",", " ").split() for line in text_of(root, TRAJECTORY).splitlines()]
-    lines = [words for words in lines if words and not words[0].startswith("#")]
+    lines = [words for _, words in numbered_words(root, TRAJECTORY)]
     rows = sorted(filter(None, map(_timed_pose, lines)), key=lambda row: row[0])
     if len(rows) < len(lines):
         _LOG.warning(

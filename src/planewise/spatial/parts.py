@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,23 @@ def sides_within(cells: Cells, of_unit: NDArray[np.int32], chosen: Bools) -> Ind
     return np.concatenate(found).astype(np.intp)
 
 
-def points_of(rows: Array, plane: Array) -> Array:
+def points_of_segments(
+    cells: Cells, segments: Segments, planes: Array, chosen: Bools, sides: Index
+) -> Iterator[tuple[int, Index, Array, Index]]:
+    """Every chosen segment with its units (m,), their points (m, 4), and sides (., 2) of these.
+
+    planes (n, 3): of all segments; sides (., 2): of units, those within each chosen one among them.
+    """
+    place = np.empty(len(cells.rows), np.intp)
+    first, second = segments.of_unit[sides].T
+    for s in np.flatnonzero(chosen).tolist():
+        units = np.flatnonzero(segments.of_unit == s)
+        place[units] = np.arange(len(units))
+        within = (first == s) & (second == s)
+        yield s, units, _points_of(cells.rows[units], planes[s]), place[sides[within]]
+
+
+def _points_of(rows: Array, plane: Array) -> Array:
     """Points (m, 4) of `kernels.splits`, x and y in roots of their variance about their mean."""
     p = rows[:, 0]
     x, y, w = rows[:, [1, 2, 6]].T / p
@@ -113,8 +131,8 @@ def divided(
 ) -> Segments | None:
     """With parts of one segment as segments, the first in its place, the others behind all.
 
-    part (m,): of each of its units, small (parts,): those that are no planes. None
-    where one that is saves too little.
+    part (m,): of each of its units, small (parts,): those that are no planes. None where one
+    that is saves too little.
     """
     units = np.flatnonzero(whole.of_unit == segment)
     parts = _segments_of(part, cells.rows[units], whole, segment)

@@ -27,7 +27,7 @@ from planewise.spatial.parts import (
     divided,
     is_small,
     joined,
-    points_of,
+    points_of_segments,
     polynomial,
     side_by_side,
     sides_within,
@@ -82,19 +82,15 @@ def split(
         Those that are pieces of something round.
     """
     bent, planes, excess = _bends(cells, segments, accepted, sectors, price)
-    out = at_steps(cells, segments, bent, price) if bent.any() else segments
-    if out is not segments:
-        accepted = np.append(accepted, out.rows[len(accepted) :, FREE] > 0.0)
-        bent, planes, excess = _bends(cells, out, accepted, sectors, price)
-    curved, place = np.zeros(len(out.rows), np.bool_), np.empty(len(cells.rows), np.intp)
     if not bent.any():
-        return out, curved
-    whole, sides = out, sides_within(cells, out.of_unit, bent)
-    for s in np.flatnonzero(bent).tolist():
-        units = np.flatnonzero(whole.of_unit == s)
-        place[units] = np.arange(len(units))
-        mine = place[sides[whole.of_unit[sides[:, 0]] == s]]
-        points = points_of(cells.rows[units], planes[s])
+        return segments, bent
+    sides = sides_within(cells, segments.of_unit, bent)
+    whole = at_steps(cells, segments, planes, bent, sides, price)
+    if whole is not segments:  # what bends now is one of those that did, or a part of it
+        accepted = np.append(accepted, whole.rows[len(accepted) :, FREE] > 0.0)
+        bent, planes, excess = _bends(cells, whole, accepted, sectors, price)
+    out, curved = whole, np.zeros(len(whole.rows), np.bool_)
+    for s, units, points, mine in points_of_segments(cells, whole, planes, bent, sides):
         part = _parts(points, mine, price) if excess[s] > 2 * CLEAR * price else None
         if part is None:
             curved[s] = _is_round(points, cells.rows[units], planes[s], sectors, price)

@@ -23,8 +23,7 @@ from planewise.spatial.parts import (
     divided,
     is_small,
     joined,
-    points_of,
-    sides_within,
+    points_of_segments,
     widths,
 )
 from planewise.spatial.segments import Segments, affine_planes
@@ -39,20 +38,17 @@ _LEFT = 0.25  # most of a segment that may be units across steps
 _WIDE = 3.0  # units: less is a row of them along a step
 
 
-def at_steps(cells: Cells, segments: Segments, chosen: Bools, price: float) -> Segments:
+def at_steps(
+    cells: Cells, segments: Segments, planes: Array, chosen: Bools, sides: Index, price: float
+) -> Segments:
     """Divide those of the chosen segments that are broken by steps; the same where none is.
 
-    All as `planewise.spatial.splitting.split` takes it. The widest part stays in the place of its
-    segment, the others are behind all, and behind those of each what lies across the steps.
+    planes (n, 3): of all segments; sides (., 2): of units within the chosen ones; the rest as
+    `planewise.spatial.splitting.split` takes it. The widest part stays in the place of its segment,
+    the others are behind all, and behind those of each what lies across the steps.
     """
-    sides = sides_within(cells, segments.of_unit, chosen)
-    root, planes, out = _unbroken(cells.rows, sides), affine_planes(segments.rows), segments
-    place = np.empty(len(root), np.intp)
-    for s in np.flatnonzero(chosen).tolist():
-        units = np.flatnonzero(segments.of_unit == s)
-        place[units] = np.arange(len(units))
-        points = points_of(cells.rows[units], planes[s])
-        mine = place[sides[segments.of_unit[sides[:, 0]] == s]]
+    root, out = _unbroken(cells.rows, sides), segments
+    for s, units, points, mine in points_of_segments(cells, segments, planes, chosen, sides):
         pieces = np.unique(root[units], return_inverse=True)[1]
         if (found := _parts(points, pieces, mine, price)) is not None:
             out = divided(out, s, *found, cells, price) or out
