@@ -8,7 +8,7 @@ import planewise as pw
 from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
 from planewise.kernels.splits import halve
-from planewise.spatial.faces import parted
+from planewise.spatial.faces import misfits_of, parted
 from planewise.spatial.frame import tame_frame
 from planewise.workspace import Workspace
 
@@ -398,18 +398,17 @@ def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
         normal = (terms * p) @ terms.T
         rows[j, :6], rows[j, 6:9] = normal[np.triu_indices(3)], (terms * p) @ w
     labels = truth.copy()
-    out, saved, pixels = parted(frame, 1.0, rows, labels, 30.0, 0.0, Workspace())
+    misfits = misfits_of(frame, 1.0, rows, labels)
+    out, saved, pixels = parted(frame, 1.0, rows, labels, misfits, 30.0, 0.0, Workspace())
     assert_array_equal(out, rows)
     assert_array_equal(labels, truth)
     assert not saved.size
     assert not pixels.size
 
     both = np.minimum(truth, 2)  # as if the faces of the box were one
-    terms = rows[1] + rows[2]
-    kept = both.copy()
-    out, saved, pixels = parted(
-        frame, 1.0, np.array([rows[0], terms]), both, 30.0, 0.0, Workspace()
-    )
+    kept, two = both.copy(), np.array([rows[0], rows[1] + rows[2]])
+    misfits = misfits_of(frame, 1.0, two, both)
+    out, saved, pixels = parted(frame, 1.0, two, both, misfits, 30.0, 0.0, Workspace())
     assert saved.shape == (1,)
     assert saved[0] > 4 * 30
     assert (both[truth == 3] == 3).mean() > 0.9

@@ -43,7 +43,7 @@ pw.detect_planes_in_points(points, pw.Sensor(max_depth=10, noise=0.01))
 """
 LATER = {
     "labels", "creases", "units", "groups", "group_data", "masks", "plane_sums", "segments",
-    "squares", "faces",
+    "squares", "faces", "folds",
 }  # fmt: skip
 LATER_OF_CLOUDS = {"cloud_segments", "cloud_labels", "cloud_information"}
 

@@ -29,6 +29,7 @@ from planewise.kernels.curvature import (
     surface_borders,
 )
 from planewise.kernels.faces import give_back, wait_about
+from planewise.kernels.folds import profile
 from planewise.kernels.forms import FORM
 from planewise.kernels.labels import rename
 from planewise.kernels.planes import in_space
@@ -36,7 +37,7 @@ from planewise.kernels.quadrics import spread
 from planewise.kernels.segments import agglomerate, room
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
-from planewise.spatial.faces import parted
+from planewise.spatial.faces import misfits_of, parted
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
@@ -137,13 +138,15 @@ def labelling() -> None:
     label_planes(valley.frame, *of_planes)
     labels = np.ones((_SIZE, _SIZE), np.uint16)
     one, work = valley.rows.sum(axis=0)[None], Workspace()
-    _, _, pixels = parted(valley.frame, 1.0, one, labels, 1.0, 0.0, work)
+    misfits = misfits_of(valley.frame, 1.0, one, labels)
+    _, _, pixels = parted(valley.frame, 1.0, one, labels, misfits, 1.0, 0.0, work)
     marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
     marks.label[:], marks.seen[:] = 0, False
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
     images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
     give_back(labels, marks.label, marks.seen, named, *images, 1.0)
+    profile(pixels, *images, 1.0, np.zeros(3), 1, 0.0, np.empty((2, 3)))
 
 
 def surfaces() -> None:

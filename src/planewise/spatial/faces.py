@@ -9,6 +9,7 @@ a smooth surface through all by more than off those two.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,7 @@ def parted(
     white: float,
     rows: Array,
     labels: NDArray[np.uint16],
+    misfits: Array,
     price: float,
     significance: float,
     workspace: Workspace,
@@ -57,6 +59,8 @@ def parted(
         Of the planes (`kernels.cells`).
     labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1. Pixels of a second face are given its label.
+    misfits : ndarray, shape (N + 1, 2)
+        By label: `misfits_of` these planes.
     price : float
         Nats that a plane takes.
     significance : float
@@ -74,10 +78,8 @@ def parted(
         Those of second faces, as places in the flattened image.
     """
     least = max(_CLEAR * price, price + significance)
-    affine, off = planes_by_label(rows), np.empty((len(rows) + 1, 2))
     images = frame.w, frame.p, *frame.sectors.coordinates
-    kernels.label_misfits(labels, *images, affine, _EVERY, _MOST * white, off)
-    chi2, count = off.T
+    chi2, count = misfits.T
     doubtful = _EVERY * (chi2 - white * count) > least * white
     doubtful &= chi2 > 0.5 * (1.0 + _WORSE) * white * count
     doubtful[0] = False
@@ -97,7 +99,7 @@ def parted(
         )  # fmt: skip
         return less, [by_face[:larger], by_face[larger:]]
 
-    waiting = _pixels(labels, doubtful, _EVERY * count, workspace)
+    waiting = list(pixels_of_labels(labels, doubtful, count, workspace))
     while waiting and len(out) < _MOST_PLANES:
         label, pixels = waiting.pop()
         part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
@@ -118,20 +120,33 @@ def parted(
     return np.array(out), np.array(saved), np.concatenate(changed)
 
 
-def _pixels(
-    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], about: Array, workspace: Workspace
-) -> list[tuple[int, Index]]:
-    """Chosen labels and the pixels of each; `about` (labels,): as many there may be."""
+def misfits_of(frame: Frame, white: float, rows: Array, labels: NDArray[np.uint16]) -> Array:
+    """By label, shape (N + 1, 2): chi^2 of some of the readings on its plane, and how many.
+
+    Wild ones count for no more than 16; `white`, the size of the error, is not divided by.
+    """
+    out = np.empty((len(rows) + 1, 2))
+    images = frame.w, frame.p, *frame.sectors.coordinates
+    kernels.label_misfits(labels, *images, planes_by_label(rows), _EVERY, _MOST * white, out)
+    return out
+
+
+def pixels_of_labels(
+    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], count: Array, workspace: Workspace
+) -> Iterator[tuple[int, Index]]:
+    """Chosen labels and the pixels of each, as places in the flattened image.
+
+    count (labels,): readings of each, as `misfits_of` counts them.
+    """
     listed, width = chosen.nonzero()[0], labels.shape[1]
     slot = np.full(len(chosen), -1)
     slot[listed] = np.arange(len(listed))
-    room = (1.1 * about[listed]).astype(np.int64) + 4 * width
+    room = (1.1 * _EVERY * count[listed]).astype(np.int64) + 4 * width
     while True:
         stop = np.cumsum(room)
         first, pixels = stop - room, workspace.empty(int(stop[-1]), np.int32)
         if kernels.list_pixels(labels, slot, first, stop, pixels):
-            return [
-                (j, pixels[a:b])
-                for j, a, b in zip(listed.tolist(), first.tolist(), stop.tolist(), strict=True)
-            ]
+            break
         room *= 2
+    for j, a, b in zip(listed.tolist(), first.tolist(), stop.tolist(), strict=True):
+        yield j, pixels[a:b]

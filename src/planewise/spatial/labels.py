@@ -16,7 +16,8 @@ from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.faces import ROUGH, parted
+from planewise.spatial.faces import ROUGH, misfits_of, parted
+from planewise.spatial.folds import are_folds
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.spatial.segments import kept_planes, planes_by_label, with_none
@@ -58,7 +59,7 @@ def label_planes(
     """Give every pixel near a border its label, refit the planes, put creases in their place.
 
     A strip that is left next to no units of its own is no plane, but cells across an edge, whose
-    pixels are those of the planes on either side.
+    pixels are those of the planes on either side; nor is one of something that bends.
 
     Parameters
     ----------
@@ -75,7 +76,8 @@ def label_planes(
     workspace : Workspace, optional
         Memory to work in; the labels returned are part of it.
     price, significance : float, optional
-        Nats that a plane takes, and has to save beyond, where those that are two faces are parted.
+        Nats that a plane takes, and has to save beyond, where those that are two faces are parted,
+        and strips of what bends left out.
 
     Returns
     -------
@@ -92,6 +94,7 @@ def label_planes(
     labels: Labels = workspace.kept(frame.w.shape, np.uint16)
     null = float(np.log(observation.range / observation.resolution))
     variances, saved = _variances(frame, cells, workspace), np.empty(0)
+    white = cells.error.white
     while True:
         marks = Marks.of(frame.w.shape, workspace)
         number = _numbers(cells, root, accepted, owner, frame.sectors)
@@ -102,12 +105,15 @@ def label_planes(
         left = own > _OWN * planes[0, :, COUNT]
         for j in (~left).nonzero()[0].tolist():
             left[j] = not _is_strip(labels, j, frame.sectors.count)
+        if price is not None and left.all():
+            misfits = misfits_of(frame, white, rows, labels)
+            left = ~are_folds(frame, white, rows, labels, misfits, workspace)
         if left.all():
             break
         planes, owner = kept_planes(planes, owner, left.nonzero()[0])
     if price is not None:
         rows, saved, pixels = parted(
-            frame, cells.error.white, rows, labels, price, significance, workspace
+            frame, white, rows, labels, misfits, price, significance, workspace
         )
         if len(saved):
             _look_again(frame, cells, rows, variances[0], null, marks, labels, pixels)

@@ -1,0 +1,95 @@
+"""Loops that tell whether the readings of a strip bend across it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planewise.kernels.jit import called, compiled
+
+_TERMS = 4  # of a cubic
+_SINGULAR = 1e-9  # of its square: what is left of a term that the others make up
+
+
+@compiled
+def profile(pixels, w, p, x, y, white, plane, many, beside, out):  # type: ignore[no-untyped-def]
+    """Fit a straight line and a cubic to what lies off the plane of a strip, across it.
+
+    To every so many of its pixels (n,) that about `many` count, and then without those less than
+    `beside` from either side of a rectangle with its scatter. p / white are precisions of w; plane
+    (3,): (t0, t1, t2). Writes out (2, 3): chi^2 of the line, that of the cubic, and readings.
+    Returns its width and length.
+    """
+    columns, alike, step = w.shape[1], x.shape[0] == 1, (pixels.size // many) | 1
+    count = (pixels.size + step - 1) // step
+    points, a = np.empty((count, 4)), plane
+    mx = my = xx = xy = yy = 0.0
+    for k in range(count):
+        i = pixels[k * step] // columns
+        j = pixels[k * step] - i * columns
+        u, v = x[0 if alike else i, j], y[i, 0 if alike else j]
+        points[k, 0], points[k, 1] = u, v
+        points[k, 2], points[k, 3] = w[i, j] - a[0] - a[1] * u - a[2] * v, p[i, j] / white
+        mx += u
+        my += v
+    mx /= count
+    my /= count
+    for k in range(count):
+        u, v = points[k, 0] - mx, points[k, 1] - my
+        xx += u * u
+        xy += u * v
+        yy += v * v
+    half, apart = 0.5 * (xx + yy) / count, math.hypot(0.5 * (xx - yy), xy) / count
+    # A side of a rectangle is sqrt(12) times the standard deviation along it.
+    width, length = math.sqrt(12.0 * max(half - apart, 0.0)), math.sqrt(12.0 * (half + apart))
+    along = 0.5 * math.atan2(2.0 * xy, xx - yy)
+    scale = 2.0 / max(width, 1e-12)
+    cos, sin = -math.sin(along) * scale, math.cos(along) * scale
+    for k in range(count):
+        points[k, 0] = cos * (points[k, 0] - mx) + sin * (points[k, 1] - my)
+    _fit(points, np.inf, out[0])
+    _fit(points, 1.0 - beside * scale, out[1])
+    return width, length
+
+
+@called
+def _fit(points, reach, out):  # type: ignore[no-untyped-def]
+    """Write chi^2 (3,) of a line, of a cubic, and how many of points (n, 4) lie within reach."""
+    m0 = m1 = m2 = m3 = m4 = m5 = m6 = h0 = h1 = h2 = h3 = square = 0.0
+    count = 0
+    for k in range(points.shape[0]):  # without a branch: vector code
+        u, h, q = points[k, 0], points[k, 2], points[k, 3]
+        inside = abs(u) < reach
+        q = q if inside else 0.0
+        count += inside
+        qu, quu, quuu = q * u, q * u * u, q * u * u * u
+        m0 += q
+        m1 += qu
+        m2 += quu
+        m3 += quuu
+        m4 += quuu * u
+        m5 += quuu * u * u
+        m6 += quuu * u * u * u
+        h0 += q * h
+        h1 += qu * h
+        h2 += quu * h
+        h3 += quuu * h
+        square += q * h * h
+    m, high = (m0, m1, m2, m3, m4, m5, m6), (h0, h1, h2, h3)
+    table = np.empty((_TERMS + 1, _TERMS + 1))
+    for e in range(_TERMS):
+        table[e, _TERMS] = high[e]
+        for f in range(_TERMS):
+            table[e, f] = m[e + f]
+    table[_TERMS, _TERMS] = square
+    # Gauss: what is left of the last square once the terms are eliminated.
+    for e in range(_TERMS):
+        if e == 2:
+            out[0] = table[_TERMS, _TERMS]
+        if table[e, e] > _SINGULAR * m[2 * e]:
+            for f in range(e + 1, _TERMS + 1):
+                share = table[e, f] / table[e, e]
+                for g in range(f, _TERMS + 1):
+                    table[f, g] -= share * table[e, g]
+    out[1], out[2] = table[_TERMS, _TERMS], count

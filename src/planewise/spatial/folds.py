@@ -1,0 +1,176 @@
+"""Planes that are strips of something that bends: folds of cloth, rods that few cells see.
+
+Strips two or three cells wide are too narrow for cells to tell that a surface bends. Their readings
+tell: across a strip they lie on a cubic, clearly closer than on its plane. Those of a strip that
+is two faces lie off the cubic, too; those beside edges, which are blurred or have the wrong label,
+bend there alone. Hence most of the strips side by side, and enough of them, have to lie on a cubic
+but for noise, and to bend without the pixels beside their borders.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planewise.kernels import folds as kernels
+from planewise.kernels.cells import SIDE, UNIT
+from planewise.spatial.faces import pixels_of_labels
+from planewise.spatial.frame import Frame
+from planewise.spatial.segments import planes_by_label
+from planewise.workspace import Workspace
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Labels = NDArray[np.uint16]
+
+_FEWEST = 5  # strips side by side that bend: rounded edges have one or two, and two faces
+# Of what noise leaves off a cubic: what a plane leaves beyond it, and off all but the border.
+_BENT = np.array([0.05, 0.1])
+_SMOOTH = 1.15  # times what noise leaves off a cubic, at most: two faces leave more
+_CLEARLY = 30.0  # the same as chi^2 of two degrees of freedom: 3e-7 by chance
+_WIDE = 14.0 * SIDE / UNIT  # cells tell of wider ones
+_LONG = 3.0  # times as long as wide
+_BLURRED = 1.0 / UNIT  # beside a border: mixed of both sides
+_BESIDE = 2 * SIDE  # pixels from a strip to what touches it
+_REACH = 3 * _BESIDE  # to the next that bends: between them are crests, on no plane or a small one
+_MANY = 1000  # pixels of a strip that count
+_ALONG = 0.3  # of the length of the shorter strip: both are side by side
+_AMID = 0.5  # of the border of what is no larger than they: it is a piece of what bends
+
+
+def are_folds(
+    frame: Frame, white: float, rows: Array, labels: Labels, misfits: Array, workspace: Workspace
+) -> Bools:
+    """Which planes of a frame whose error is all but white are strips of what bends, shape (N,).
+
+    Parameters
+    ----------
+    frame : Frame
+        The readings; of one sector.
+    white : float
+        Size of their white error (`spatial.frame_error.FrameError`).
+    rows : ndarray, shape (N, 13)
+        Of the planes (`kernels.cells`).
+    labels : ndarray of uint16, shape (H, W)
+        0 for none, j for row j - 1.
+    misfits : ndarray, shape (N + 1, 2)
+        By label: how far some of the readings lie off, and how many (`spatial.faces`).
+    workspace : Workspace
+        Memory to work in.
+    """
+    none = np.zeros(len(rows), np.bool_)
+    narrow = _is_narrow(rows)
+    if np.count_nonzero(narrow) < _FEWEST:
+        return none
+    strips = _strips(frame, white, rows, labels, narrow, misfits[:, 1], workspace)
+    if np.count_nonzero(strips.inside) < _FEWEST:
+        return none
+    shared = _borders(labels, np.sort(np.concatenate(strips.pixels)), len(rows), _REACH)
+    shorter = np.minimum(strips.length[:, None], strips.length)
+    group = _groups(shared > _ALONG * UNIT * shorter)
+    size = np.bincount(labels.reshape(-1), minlength=len(group))
+    enough = np.bincount(group, strips.inside) >= _FEWEST
+    enough &= np.bincount(group, size * strips.inside) > 0.5 * np.bincount(
+        group, size * strips.bent
+    )
+    folds = strips.bent & enough[group]
+    if not folds.any():
+        return none
+    shared = _borders(labels, np.flatnonzero(labels), len(rows), _BESIDE)
+    return _with_pieces(folds, size, shared)[1:]
+
+
+@dataclass(frozen=True)
+class _Strips:
+    """What readings say of every label, shape (N + 1,).
+
+    Attributes
+    ----------
+    bent, inside : ndarray of bool
+        Whether it is a strip that bends, and without the pixels beside its border, too.
+    length : ndarray
+        In units of x and y.
+    pixels : list of ndarray
+        Those of each that bends, as places in the flattened image.
+    """
+
+    bent: Bools
+    inside: Bools
+    length: Array
+    pixels: list[NDArray[np.int32]]
+
+
+def _is_narrow(rows: Array) -> Bools:
+    """Which planes are narrow, going by the cells in them: a square has variance side^2 / 12."""
+    _, x, y, xx, xy, yy = rows.T[:6] / rows[:, 0]
+    xx, xy, yy = xx - x * x, xy - x * y, yy - y * y
+    across = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+    return np.asarray(12.0 * across < _WIDE * _WIDE)
+
+
+def _strips(
+    frame: Frame,
+    white: float,
+    rows: Array,
+    labels: Labels,
+    chosen: Bools,
+    about: Array,
+    workspace: Workspace,
+) -> _Strips:
+    """What readings say of chosen planes (N,); about (N + 1,): as `pixels_of_labels` takes it."""
+    affine, images = planes_by_label(rows), (frame.w, frame.p, *frame.sectors.coordinates)
+    bent, length = np.zeros((2, len(affine)), np.bool_), np.zeros(len(affine))
+    chi2, listed = np.empty((2, 3)), []
+    for label, pixels in pixels_of_labels(labels, np.append(False, chosen), about, workspace):
+        width, length[label] = kernels.profile(
+            pixels, *images, white, affine[label], _MANY, _BLURRED, chi2
+        )
+        if width < min(_WIDE, length[label] / _LONG):
+            line, cubic, count = chi2.T
+            ratio = (line - cubic) / np.maximum(np.maximum(cubic, count), 1.0)
+            bent[:, label] = ratio > np.maximum(_BENT, _CLEARLY / np.maximum(count, 1.0))
+            bent[1, label] &= cubic[1] < _SMOOTH * count[1]
+            if bent[0, label]:
+                listed.append(pixels)
+    return _Strips(bent[0], bent[0] & bent[1], length, listed)
+
+
+def _borders(
+    labels: Labels, pixels: NDArray[np.integer], most: int, reach: int
+) -> NDArray[np.int64]:
+    """Rows and columns in which a label is next to another within `reach` pixels.
+
+    Of some pixels, in raster order. Shape (most + 1, most + 1), symmetric.
+    """
+    shared = np.zeros((most + 1, most + 1), np.int64)
+    label, (row, column) = labels.reshape(-1)[pixels], np.divmod(pixels, labels.shape[1])
+    by_column = np.argsort(column, kind="stable")
+    for line, place, mine in (
+        (row, column, label),
+        (column[by_column], row[by_column], label[by_column]),
+    ):
+        next_to = (np.diff(place) <= reach) & (line[1:] == line[:-1]) & (mine[1:] != mine[:-1])
+        np.add.at(shared, (mine[:-1][next_to], mine[1:][next_to]), 1)
+    return shared + shared.T
+
+
+def _groups(beside: Bools) -> NDArray[np.intp]:
+    """The first of those that each hangs together with; beside (n, n): symmetric."""
+    group = np.arange(len(beside))
+    while True:
+        first = np.minimum(group, np.where(beside, group, len(beside)).min(axis=1))
+        if (first == group).all():
+            return group
+        group = first
+
+
+def _with_pieces(folds: Bools, size: NDArray[np.intp], shared: NDArray[np.int64]) -> Bools:
+    """With what lies amid folds: smaller than the largest, most of its border with them."""
+    small, every = size < size[folds].max(), shared.sum(axis=1)
+    while True:
+        amid = small & ~folds & (shared[:, folds].sum(axis=1) > _AMID * every)
+        if not amid.any():
+            return folds
+        folds = folds | amid
