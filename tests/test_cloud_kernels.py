@@ -521,23 +521,22 @@ def labelled(cloud, label_of, planes, null, resolution, following=None, rounds=2
     return out
 
 
+@pytest.mark.parametrize("lonely", [0.0, 0.98])
 @pytest.mark.parametrize("follow", [(0, 0, 0, 0), (0, 0.5, 0.9, 0)])
-def test_labels_follow_residual_and_surroundings(cloud, follow):
+def test_labels_follow_residual_and_surroundings(cloud, follow, lonely):
     truth = scattered()[1][cloud.rows]
-    majority = [
-        np.bincount(truth[a:b]).argmax()
-        for a, b in zip(cloud.starts[:-1], cloud.starts[1:], strict=True)
-    ]
-    label_of = np.array(majority)
+    runs = zip(cloud.starts[:-1], cloud.starts[1:], strict=True)
+    majority = np.array([np.bincount(truth[a:b]).argmax() for a, b in runs])
     planes = np.column_stack((np.eye(3)[[2, 0, 1]], np.eye(3)[[2, 0, 1]] @ cloud.centre))
     follow, rng = np.array(follow, float), np.random.default_rng(0)
-    owner = rng.permutation(len(label_of))  # a cell for every cube, through one of its points
+    owner = rng.permutation(len(majority))  # a cell for every cube, through one of its points
     cells = np.zeros((len(owner), rows_of.ROW))
     sign = rng.choice((-1.0, 1.0), len(owner))[:, None]
-    normal = planes[label_of - 1, :3] + rng.normal(0, 0.05, (len(owner), 3))
+    normal = planes[majority - 1, :3] + rng.normal(0, 0.05, (len(owner), 3))
     cells[owner, rows_of.NX : rows_of.NZ + 1] = sign * normal
     at = cloud.positions()[cloud.starts[:-1]] + 4.0 * SIGMA * normal
     cells[owner, rows_of.CX : rows_of.CZ + 1] = at
+    label_of = np.where(rng.random(len(majority)) < lonely, 0, majority)
     labels = np.empty(len(truth), np.uint16)
     null = math.log(1e4)
     label_loops.label_points(
@@ -547,6 +546,8 @@ def test_labels_follow_residual_and_surroundings(cloud, follow):
     )  # fmt: skip
     told, following = (cloud, label_of, planes, null, 0.001), (cells, owner, follow)
     assert (labels != labelled(*told, following)).mean() < 1e-3  # float32 and 64, at equal costs
+    if lonely:  # cubes that are not, where points are told apart once more, are few
+        return
     assert (labels != labelled(*told, following, rounds=0)).mean() > 3e-3
     if follow.any():
         assert (labels != labelled(*told)).mean() > 0.01

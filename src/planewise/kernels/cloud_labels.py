@@ -34,7 +34,7 @@ from planewise.kernels.jit import compiled, in_order, internal
 MOST = 12  # planes that the points of a cube may be on
 _ROUNDS = 2  # in which shares follow the labels
 _ALPHA = 0.5  # added to every count of points
-_HIGHER = 3  # levels up to which the surroundings of a lonely cube are looked at
+_LEVELS = 3  # at which the surroundings of a cube are looked at, until there is a plane
 
 
 @internal
@@ -98,9 +98,10 @@ def label_points(  # type: ignore[no-untyped-def]
         most = max(most, starts[cube + 1] - starts[cube])
     eighth_of, slot_of = np.empty(most, np.int64), np.empty(most, np.int64)
     for cube in range(first, last):
-        count, none = 0, _ALPHA
+        count = 0
         x0, y0, z0 = middle_of(cubes[cube], side, middle, turn)
-        for level in range(_HIGHER):
+        for level in range(_LEVELS):
+            none = _ALPHA
             if level > 0:
                 beside(cubes, cubes[cube] >> np.uint64(3 * level), level, cube, near)
             size = 0  # of what there is, listed without a branch that nobody could foresee
