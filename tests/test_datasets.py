@@ -95,15 +95,6 @@ def test_the_mat_comes_out_upright(mat, frames, depth):
         assert_array_equal(seen.valid, seen.depth > 0)
 
 
-def test_objects_of_the_mat_are_regions(mat, frames):
-    regions = datasets.NyuLabelled(mat, camera=CAMERA).objects("2")
-    assert_array_equal(regions == 0, frames[1]["classes"] == 0)
-    pairs = frames[1]["classes"] * 100 + frames[1]["instances"]
-    for value in np.unique(regions):
-        assert len(np.unique(pairs[regions == value])) == 1
-    assert len(np.unique(regions)) == len(np.unique(pairs)) == 5
-
-
 def test_the_folder_has_millimetres_and_natural_order(folder, frames):
     dataset = datasets.NyuFolder(folder, camera=CAMERA)
     assert dataset.ids == ("2", "9", "10")

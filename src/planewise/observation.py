@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from planewise.arguments import unmasked
 from planewise.camera import RIG, Camera, checked_camera
 from planewise.depth_image import DepthImage
-from planewise.noise import AUTO, ErrorParts
+from planewise.noise import AUTO
 from planewise.sensor import Sensor, checked_sensor
 from planewise.threads import halves
 from planewise.wording import counted
@@ -210,11 +210,6 @@ class RayObservation(Observation):
     def pixel_size(self) -> tuple[float, float]:
         """Width and height of a pixel at one metre, in metres."""
         return self.camera.pixel_size
-
-    @property
-    def parts(self) -> ErrorParts | None:
-        """How much of the error neighbouring readings share."""
-        return self.sensor.parts
 
     @property
     def note(self) -> str:

@@ -104,11 +104,6 @@ class PointCloud:
         return np.asarray(self.points + self.offset)
 
     @property
-    def finite(self) -> NDArray[np.bool_]:
-        """Which rows are readings, shape (k,)."""
-        return np.asarray(np.isfinite(self.points).all(axis=1))
-
-    @property
     def rounding(self) -> float:
         """Step in metres to which numbers of 32 bits rounded far coordinates; 0 if they did not.
 

@@ -158,26 +158,6 @@ class NyuLabelled(Dataset):
         """Whether it is an HDF5 file, as MATLAB writes them since version 7.3."""
         return is_hdf5(path)
 
-    def objects(self, frame: str) -> NDArray[np.uint16]:
-        """Regions of the labelled objects, shape (H, W): every instance a number, 0 unlabelled.
-
-        They are no planes, but may serve as a partition.
-
-        Parameters
-        ----------
-        frame : str
-            Its id.
-        """
-        with opened(self.path) as file:
-            classes, instances = (
-                row_of(array_of(file, name, 3, "iu"), int(frame) - 1).T.astype(np.int64)
-                for name in ("labels", "instances")
-            )
-        pairs = np.where(classes > 0, classes << 32 | instances, 0)
-        values, place = np.unique(pairs, return_inverse=True)
-        regions = place.reshape(pairs.shape) + (values[0] > 0)
-        return np.asarray(regions, np.uint16)
-
     def _read(self, frame: str) -> DatasetFrame:
         row = int(frame) - 1
         with opened(self.path) as file:
