@@ -28,7 +28,6 @@ from planewise.ranks import ranks
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-_SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 _LEAST_PART = 2_000  # groups that are worth a thread
 
 
@@ -163,5 +162,6 @@ def ledger(
 
 
 def _prior(range: float, resolution: float) -> tuple[float, float, float]:
+    """What `groups_alone` takes: a surface about which nothing is known is inclined by about 1."""
     coordinate = coordinate_information(range, resolution)
-    return _SLOPE_PRIOR**2, coordinate, coordinate
+    return 1.0, coordinate, coordinate

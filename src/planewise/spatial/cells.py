@@ -37,8 +37,7 @@ _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
 _FEWEST = 100  # whole cells that can tell white noise
-_OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth ...
-_SLOPE_PRIOR = 1.0  # ... and is inclined by about this much
+_OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth
 _FEWER = 3  # times as many cells as units, as a rule
 _LEAST_DRIFT = 0.1  # of the white variance
 
@@ -229,7 +228,7 @@ def cells_of(
         frame, squares, planes, readings, size, whole, (white, seen), segments, workspace
     )
     w, priors = planes[2, :found], workspace.kept((2, found))
-    slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1]) * _SLOPE_PRIOR
+    slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1])  # and is inclined by about 1
     np.square(_OFFSET_PRIOR * w, out=priors[0])
     np.square(w * slope, out=priors[1])
     return Cells(

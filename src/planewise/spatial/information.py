@@ -45,7 +45,6 @@ Array = NDArray[np.float64]
 
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _FEW = 4  # groups of a block with several, as a rule
-_SLOPE_PRIOR = 1.0  # inclination of a surface about which nothing is known
 MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
 
@@ -342,7 +341,8 @@ def groups_of(
         frame.sectors.lean,
     )
     coordinate = coordinate_information(range, resolution)
-    slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1] * _SLOPE_PRIOR**2
+    # Of a surface about which nothing is known, inclined by about 1.
+    slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1]
     table = frame.table
     return Groups(
         moments=moments,
