@@ -150,10 +150,9 @@ def test_a_rectified_image_has_the_camera_of_p(tmp_path, caplog):
     stated = {"K": MATRIX, "D": [-0.28, 0.07, 0, 0, 0], "P": p, "width": 640, "height": 480}
     path = write(tmp_path, stated)
     rectified = read_camera(f"{path}:rect")
-    assert rectified == read_camera(path, rectified=True)
     assert rectified == PinholeCamera(fx=360, fy=361, cx=320, cy=240, width=640, height=480)
     halved = write(tmp_path, stated | {"binning_x": 2, "binning_y": 2})
-    assert read_camera(halved, rectified=True) == rectified.scaled(0.5)
+    assert read_camera(f"{halved}:rect") == rectified.scaled(0.5)
     path = write(tmp_path, stated | {"distortion_model": "rational_polynomial"})
     raw = read_camera(f"{path}:raw")
     assert raw.distortion

@@ -150,7 +150,6 @@ def test_what_lies_across_edges_is_not_taken_for_drift():
             own,
             added,
             0.5 / frame_error._WITHIN,
-            frame_error._MEDIAN_CHI2_1,
             frame_error._WIDEST,
         )
         assert_allclose(found, drift, rtol=0.25, atol=0.25)

@@ -175,12 +175,11 @@ def test_clutter_is_not_taken_for_drift(size):
 def test_what_no_factor_explains_is_told():
     square, own = np.full(1000, 4.0), np.ones(1000)
     nothing = np.full(1000, 1e-9)
-    args = (0.5, frame_error._MEDIAN_CHI2_1)
-    assert frame_error._bisect(square, own, nothing, *args) == np.inf
-    factor = frame_error._bisect(square, own, own, *args)
+    assert frame_error._bisect(square, own, nothing, 0.5) == np.inf
+    factor = frame_error._bisect(square, own, own, 0.5)
     assert_allclose(factor, 4.0 / frame_error._MEDIAN_CHI2_1 - 1, rtol=0.01)
     limits = (np.inf, frame_error._TELLING, *frame_error._BISECTED, frame_error._BISECTIONS)
-    assert bisect(square, own, own, *args, *limits) == factor
+    assert bisect(square, own, own, 0.5, frame_error._MEDIAN_CHI2_1, *limits) == factor
 
 
 @pytest.mark.parametrize("number", range(len(other_sensors.READINGS)))

@@ -38,7 +38,7 @@ NOISE_HELP = (
 )
 
 
-def read_camera(text: str, *, rectified: bool | None = None) -> Camera:
+def read_camera(text: str) -> Camera:
     """Camera from a preset's name, four numbers or a calibration file.
 
     Parameters
@@ -50,13 +50,12 @@ def read_camera(text: str, *, rectified: bool | None = None) -> Camera:
         numbers), or as ``fx``, ``fy``, ``cx`` and ``cy``; distortion as ``D``, ``distortion``,
         ``distortion_coefficients`` or the like in the order k1, k2, p1, p2[, k3[, k4, k5, k6]], or
         by these names;
-        of ROS also what part of the sensor is read (``roi``, ``binning_x``). ``:rect`` or ``:raw``
-        behind a file's name says what `rectified` does. A LiDAR's file states ``elevation`` and
-        ``azimuth`` or ``columns``, or is Ouster's metadata (`planewise.files.lidar`).
-    rectified : bool, optional
-        Whether images are rectified, as those of a ROS topic ``image_rect``: their camera is that
-        of P (``projection_matrix``), without distortion. ``None`` means that they are not, with a
-        warning where the file states a P that is another camera.
+        of ROS also what part of the sensor is read (``roi``, ``binning_x``). ``:rect`` behind a
+        file's name says that images are rectified, as those of a ROS topic ``image_rect``: their
+        camera is that of P (``projection_matrix``), without distortion; ``:raw`` that they are not.
+        Without either they are not, with a warning where the file states a P that is another
+        camera. A LiDAR's file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's
+        metadata (`planewise.files.lidar`).
 
     Returns
     -------
@@ -72,8 +71,8 @@ def read_camera(text: str, *, rectified: bool | None = None) -> Camera:
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
     path = Path(camera_file(text))
-    if path.name != Path(text).name:
-        rectified = text.endswith(_RECTIFIED)
+    told = path.name != Path(text).name
+    rectified = told and text.endswith(_RECTIFIED)
     if "," in text and not path.is_file():
         return _from_numbers(text)
     if not path.is_file():
@@ -86,8 +85,8 @@ def read_camera(text: str, *, rectified: bool | None = None) -> Camera:
         values = {str(key).lower(): value for key, value in content.items()}
         if is_spherical(values) and not rectified:
             return spherical_camera(values)
-        camera = camera_of_mapping(content, rectified=bool(rectified))
-        if rectified is None and any(camera.distortion) and _rectifies(values):
+        camera = camera_of_mapping(content, rectified=rectified)
+        if not told and any(camera.distortion) and _rectifies(values):
             _LOG.warning(
                 f"camera: {path.name} states K and D of raw images, which are taken, and a P of "
                 f"rectified ones; say which yours are: {path.name}{_RAW} or {path.name}{_RECTIFIED}"

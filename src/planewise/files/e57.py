@@ -112,7 +112,7 @@ def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointClo
     wanted |= {mark: np.int8} if mark else {}
     size = min(size, count)
     columns, buffers = _buffers(reader, wanted, size)
-    limit = _limit(header, "colorLimits", "colorRedMaximum", 255.0)
+    limit = _limit(header)
     turn, place = _pose(header)
     stream = header.points.reader(buffers)
     done = 0
@@ -149,11 +149,12 @@ def _buffers(reader: Any, wanted: dict[str, type], size: int) -> tuple[dict[str,
     return columns, buffers
 
 
-def _limit(header: Any, group: str, name: str, default: float) -> float:
-    if group not in header.scan_fields:
-        return default
-    node = header[group]
-    return float(node[name].value()) if node.isDefined(name) else default
+def _limit(header: Any) -> float:
+    if "colorLimits" not in header.scan_fields:
+        return 255.0
+    limits = header["colorLimits"]
+    name = "colorRedMaximum"
+    return float(limits[name].value()) if limits.isDefined(name) else 255.0
 
 
 def _colour(columns: list[NDArray[np.float64]], limit: float) -> NDArray[np.uint8]:

@@ -119,15 +119,15 @@ class Section:
         return list(by_name.values())
 
 
-def spread(values: Sequence[float], digits: int, scale: float = 1.0) -> str:
+def spread(values: Sequence[float], digits: int) -> str:
     """Mean and standard deviation as text, without what is not defined.
 
     Examples
     --------
-    >>> spread([0.001, 0.003], 1, 1000), spread([4, 4], 1), spread([float("nan")], 2)
+    >>> spread([1, 3], 1), spread([4, 4], 1), spread([float("nan")], 2)
     ('2.0 ± 1.4', '4', '–')
     """
-    known = scale * np.array([each for each in values if math.isfinite(each)], np.float64)
+    known = np.array([each for each in values if math.isfinite(each)], np.float64)
     if not known.size:
         return "–"
     if (known == known[0]).all():

@@ -269,7 +269,7 @@ def drift_factor(
             square, own, slow = rows[:, :n]
             if n < fewest or not slow.max():
                 return None
-            return _bisect(square, own, slow, 0.5 / _WITHIN, _MEDIAN_CHI2_1, _WIDEST)
+            return _bisect(square, own, slow, 0.5 / _WITHIN, _WIDEST)
 
         factor = told_by(False)
         if not factor or factor == math.inf:
@@ -370,22 +370,20 @@ def shared_factors(
     if 2 * n < _FEWEST or not tilted.max():
         return 1.0, 1.0
     # Where what is described is next to nothing, the description stands.
-    bent = _bisect(square, own, tilted, 0.5, _MEDIAN_CHI2_1)
+    bent = _bisect(square, own, tilted, 0.5)
     bent = bent if bent < math.inf else 1.0
     square, own, common, turned = offsets[:, :n]
-    near = _bisect(square, own + bent * turned, common, 0.5, _MEDIAN_CHI2_1)
+    near = _bisect(square, own + bent * turned, common, 0.5)
     return near if near < math.inf else 1.0, bent
 
 
-def _bisect(
-    square: Array, own: Array, added: Array, share: float, reference: float, widest: float = np.inf
-) -> float:
-    """The factor at which a quantile of square / (own + factor added) is that of chi^2, or 0.
+def _bisect(square: Array, own: Array, added: Array, share: float, widest: float = np.inf) -> float:
+    """The factor at which a quantile of square / (own + factor added) is the median of chi^2, or 0.
 
     Of those up to `widest`, which have to be a tenth of all: where the error is much larger than
     `own`, hardly any are at small factors, and these by chance. Infinite where none explains the
     rest.
     """
-    limits = (_TELLING, *_BISECTED, _BISECTIONS)
-    factor = float(kernels.bisect(square, own, added, share, reference, widest, *limits))
+    limits = (_MEDIAN_CHI2_1, widest, _TELLING, *_BISECTED, _BISECTIONS)
+    factor = float(kernels.bisect(square, own, added, share, *limits))
     return factor if factor < _BEYOND * _BISECTED[1] else math.inf
