@@ -39,7 +39,7 @@ Keys = NDArray[np.uint64]
 Points = NDArray[np.floating]
 
 _SAMPLE = 200_000  # points that stand for the cloud, at most
-_MOST_TILES = 180  # whose files are open at a time, two to five of each
+_MOST_TILES = 180  # whose files are open at a time, three to five of each
 
 
 def tiled_cloud(

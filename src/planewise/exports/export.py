@@ -42,7 +42,7 @@ def export(
     store : Store
         Results of ``planewise batch``.
     form : type of Form
-        One of `planewise.exports.FORMATS`.
+        One of the values of `planewise.exports.FORMATS`.
     output : Path
         New or empty folder.
     selection : Selection, optional

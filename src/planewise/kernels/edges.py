@@ -1,8 +1,8 @@
 """Loops over the edges of a graph of segments, each a pair of neighbours.
 
 The edges of a segment are a linked list of half-edges: ends[e] = (u, v) is half-edge 2 e of u and
-2 e + 1 of v; head and tail are the first and last of each segment, -1 where there is none. Inlined:
-as calls they would cost the merges a third of their time.
+2 e + 1 of v; head and tail are the first and last of each segment, -1 where there is none. All but
+`list_edges` are inlined: as calls they would cost the merges a third of their time.
 """
 
 from __future__ import annotations

@@ -398,6 +398,6 @@ def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -
 
 
 def _lateral(cells: Cells, affine: Array) -> Array:
-    """Variance of w by an error of half a pixel across the image, for every plane."""
+    """Variance of w by the error across the image (`FrameError.lateral`), for every plane."""
     slope = affine[:, 1] ** 2 + affine[:, 2] ** 2
     return np.asarray(cells.error.lateral / UNIT**2 * slope)
