@@ -23,6 +23,7 @@ from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise.kernels.cells import SIDE
+from planewise.kernels.walk import SATURATION
 from planewise.spatial import cells, frame_error
 from planewise.spatial.frame import frame_of
 
@@ -47,7 +48,7 @@ def told(frame: Frame) -> list[float] | None:
     found = cells.cells_of(image, seen.pixel_size)
     if found is None:
         return None
-    described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / cells._SATURATION
+    described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / SATURATION
     by_lag = []
     for lag in LAGS:
         nearest = partial(frame_error.drift_factor, lag=lag)

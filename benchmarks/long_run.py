@@ -41,7 +41,7 @@ _OTHERS = 8  # restarts whose planes are tried
 _SCALED: tuple[tuple[ModuleType, str, float], ...] = (
     (merging, "_SAME", 0.5),
     (cells, "_SPLIT", 0.7),
-    (cells, "_SATURATION", 0.7),
+    (cells, "SATURATION", 0.7),
     (frame_error, "_DISTORTED", 0.7),
     (spatial_labels, "_DIFFERING", 0.5),
     (spatial_labels, "_PIXEL_DRIFT", 0.5),

@@ -12,19 +12,16 @@ from numpy.testing import assert_allclose
 import planewise as pw
 from planewise import scenes
 from planewise.kernels import frame_error as kernels
-from planewise.kernels.cells import (
-    COUNT,
+from planewise.kernels.cells import COUNT, MISFIT, SEGMENT, SIDE, UNIT
+from planewise.kernels.segments import tempered
+from planewise.kernels.walk import (
     FIELD,
-    MISFIT,
     PLANE_BEND,
     PLANE_OFFSET,
     PLANE_RESIDUAL,
     PLANE_SLOPE,
-    SEGMENT,
-    SIDE,
-    UNIT,
+    SATURATION,
 )
-from planewise.kernels.segments import tempered
 from planewise.spatial import cells, frame_error, merging, search
 from planewise.spatial.frame import ErrorTable, frame_of
 from planewise.spatial.frame_error import FrameError
@@ -179,7 +176,7 @@ def told(z, sensor):
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
     drift = image.table.at(float(np.median(image.w[image.p > 0])))[2]
-    return found.error, drift / cells._SATURATION
+    return found.error, drift / SATURATION
 
 
 SIGMA = 0.0015  # of inverse depth
@@ -230,7 +227,7 @@ def test_a_synthetic_room_has_hardly_any_drift(seed):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
     found = cells.cells_of(frame_of(seen), seen.pixel_size)
     assert found is not None
-    assert found.error.drift < 0.05 * cells._SATURATION  # of a real Kinect's
+    assert found.error.drift < 0.05 * SATURATION  # of a real Kinect's
     assert found.error.near < 0.1
     assert found.error.bent < 0.2
 

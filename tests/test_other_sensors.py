@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise.kernels.frame_error import bisect
+from planewise.kernels.walk import SATURATION
 from planewise.spatial import cells, frame_error
 from planewise.spatial.frame import frame_of
 
@@ -141,10 +142,10 @@ def test_an_error_of_cells_is_no_walk():
     error = cells.cells_of(frame, seen.pixel_size).error
     _, shared, drift, _ = frame.table.at(0.5)
     assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
-    walk = error.drift / cells._SATURATION * drift
+    walk = error.drift / SATURATION * drift
     assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
     # Readings are still as far from their planes as neighbouring cells show.
-    near = error.local / cells._SATURATION * drift
+    near = error.local / SATURATION * drift
     assert_allclose(near * frame_error._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
 
 

@@ -26,9 +26,9 @@ from planewise.clouds.cloud import (
 from planewise.flatness import LEAN
 from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_sheets as sheets
-from planewise.kernels.cells import PLANE_RESIDUAL
 from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.kernels.pairs import add_products, pairs_once
+from planewise.kernels.walk import PLANE_RESIDUAL, SATURATION
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,6 @@ _SAMPLE = 2_000  # pairs
 _BISECTIONS = 14
 _BISECTED = (1e-4, 1e4)
 _LEAST_BORDER = 10.0  # points along borders of cells that tell how white residuals are
-_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _LEAST_DRIFT = 0.01  # of the white variance, over 16 cells
 HIGHEST = 8  # levels above the least cubes at which cells are looked for
 _LEAST_PART = 2_000  # cubes that are worth a thread
@@ -139,7 +138,7 @@ def cells_of(cloud: Cloud) -> CloudCells | None:
     drift = _drift(cloud, nodes, keys, white)
     least = _LEAST_DRIFT * white * float(np.median(cloud.variance)) / (16.0 * cloud.side)
     sliced = cloud.cuts_sheets(white)
-    error = CloudError(white, max(_SATURATION * drift, least), LEAN**2, sliced)
+    error = CloudError(white, max(SATURATION * drift, least), LEAN**2, sliced)
 
     cells = _grown(cloud, error)
     rows, owner = cells.rows, cells.owner

@@ -33,17 +33,6 @@ _BATCH = 216  # cells whose moments are added up at once
 PLANE = 10  # numbers that `merge_quarters` tells of a unit
 _0, _1 = np.uintp(0), np.uintp(1)  # unsigned indices spare the check for negative ones
 
-# Of an error that wanders like a random walk, D |r| the variance of a difference over a distance r;
-# for squares side by side (docs/frame-error.md derives them):
-PLANE_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
-PLANE_BEND = (0.9, 0.3)  # of their slopes: D over the smaller and the larger side
-PLANE_SLOPE = 0.89  # variance of the slope of a plane: D over the side
-FIELD = 0.26  # mean variance of the error itself about its mean in a square of side 1
-PLANE_RESIDUAL = 0.113  # mean variance about the plane of a square of side 1
-
-CHORD = 1.0 / 12.0  # of its side and the angle by which the next one leans: how far the fit of a
-# piece of a parabola is off where they meet
-
 
 @inlined
 def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no-untyped-def]

@@ -32,6 +32,7 @@ from planewise.kernels.cloud_rows import (
 )
 from planewise.kernels.jit import compiled, in_order, internal
 from planewise.kernels.masks import add_change, write_lengths
+from planewise.kernels.walk import PLANE_BEND
 
 BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
 _LATELY = 8192  # neighbourhoods of different labels that are remembered
@@ -111,7 +112,7 @@ def group_data(  # type: ignore[no-untyped-def]
             norm = _norm(count, weight, resolution)
             offset = shared * count / weight + planes[j, 4]
             own = count / weight / (side * side)
-            tilt = 0.9 * drift / side + lean + CUT * own * own
+            tilt = PLANE_BEND[0] * drift / side + lean + CUT * own * own
             on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
             # -ln(0.95 exp(-on) + 0.05 exp(-alone))
             odds = (on_its_own - nats) - (in_common - on)

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 
-from planewise.kernels.cells import CHORD
 from planewise.kernels.jit import compiled, internal
+from planewise.kernels.walk import CHORD, MEET, PLANE_BEND, PLANE_OFFSET, TOUCHING
 
 ROW = 18
 WEIGHT, CX, CY, CZ = 0, 1, 2, 3
@@ -24,10 +24,7 @@ NX, NY, NZ, CELLS = 14, 15, 16, 17  # normal; cells it was made of
 CUT = 66.0
 APART = 1e6  # discord of planes that are far from parallel
 _STEEP = 0.5  # least cosine between normals that are compared
-_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
-_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
-_OFFSET = 0.13  # variance of the offset of two planes where they meet: D times the larger side
-_BEND_SMALL, _BEND_LARGE = 0.9, 0.3  # of their slopes: D over the smaller and the larger side
+_BEND_SMALL, _BEND_LARGE = PLANE_BEND
 
 
 @internal
@@ -190,19 +187,19 @@ def compare(rows, i, j, wander, offset_prior, slope_prior):  # type: ignore[no-u
     u, v = dx * ex + dy * ey + dz * ez, dx * fx + dy * fy + dz * fz
     apart = math.sqrt(u * u + v * v)
     small, large = math.sqrt(rows[a, AREA]), math.sqrt(rows[b, AREA])
-    share = _HALF * min(small, apart) / (apart + 1e-12)
+    share = MEET * min(small, apart) / (apart + 1e-12)
     # From the centroids to where they meet.
     ax, ay = -share * u, -share * v
     bx, by = u + ax, v + ay
     tx, ty = -(mx * ex + my * ey + mz * ez) / cosine, -(mx * fx + my * fy + mz * fz) / cosine
     # Height of the centroid of a over the plane of b, and of its plane where they meet.
     delta = dx * nx + dy * ny + dz * nz + ax * tx + ay * ty
-    gap = max(apart - _TOUCHING * (small + large), 0.0)
+    gap = max(apart - TOUCHING * (small + large), 0.0)
     drift, lean = wander
     bend = lean + drift * (_BEND_SMALL / (small + 1e-12) + _BEND_LARGE / (large + 1e-12))
     axx, axy, ayy = _slopes(rows, a, ex, ey, ez, fx, fy, fz)
     bxx, bxy, byy = _slopes(rows, b, ex, ey, ez, fx, fy, fz)
-    c00 = 1.0 / rows[a, WEIGHT] + 1.0 / rows[b, WEIGHT] + drift * (_OFFSET * large + gap)
+    c00 = 1.0 / rows[a, WEIGHT] + 1.0 / rows[b, WEIGHT] + drift * (PLANE_OFFSET * large + gap)
     c00 += lean * (CHORD * large) * (CHORD * large)
     c00 += ax * ax * axx + 2.0 * ax * ay * axy + ay * ay * ayy
     c00 += bx * bx * bxx + 2.0 * bx * by * bxy + by * by * byy

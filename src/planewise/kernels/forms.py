@@ -13,15 +13,14 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import CHORD, COUNT, PLANE_BEND, PLANE_OFFSET, UNIT
+from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.walk import CHORD, MEET, PLANE_BEND, PLANE_OFFSET, TOUCHING
 
 FORM = 13
 X, Y, W, TX, TY, V, VXX, VXY, VYY, EXTENT, INVERSE, SLOW, LEANING = range(FORM)
 
-_HALF = 0.5  # of the smaller extent: from its centroid towards the other, to where they meet
-_TOUCHING = 0.75  # of their extents: centroids closer than that have no gap between them
 _BEND_SMALL, _BEND_LARGE = PLANE_BEND
 # Unsigned indices spare the check for negative ones.
 _0, _1 = np.uintp(0), np.uintp(1)
@@ -69,12 +68,12 @@ def _difference(  # type: ignore[no-untyped-def]
     sign = 1.0 if first else -1.0
     dx, dy = sign * (x0 - x1), sign * (y0 - y1)
     apart = np.sqrt(dx * dx + dy * dy)
-    share = _HALF * min(extent, apart) / (apart + 1e-12)
+    share = MEET * min(extent, apart) / (apart + 1e-12)
     sx, sy = -share * dx, -share * dy
     dx, dy = dx + sx, dy + sy
     ax, ay = sx if first else dx, sy if first else dy
     bx, by = dx if first else sx, dy if first else sy
-    gap = max(apart - _TOUCHING * (extent + reach), 0.0)
+    gap = max(apart - TOUCHING * (extent + reach), 0.0)
     drift, lean = slow0 * slow1, leaning0 * leaning1
     bend = lean + drift * (
         _BEND_SMALL * (inverse0 if first else inverse1)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.cells import PLANE_BEND, PLANE_OFFSET, SIDE, UNIT
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.kernels.elementary import exponential, logarithm
 from planewise.kernels.jit import in_order, internal
 from planewise.kernels.tables import between
+from planewise.kernels.walk import PLANE_BEND, PLANE_OFFSET
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge

@@ -14,11 +14,12 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import COUNT, PLANE_RESIDUAL, UNIT
+from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
 from planewise.kernels.tables import between
+from planewise.kernels.walk import PLANE_RESIDUAL
 
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 CERTAIN = 40.0  # nats by which one of two is so much shorter that a float64 has no room for both

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from planewise.kernels.cells import FIELD, PLANE_SLOPE, SIDE, UNIT
+from planewise.kernels.cells import SIDE, UNIT
 from planewise.kernels.jit import compiled, in_order
 from planewise.kernels.tables import between
+from planewise.kernels.walk import FIELD, PLANE_SLOPE
 
 
 @in_order

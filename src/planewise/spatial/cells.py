@@ -14,6 +14,7 @@ from planewise.density import LEAST_READINGS, usual_size
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import COUNT, SIDE, STRIP
+from planewise.kernels.walk import SATURATION
 from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
@@ -32,7 +33,6 @@ from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 
-_SATURATION = 0.33  # of the drift of near cells: its share between segments, for it levels off
 _SPLIT = 40.0  # F of nine further parameters above which a cell is divided
 _HOPELESS = 25.0, 60.0  # chi^2 per degree of freedom of a cell without a plane (`_hopeless`)
 _FILLED = 0.5  # least readings of a cell against what is usual in the frame
@@ -312,7 +312,7 @@ def _without_shared_error(
             own *= described.sum() / offset.sum() if own else 0.0
         drift, told = workspace.kept((2, len(count)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, _SATURATION, out=told)
+        np.multiply(drift, SATURATION, out=told)
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / information, out=drift)
         near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
@@ -320,9 +320,9 @@ def _without_shared_error(
         offset *= near
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= _SATURATION
+    drift *= SATURATION
     w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
-    between = quiet * _SATURATION * factor
+    between = quiet * SATURATION * factor
     drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
     chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
     error = FrameError(
@@ -330,7 +330,7 @@ def _without_shared_error(
         seen=seen,
         lateral=lateral,
         drift=between,
-        local=quiet * _SATURATION * max(local, factor),
+        local=quiet * SATURATION * max(local, factor),
         near=quiet * near,
         bent=quiet * bent,
         drifting=drifting,

@@ -33,6 +33,7 @@ from planewise.kernels import cells as kernels
 from planewise.kernels import group_data as loops
 from planewise.kernels import groups as tiles
 from planewise.kernels.frame_error import TILT
+from planewise.kernels.walk import PLANE_BEND, PLANE_RESIDUAL
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells, cells_of, moments_of
@@ -334,9 +335,9 @@ def groups_of(
     # Random effects of groups: variances of what near readings share and of what drifts.
     sizes = (
         error.near,
-        error.drift * kernels.PLANE_RESIDUAL,
+        error.drift * PLANE_RESIDUAL,
         error.bent * TILT**2,
-        error.drift * kernels.PLANE_BEND[0] / (tiles.BLOCK / kernels.UNIT),
+        error.drift * PLANE_BEND[0] / (tiles.BLOCK / kernels.UNIT),
         error.lateral,
         frame.sectors.lean,
     )
