@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 
 from planewise.kernels.jit import compiled, internal
+from planewise.kernels.symmetric import determinant, quadratic_form
 from planewise.kernels.walk import CHORD, MEET, PLANE_BEND, PLANE_OFFSET, TOUCHING
 
 ROW = 18
@@ -206,15 +207,11 @@ def compare(rows, i, j, wander, offset_prior, slope_prior):  # type: ignore[no-u
     c01 = ax * axx + ay * axy + bx * bxx + by * bxy
     c02 = ax * axy + ay * ayy + bx * bxy + by * byy
     c11, c12, c22 = axx + bxx + bend, axy + bxy, ayy + byy + bend
-    p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
-    s, t, w = c00 * c22 - c02 * c02, c01 * c02 - c00 * c12, c00 * c11 - c01 * c01
-    near = c00 * p + c01 * q + c02 * r
-    form = p * delta * delta + s * tx * tx + w * ty * ty
-    form += 2.0 * (q * delta * tx + r * delta * ty + t * tx * ty)
+    near = determinant(c00, c01, c02, c11, c12, c22)
+    discord = quadratic_form(delta, tx, ty, c00, c01, c02, c11, c12, c22) / near
     c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
-    far = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
-    far += c02 * (c01 * c12 - c02 * c11)
-    return form / near, 0.5 * math.log(max(far / near, 1.0))
+    far = determinant(c00, c01, c02, c11, c12, c22)
+    return discord, 0.5 * math.log(max(far / near, 1.0))
 
 
 @internal

@@ -16,6 +16,7 @@ import numpy as np
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.symmetric import determinant, quadratic_form
 from planewise.kernels.walk import CHORD, MEET, PLANE_BEND, PLANE_OFFSET, TOUCHING
 
 FORM = 13
@@ -98,20 +99,6 @@ def _difference_of(a, b):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@inlined
-def _determinant(c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
-    near = c00 * (c11 * c22 - c12 * c12) + c01 * (c02 * c12 - c01 * c22)
-    return near + c02 * (c01 * c12 - c02 * c11)
-
-
-@inlined
-def _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22):  # type: ignore[no-untyped-def]
-    """(x y z) C^-1 (x y z)' det C."""
-    p, q, r = c11 * c22 - c12 * c12, c02 * c12 - c01 * c22, c01 * c12 - c02 * c11
-    s, t, u = c00 * c22 - c02 * c02, c01 * c02 - c00 * c12, c00 * c11 - c01 * c01
-    return p * x * x + s * y * y + u * z * z + 2.0 * (q * x * y + r * x * z + t * y * z)
-
-
 @compiled
 def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-def]
     """Are two segments one plane? Their discord, and the evidence that it would be a coincidence.
@@ -121,18 +108,18 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     other.
     """
     x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
-    near = _determinant(c00, c01, c02, c11, c12, c22)
-    discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
+    near = determinant(c00, c01, c02, c11, c12, c22)
+    discord = quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
     c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
-    return discord, 0.5 * np.log(_determinant(c00, c01, c02, c11, c12, c22) / near)
+    return discord, 0.5 * np.log(determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
 @compiled
 def discord_of(a, b):  # type: ignore[no-untyped-def]
     """The first of what `compare_forms` tells, without the second's logarithm."""
     x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
-    square = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
-    return square / _determinant(c00, c01, c02, c11, c12, c22)
+    square = quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+    return square / determinant(c00, c01, c02, c11, c12, c22)
 
 
 @inlined
@@ -145,11 +132,11 @@ def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
         1/2 ln(1 + s) - 1/2 spread^2 (v' C^-1 delta)^2 / (1 + s),    s = spread^2 v' C^-1 v
     """
     x, y, z, c00, c01, c02, c11, c12, c22 = _difference_of(a, b)
-    near = _determinant(c00, c01, c02, c11, c12, c22)
+    near = determinant(c00, c01, c02, c11, c12, c22)
     w, tx, ty = a[W], a[TX], a[TY]
-    shift = _quadratic_form(w, tx, ty, c00, c01, c02, c11, c12, c22)
-    both = _quadratic_form(w + x, tx + y, ty + z, c00, c01, c02, c11, c12, c22)
-    discord = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
+    shift = quadratic_form(w, tx, ty, c00, c01, c02, c11, c12, c22)
+    both = quadratic_form(w + x, tx + y, ty + z, c00, c01, c02, c11, c12, c22)
+    discord = quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22)
     along = 0.5 * (both - shift - discord) / near  # v' C^-1 delta
     wide = 1.0 + spread * spread * shift / near
     return 0.5 * (np.log(wide) - spread * spread * along * along / wide)
@@ -176,10 +163,10 @@ def _compare_columns(a, b, shift, offset_prior, slope_prior, discord, evidence):
             b[0, k], b[1, k], b[2, k], b[3, k], b[4, k], b[5, k],
             b[6, k], b[7, k], b[8, k], b[9, k], b[10, k], b[11, k], b[12, k],
         )  # fmt: skip
-        near = _determinant(c00, c01, c02, c11, c12, c22)
-        discord[j] = _quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
+        near = determinant(c00, c01, c02, c11, c12, c22)
+        discord[j] = quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
         c00, c11, c22 = c00 + offset_prior[j], c11 + slope_prior[j], c22 + slope_prior[j]
-        evidence[j] = 0.5 * logarithm(_determinant(c00, c01, c02, c11, c12, c22) / near)
+        evidence[j] = 0.5 * logarithm(determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
 @inlined
