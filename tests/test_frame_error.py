@@ -13,6 +13,7 @@ import planewise as pw
 from planewise import scenes
 from planewise.kernels import frame_error as kernels
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT, SIDE, UNIT
+from planewise.kernels.medians import OF_CHI2
 from planewise.kernels.segments import tempered
 from planewise.kernels.walk import (
     FIELD,
@@ -161,7 +162,7 @@ def test_a_few_triples_that_happen_to_lie_in_line_are_no_sign_of_no_drift(quiet)
     off[n // 2 :] *= 1e3
     off[:quiet] = 0.0
     limits = 1e-3, 1e9, 24
-    args = 0.5 / frame_error._WITHIN, frame_error._MEDIAN_CHI2_1, frame_error._WIDEST
+    args = 0.5 / frame_error._WITHIN, OF_CHI2, frame_error._WIDEST
     factor = kernels.bisect(off**2, own, added, *args, frame_error._TELLING, *limits)
     assert_allclose(factor, drift, rtol=0.3)
     if quiet:  # they are all that is left at small factors

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise.kernels.frame_error import bisect
+from planewise.kernels.medians import OF_CHI2
 from planewise.kernels.walk import SATURATION
 from planewise.spatial import cells, frame_error
 from planewise.spatial.frame import frame_of
@@ -178,9 +179,9 @@ def test_what_no_factor_explains_is_told():
     nothing = np.full(1000, 1e-9)
     assert frame_error._bisect(square, own, nothing, 0.5) == np.inf
     factor = frame_error._bisect(square, own, own, 0.5)
-    assert_allclose(factor, 4.0 / frame_error._MEDIAN_CHI2_1 - 1, rtol=0.01)
+    assert_allclose(factor, 4.0 / OF_CHI2 - 1, rtol=0.01)
     limits = (np.inf, frame_error._TELLING, *frame_error._BISECTED, frame_error._BISECTIONS)
-    assert bisect(square, own, own, 0.5, frame_error._MEDIAN_CHI2_1, *limits) == factor
+    assert bisect(square, own, own, 0.5, OF_CHI2, *limits) == factor
 
 
 @pytest.mark.parametrize("number", range(len(other_sensors.READINGS)))

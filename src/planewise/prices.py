@@ -7,6 +7,7 @@ does what a plane has to save beyond its parameters.
 from __future__ import annotations
 
 LEAST = 5.0  # times its parameters: what the readings of a plane have to be shorter by
+FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
 _FULL = 1 << 17  # readings from which on planes cost the same
 
 

@@ -22,11 +22,11 @@ from planewise.clouds.information import (
     refitted,
 )
 from planewise.clouds.masks import mask_of
-from planewise.clouds.rows import planes_of
+from planewise.clouds.rows import planes_of, scatters
 from planewise.information import coordinate_information
 from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
-from planewise.kernels.cloud_rows import AREA, ROW, WEIGHT, XX, ZZ, write_normals
+from planewise.kernels.cloud_rows import AREA, ROW, WEIGHT, write_normals
 from planewise.objective import PAPER
 from planewise.outlines.occupancy import FEWEST, held_area
 from planewise.paper.evaluate import evaluator
@@ -87,9 +87,7 @@ def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError
     ones, zeros = np.ones(len(groups.label)), np.zeros(len(groups.label))
     rows = refitted(cloud, groups, ones, zeros, np.zeros(planes), error)
     write_normals(rows)
-    xx, xy, xz, yy, yz, zz = rows[:, XX : ZZ + 1].T
-    scatter = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]).transpose(2, 0, 1)
-    inside = np.linalg.eigvalsh(scatter)[:, 1:].clip(0)
+    inside = np.linalg.eigvalsh(scatters(rows))[:, 1:].clip(0)
     inside = np.nan_to_num(inside)
     # Of a rectangle with this scatter; of points near a line none, for they tell no plane.
     told = inside[:, 0] * STEEPEST > 1.0

@@ -21,11 +21,11 @@ from planewise.clouds.rows import determined, planes_of
 from planewise.information import plane_information
 from planewise.kernels import cloud_planes as kernels
 from planewise.kernels.cloud_rows import AREA
+from planewise.prices import FAR
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-_FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
 _NAME = 4.0  # nats of a point's name, at most, where two planes mix
 _LEAST_PART = 100  # planes that are worth a thread
 
@@ -88,7 +88,7 @@ def _larger(
         lambda first, last: kernels.nearest_larger(rows, first, last, nearest, far),
         n, cloud.workers, _LEAST_PART,
     )  # fmt: skip
-    near = np.flatnonzero((far < _FAR * price) & (fresh | fresh[nearest]))
+    near = np.flatnonzero((far < FAR * price) & (fresh | fresh[nearest]))
     if not len(near):
         return into
     groups = groups_of(cloud, labels, error)

@@ -12,12 +12,12 @@ from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_cells import cell_residuals
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import COUNT, WEIGHT
+from planewise.kernels.medians import OF_CHI2
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
 _MOST = 0.75  # of the points of a plane's cells
-_CHI2_1 = 0.4549  # median of chi^2 with one degree of freedom
 _BOWED = 2.0  # times its deviation the median of what is bowed may say
 
 
@@ -88,7 +88,7 @@ def _bulging(
     median = np.append(square[order], 0.0)[np.searchsorted(np.cumsum(count[order]), reached)]
     # Of a point, with what the points of a cell share.
     noise = np.bincount(plane, count * count / weight, len(planes)) / np.maximum(points, 1.0)
-    variance = np.where(points > 0.0, median / _CHI2_1, 0.0)
+    variance = np.where(points > 0.0, median / OF_CHI2, 0.0)
     bulges = np.maximum(variance - noise, 0.0)
     share = bulges / np.maximum(variance, np.finfo(float).tiny)
     return np.where(bulges <= most, share, 0.0)

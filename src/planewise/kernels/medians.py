@@ -6,6 +6,7 @@ import numpy as np
 
 from planewise.kernels.jit import in_order
 
+OF_CHI2 = 0.4549  # the median with one degree of freedom
 _DIGIT = 11  # bits of a number that one pass looks at
 _SHIFTS = (52, 41, 30, 19, 8, 0)  # of the exponent, and of what is behind it
 

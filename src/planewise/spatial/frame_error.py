@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 Grid = NDArray[np.int32]
 Image = NDArray[np.float32]
 
-_MEDIAN_CHI2_1 = 0.4549  # of one degree of freedom
 _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
@@ -384,6 +383,6 @@ def _bisect(square: Array, own: Array, added: Array, share: float, widest: float
     `own`, hardly any are at small factors, and these by chance. Infinite where none explains the
     rest.
     """
-    limits = (_MEDIAN_CHI2_1, widest, _TELLING, *_BISECTED, _BISECTIONS)
+    limits = (medians.OF_CHI2, widest, _TELLING, *_BISECTED, _BISECTIONS)
     factor = float(kernels.bisect(square, own, added, share, *limits))
     return factor if factor < _BEYOND * _BISECTED[1] else math.inf

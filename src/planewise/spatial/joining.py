@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from planewise.kernels.groups import merge_groups
 from planewise.kernels.planes import nearest_planes
+from planewise.prices import FAR
 from planewise.spatial.information import Groups
 from planewise.spatial.search import Segmentation
 
 Array = NDArray[np.float64]
-
-_FAR = 40.0  # times its parameters, by the information on it: no plane is another that is so far
 
 
 def joined(
@@ -48,7 +47,7 @@ def joined(
     nearest, far = np.empty(planes, np.intp), np.empty(planes)
     first = np.ascontiguousarray(found.affine[::count])
     nearest_planes(first, found.information, nearest, far)
-    near = (far < _FAR * price).nonzero()[0]
+    near = (far < FAR * price).nonzero()[0]
     if not len(near):
         return groups, found, None
     theirs, by_plane = _groups_of(groups, near), found.affine.reshape(-1, count, 3)
