@@ -16,7 +16,7 @@ from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, held_by, order_of, positions, radix_sort
 from planewise.clouds.rows import covariances
 from planewise.kernels import cloud_information as nats
-from planewise.kernels import cloud_keys, cubes
+from planewise.kernels import cloud_keys, cloud_masks, cubes
 from planewise.kernels import cloud_labels as label_loops
 from planewise.kernels import cloud_rows as rows_of
 from planewise.kernels import cloud_segments as segments
@@ -660,11 +660,11 @@ def test_the_mask_is_coded_in_order_for_every_number_of_planes(cloud):
     alike, previous, middle = np.zeros(4, np.int64), 0, len(cloud.cubes) // 2
     edges = [np.empty((len(labels), 6), np.int32) for _ in range(2)]
     for k, part in enumerate(((0, middle), (middle, len(cloud.cubes)))):
-        found, previous = nats.mask_edges(
+        found, previous = cloud_masks.mask_edges(
             labels, cloud.starts, cloud.about, *part, previous, alike, edges[k]
         )
         edges[k] = edges[k][:found]
-    nats.mask_lengths(np.concatenate(edges), alike, place, changes, lengths)
+    cloud_masks.mask_lengths(np.concatenate(edges), alike, place, changes, lengths)
     ranked = place[labels]
     for n in range(4):
         expected = coded(cloud, np.where(ranked <= n, ranked, 0), n)

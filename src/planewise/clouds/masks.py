@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from planewise.clouds.cells import CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups
-from planewise.kernels import cloud_information as point_kernels
 from planewise.kernels import cloud_masks as kernels
 from planewise.kernels.masks import CODES
 
@@ -28,7 +27,7 @@ _AT_ONCE = 50_000  # cubes whose labels are looked at together
 
 @dataclass(frozen=True)
 class PointMask:
-    """Labels as a mask code sees them (`kernels.cloud_information.mask_edges`).
+    """Labels as a mask code sees them (`kernels.cloud_masks.mask_edges`).
 
     Attributes
     ----------
@@ -44,7 +43,7 @@ class PointMask:
     def nats(self, place: NDArray[np.int64]) -> Array:
         """Of the first 0 ... N planes, shape (N + 1,), that place (N + 1,) puts in order."""
         lengths, changes = np.empty(len(place)), np.zeros((len(place), CODES), np.int64)
-        point_kernels.mask_lengths(self.edges, self.alike, place, changes, lengths)
+        kernels.mask_lengths(self.edges, self.alike, place, changes, lengths)
         return lengths
 
 
@@ -109,7 +108,7 @@ def _point_mask(cloud: Cloud, labels: Labels, planes: int) -> PointMask:
         for first in range(begin, end, _AT_ONCE):
             last = min(first + _AT_ONCE, end)
             edges = np.empty((cloud.starts[last] - cloud.starts[first], 6), np.int32)
-            found, previous = point_kernels.mask_edges(
+            found, previous = kernels.mask_edges(
                 labels, cloud.starts, cloud.about, first, last, previous, alike, edges
             )
             all_edges.append(edges[:found].copy())

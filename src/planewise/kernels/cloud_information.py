@@ -1,4 +1,4 @@
-"""Loops over groups of a cloud: their nats on planes and on none; and the mask in Morton order.
+"""Loops over groups of a cloud: their nats on planes and on none.
 
 A group is the points of one label in one least cube, a row (`kernels.cloud_rows`) whose scatter is
 whole. Only what lies across the plane is told apart: the other two coordinates of a point take the
@@ -31,11 +31,8 @@ from planewise.kernels.cloud_rows import (
     write_normal,
 )
 from planewise.kernels.jit import compiled, in_order, internal
-from planewise.kernels.masks import add_change, write_lengths
 from planewise.kernels.walk import PLANE_BEND
 
-BEFORE = (4, 10, 12)  # of the cubes about one (`cubes_about`): along the three axes of the grid
-_LATELY = 8192  # neighbourhoods of different labels that are remembered
 APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 
 
@@ -174,73 +171,6 @@ def groups_left(  # type: ignore[no-untyped-def]
                 now, there = alone[at], True
             left[at] = now - paid - data[at]
             paid, behind = now, gone
-
-
-@in_order
-def mask_edges(labels, starts, about, first, last, previous, alike, edges):  # type: ignore[no-untyped-def]
-    """Find the points of cubes[first:last] that have not the label of all their neighbours.
-
-    The code of `kernels.masks` in Morton order. Neighbours already coded: the point before, and the
-    last ones in the cubes before this one along the three axes of the grid (where one is empty, the
-    point before). previous: label of the point before. Adds the others to alike (N + 1,), by label.
-    Writes edges (., 6): the labels of neighbours and point, and how often they come; those that
-    came lately once. Returns how many rows there are, and the label of the last point.
-    """
-    found = 0
-    lately = np.full(_LATELY, -1, np.int64)
-    beside = np.empty(3, np.int64)
-    for cube in range(first, last):
-        for axis in range(3):
-            at = about[cube, BEFORE[axis]]
-            beside[axis] = labels[starts[at + 1] - 1] if at >= 0 else -1
-        for i in range(starts[cube], starts[cube + 1]):
-            raw = np.int64(labels[i])
-            x = beside[0] if beside[0] >= 0 else previous
-            y = beside[1] if beside[1] >= 0 else previous
-            z = beside[2] if beside[2] >= 0 else previous
-            if previous == raw and x == raw and y == raw and z == raw:
-                alike[raw] += 1
-            else:
-                slot = (previous + 7 * x + 61 * y + 509 * z + 1021 * raw) % _LATELY
-                edge = edges[lately[slot]]
-                if (
-                    lately[slot] >= 0
-                    and edge[0] == previous
-                    and edge[1] == x
-                    and edge[2] == y
-                    and edge[3] == z
-                    and edge[4] == raw
-                ):
-                    edge[5] += 1
-                else:
-                    edge = edges[found]
-                    edge[0], edge[1], edge[2], edge[3], edge[4] = previous, x, y, z, raw
-                    edge[5] = 1
-                    lately[slot] = found
-                    found += 1
-            previous = raw
-    return found, previous
-
-
-@in_order
-def mask_lengths(edges, alike, place, changes, lengths):  # type: ignore[no-untyped-def]
-    """Nats of the labels if only the first 0 ... N planes were there, labels of others 0.
-
-    edges, alike: `mask_edges`; place (N + 1,): 1 ... N of every label in that order, 0 for none;
-    changes (N + 1, CODES): zeros to count the symbols in, by the planes from which they are so.
-    Writes lengths (N + 1,).
-    """
-    for e in range(edges.shape[0]):
-        add_change(
-            changes,
-            np.int64(place[edges[e, 0]]),
-            np.int64(place[edges[e, 1]]),
-            np.int64(place[edges[e, 2]]),
-            np.int64(place[edges[e, 3]]),
-            np.int64(place[edges[e, 4]]),
-            edges[e, 5],
-        )
-    write_lengths(alike, place, changes, lengths)
 
 
 @in_order
