@@ -31,9 +31,8 @@ from planewise.kernels.cloud_rows import (
     write_normal,
 )
 from planewise.kernels.jit import compiled, in_order, internal
+from planewise.kernels.mixture import of_either
 from planewise.kernels.walk import PLANE_BEND
-
-APART = 0.05  # probability that a group labelled with a plane is a surface of its own
 
 
 @internal
@@ -101,7 +100,6 @@ def group_data(  # type: ignore[no-untyped-def]
     Writes data (m,).
     """
     shared, drift, lean = error
-    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     for g in range(first, last):
         nats, j = alone[g], label[g] - 1
         if j >= 0:
@@ -111,12 +109,7 @@ def group_data(  # type: ignore[no-untyped-def]
             own = count / weight / (side * side)
             tilt = PLANE_BEND[0] * drift / side + lean + CUT * own * own
             on = _on_plane(groups, g, planes, j, offset, tilt, norm, anything)
-            # -ln(0.95 exp(-on) + 0.05 exp(-alone))
-            odds = (on_its_own - nats) - (in_common - on)
-            if odds > 0.0:
-                nats -= on_its_own + math.log1p(math.exp(-odds))
-            else:
-                nats = on - in_common - math.log1p(math.exp(odds))
+            nats = of_either(on, nats)
         data[g] = nats
 
 

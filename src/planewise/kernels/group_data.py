@@ -18,11 +18,10 @@ from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
+from planewise.kernels.mixture import of_either
 from planewise.kernels.tables import between
 from planewise.kernels.walk import PLANE_RESIDUAL
 
-APART = 0.05  # probability that a group labelled with a plane is a surface of its own
-CERTAIN = 40.0  # nats by which one of two is so much shorter that a float64 has no room for both
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
 _LN2 = math.log(2.0)
 _BATCH = 200  # groups at once; columns a power of 2 apart share lines of the cache
@@ -99,7 +98,6 @@ def group_data(  # type: ignore[no-untyped-def]
     blocks, groups = first[0], first[-1]
     near, slow, bent, bend, lateral, lean = error
     last = np.float64(shared.size - 2)
-    in_common, on_its_own = math.log(1.0 - APART), math.log(APART)
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
     work = np.empty((25, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -165,12 +163,7 @@ def group_data(  # type: ignore[no-untyped-def]
             nats = _on_none(smooth[k], count[k], prior)
             alone[g] = nats
             if j > 0:
-                on = _LN2 + min(fitted[k], count[k] * prior[2])
-                # -ln(0.95 exp(-on) + 0.05 exp(-alone))
-                odds = (on_its_own - nats) - (in_common - on)
-                nats = nats - on_its_own if odds > 0.0 else on - in_common
-                if abs(odds) < CERTAIN:
-                    nats -= math.log1p(math.exp(-abs(odds)))
+                nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
                 worth[j] += nats - alone[g]
                 saved[j] += nats - count[k] * prior[2]
                 if g < blocks:

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import COUNT, UNIT
-from planewise.kernels.group_data import APART, CERTAIN
 from planewise.kernels.jit import compiled
+from planewise.kernels.mixture import CERTAIN, OWN
 from planewise.kernels.tables import between
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
@@ -34,9 +34,9 @@ def refit_sums(  # type: ignore[no-untyped-def]
         if j == 0 or not count > 0.0:
             continue
         longer = alone[g] - data[g]
-        weight = 1.0 - APART * math.exp(-longer) if longer < CERTAIN else 1.0
+        weight = 1.0 - OWN * math.exp(-longer) if longer < CERTAIN else 1.0
         if alone[g] > count * anything - CERTAIN:
-            most = (1.0 - APART) * math.exp(alone[g] - math.log(2.0) - count * anything) + APART
+            most = (1.0 - OWN) * math.exp(alone[g] - math.log(2.0) - count * anything) + OWN
             if data[g] >= (alone[g] - math.log(most)) * (1.0 - _CAPPED):
                 continue
         if weight <= 0.0:
