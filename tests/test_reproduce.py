@@ -5,6 +5,7 @@ import math
 import re
 import sys
 import time
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -29,6 +30,7 @@ from planewise.reproduce.scores import (
     placed,
     scored,
 )
+from planewise.reproduce.section import Section
 
 from .command import run
 
@@ -318,6 +320,8 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
     for name in EXPERIMENTS:
         assert f"{name}.csv" in names
     assert {"angles.svg", "corner-truth.png", "corner-paper-2mm.png"} <= names
+    told = {name for each in EXPERIMENTS.values() for name in each.files}
+    assert names == {"report.html"} | {name for name in told if "open3d" not in name}
     with (out / "staircase.csv").open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 3 * 2  # assumed noises, methods; one frame
@@ -350,6 +354,19 @@ def test_one_experiment_alone(tmp_path, without_open3d):
     page = _Page((out / "report.html").read_text(encoding="utf-8"))
     assert [each["id"] for each in page.all("section")] == ["flatness"]
     assert sorted(path.suffix for path in out.iterdir()) == [".csv", ".html", *[".png"] * 4]
+
+
+def test_beside_a_report_are_no_files_of_an_earlier_one(tmp_path, monkeypatch):
+    section = Section(title="Speed", text=(), blocks=(), files={"speed": [{"time_ms": 1}]})
+    short = replace(EXPERIMENTS["speed"], trials=lambda _: [], section=lambda *_: section)
+    monkeypatch.setitem(EXPERIMENTS, "speed", short)
+    mine, stale = {"corner-mine.png"}, {"angles.svg", "corner-open3d-2mm.png", "flatness.csv"}
+    written = {"report.html", "speed.csv"}
+    for name in mine | stale:
+        (tmp_path / name).touch()
+    for left in (mine | stale, mine):  # where there was no report, all files are somebody's own
+        assert run("reproduce", "speed", "-o", tmp_path)[0] == 0
+        assert {path.name for path in tmp_path.iterdir()} == written | left
 
 
 BAD_ARGUMENTS = {
@@ -389,7 +406,12 @@ def test_a_missing_extra_is_named(package, tmp_path, monkeypatch):
 
 def test_nothing_is_left_of_a_report_that_failed(tmp_path, monkeypatch):
     broken = Experiment(
-        name="speed", trials=lambda _: ["x"], measure=int, section=lambda *_: None, alone=True
+        name="speed",
+        trials=lambda _: ["x"],
+        measure=int,
+        section=lambda *_: None,
+        files=(),
+        alone=True,
     )
     monkeypatch.setitem(EXPERIMENTS, "speed", broken)
     code, _, errors = run("reproduce", "speed", "-o", tmp_path / "deep" / "out")

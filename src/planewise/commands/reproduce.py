@@ -57,7 +57,8 @@ def reproduce(
 ) -> None:
     """Run the paper's synthetic experiments again: Open3D, the paper's search and planewise.
 
-    Writes pictures, CSV files and report.html, which needs no other file.
+    Writes pictures, CSV files and report.html, which needs no other file; those of an earlier
+    report in the same folder go.
     """
     with reported():
         from planewise.reproduce import report
@@ -75,7 +76,10 @@ def reproduce(
         report.check_extra()
         chosen = [each for name, each in EXPERIMENTS.items() if experiment in (name, _Name.all)]
         command = f"planewise reproduce {experiment} --seeds {count} --size {pixels}"
-        with output_folder(output) as folder:
+        # Without a page there was no report: files of these names are somebody's own.
+        again = (output / report.PAGE).exists()
+        stale = [name for each in EXPERIMENTS.values() for name in each.files if again]
+        with output_folder(output, stale) as folder:
             start = time.perf_counter()
             sections = report.run(chosen, settings, workers, terminal.progress)
             seconds = time.perf_counter() - start

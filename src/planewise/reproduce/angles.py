@@ -254,4 +254,10 @@ def _beats(ours: Case, other: Case, key: str) -> bool:
     return not math.isfinite(other.errors[key]) or ours.errors[key] < other.errors[key]
 
 
-ANGLES = Experiment(name="angles", trials=_trials, measure=_measure, section=_section)
+ANGLES = Experiment(
+    name="angles",
+    trials=_trials,
+    measure=_measure,
+    section=_section,
+    files=("angles.csv", "angles-frames.csv", "angles-bound.csv", "angles.svg"),
+)

@@ -93,6 +93,8 @@ class Experiment:
         Function of a module, from a trial to what was measured.
     section : callable
         From settings and everything measured, in the order of the trials, to the section.
+    files : tuple of str
+        Names of all files that its section can ask for, whatever the settings.
     alone : bool
         Times are the result: nothing else may run beside it.
     """
@@ -101,4 +103,5 @@ class Experiment:
     trials: Callable[[Settings], Sequence[Any]]
     measure: Callable[[Any], list[Measured]]
     section: Callable[[Settings, Sequence[Measured]], Section]
+    files: tuple[str, ...]
     alone: bool = False

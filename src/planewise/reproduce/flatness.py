@@ -17,7 +17,7 @@ from planewise.reproduce.experiment import (
     Settings,
     Trial,
 )
-from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Frame, detect
+from planewise.reproduce.methods import OPEN3D, OURS, PAPER, WORDS, Frame, detect
 from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import scored
 from planewise.reproduce.section import Check, Pictures, Section, Table, length, spread
@@ -129,8 +129,8 @@ def _masks(settings: Settings, measured: Sequence[Measured]) -> Pictures:
     for each in measured:
         if each.labels is not None:
             method, order = each.row["method"], each.row["order"]
-            file = f"flatness-{method.split()[0]}".replace("'s", "").lower()
-            shown.append(mask(scene, each.labels, file, method, f"ranked f = {order}"))
+            file, note = f"flatness-{WORDS[method]}", f"ranked f = {order}"
+            shown.append(mask(scene, each.labels, file, method, note))
     return Pictures(
         caption=(
             "Planes found in the first run. Bands from left to right: f = 0, 2, 10 and 100. "
@@ -167,4 +167,15 @@ def _order_checks(rows: Sequence[Row], method: str, *, claim: bool) -> list[Chec
     ]
 
 
-FLATNESS = Experiment(name="flatness", trials=_trials, measure=_measure, section=_section)
+FLATNESS = Experiment(
+    name="flatness",
+    trials=_trials,
+    measure=_measure,
+    section=_section,
+    files=(
+        "flatness.csv",
+        "flatness-depth.png",
+        "flatness-truth.png",
+        *(f"flatness-{WORDS[method]}.png" for method in (OPEN3D, PAPER, OURS)),
+    ),
+)

@@ -15,7 +15,7 @@ from planewise.reproduce.experiment import (
     Settings,
     Trial,
 )
-from planewise.reproduce.methods import OURS, PAPER, REASSIGNED, Frame, detect
+from planewise.reproduce.methods import OURS, PAPER, REASSIGNED, WORDS, Frame, detect
 from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import placed
 from planewise.reproduce.section import Check, Picture, Pictures, Section, Table, length, spread
@@ -27,7 +27,6 @@ FACTOR = 10
 
 _METHODS = (PAPER, REASSIGNED, OURS)
 _NOISES = (0.0, TRUE_SIGMA)
-_FILES = {PAPER: "paper", REASSIGNED: "reassigned", OURS: "planewise"}
 
 
 def _scene(trial: Trial) -> Scene:
@@ -122,6 +121,10 @@ def _table(rows: Sequence[Row]) -> Table:
     )
 
 
+def _picture(method: str, noise: float) -> str:
+    return f"limitation-{WORDS[method]}-{1000 * noise:g}mm"
+
+
 def _masks(settings: Settings, measured: Sequence[Measured]) -> Pictures:
     rows: list[tuple[str, list[Picture]]] = []
     for noise in _NOISES:
@@ -134,9 +137,8 @@ def _masks(settings: Settings, measured: Sequence[Measured]) -> Pictures:
         for each in measured:
             if each.labels is not None and each.row["noise_m"] == noise:
                 method = each.row["method"]
-                file = f"limitation-{_FILES[method]}-{1000 * noise:g}mm"
                 note = f"{each.row['misassigned']:,} misassigned"
-                shown.append(mask(scene, each.labels, file, method, note))
+                shown.append(mask(scene, each.labels, _picture(method, noise), method, note))
         rows.append((_said(noise), shown))
     return Pictures(
         caption=(
@@ -185,4 +187,15 @@ def _said_mean(number: float) -> str:
     return spread([number], 1)
 
 
-LIMITATION = Experiment(name="limitation", trials=_trials, measure=_measure, section=_section)
+LIMITATION = Experiment(
+    name="limitation",
+    trials=_trials,
+    measure=_measure,
+    section=_section,
+    files=(
+        "limitation.csv",
+        "limitation-depth.png",
+        "limitation-truth.png",
+        *(f"{_picture(method, noise)}.png" for method in _METHODS for noise in _NOISES),
+    ),
+)

@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 OPEN3D, PAPER, OURS = "Open3D", "paper's search", "planewise"
 REASSIGNED = "paper's search, reassigned"
 
+WORDS = {OPEN3D: "open3d", PAPER: "paper", REASSIGNED: "reassigned", OURS: "planewise"}
+"""What methods are called in the names of files."""
+
 CONFIDENCE = 0.99
 """c of the paper: probability that a plane's sample is pure."""
 

@@ -158,4 +158,11 @@ def _in_words(rows: Sequence[Row]) -> tuple[str, ...]:
     )
 
 
-SPEED = Experiment(name="speed", trials=_trials, measure=_measure, section=_section, alone=True)
+SPEED = Experiment(
+    name="speed",
+    trials=_trials,
+    measure=_measure,
+    section=_section,
+    files=("speed.csv",),
+    alone=True,
+)

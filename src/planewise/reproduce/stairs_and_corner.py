@@ -17,7 +17,7 @@ from planewise.reproduce.experiment import (
     Settings,
     Trial,
 )
-from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Frame, detect
+from planewise.reproduce.methods import OPEN3D, OURS, PAPER, WORDS, Frame, detect
 from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import scored
 from planewise.reproduce.section import (
@@ -146,6 +146,10 @@ def _cell(key: str, values: Sequence[float], digits: int) -> str:
     return f"{np.mean(values):,.0f}" if key == "time_ms" else spread(values, digits)
 
 
+def _picture(name: str, method: str, sigma: float) -> str:
+    return f"{name}-{WORDS[method]}-{1000 * sigma:g}mm"
+
+
 def _masks(name: str, settings: Settings, measured: Sequence[Measured]) -> Pictures:
     scene = _scene(_trials(name, settings)[_SHOWN])
     truth = mask(scene, scene.labels, f"{name}-truth", "truth", f"{TRUE_PLANES} planes")
@@ -155,8 +159,8 @@ def _masks(name: str, settings: Settings, measured: Sequence[Measured]) -> Pictu
         for each in measured:
             if each.labels is not None and each.row["sigma_m"] == sigma:
                 method, planes = each.row["method"], each.row["planes"]
-                file = f"{name}-{method.split()[0]}-{1000 * sigma:g}mm".replace("'s", "").lower()
-                shown.append(mask(scene, each.labels, file, method, counted(planes, "plane")))
+                file, note = _picture(name, method, sigma), counted(planes, "plane")
+                shown.append(mask(scene, each.labels, file, method, note))
         rows.append((f"assumed σ = {length(sigma)}", shown))
     return Pictures(
         caption=(
@@ -225,6 +229,16 @@ STAIRCASE, CORNER = (
         trials=partial(_trials, name),
         measure=_measure,
         section=partial(_section, name),
+        files=(
+            f"{name}.csv",
+            f"{name}-depth.png",
+            f"{name}-truth.png",
+            *(
+                f"{_picture(name, method, sigma)}.png"
+                for method in (OPEN3D, PAPER, OURS)
+                for sigma in SIGMAS
+            ),
+        ),
     )
     for name in _ABOUT
 )
