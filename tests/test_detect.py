@@ -11,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import scenes
+from planewise.batch.frame_work import Recipe
 from planewise.model import Curve, Move
 from planewise.objective import PAPER as PAPER_OBJECTIVE
 from planewise.observation import RayObservation
@@ -386,8 +387,6 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
         ({"objective": "best"}, "objective must be"),
         ({"confidence": 1.0}, "confidence must lie between 0 and 1"),
         ({"inlier_ratio": 0.0}, "inlier_ratio must lie between 0 and 1"),
-        ({"inlier_ratio": 1e-200}, "inlier_ratio is too small, got 1e-200: .* inf samples"),
-        ({"inlier_ratio": 1e-3, "search": "sequential"}, "inlier_ratio is too small, got 0.001"),
         ({"max_planes": 0}, "max_planes must lie in"),
         ({"max_planes": 70000}, "max_planes must lie in"),
         ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),
@@ -407,6 +406,25 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
 def test_bad_options_are_refused(roof, camera, options, message):
     with pytest.raises(ValueError, match=message):
         pw.detect_planes(roof[0], camera, SENSOR, **options)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "samples"), [(1e-200, "inf"), (1e-4, "4.61e[+]12"), (1e-3, "4.61e[+]09")]
+)
+def test_a_share_that_needs_too_many_samples_is_refused_where_they_are_drawn(
+    roof, camera, ratio, samples
+):
+    message = f"got {ratio}: a plane in 3 dimensions would take {samples} .* give at least 0.008,"
+    options = {"search": "sequential", "inlier_ratio": ratio}
+    for refused in (
+        lambda: pw.detect_planes(roof[0], camera, SENSOR, **options),
+        lambda: pw.Detector(camera, SENSOR, **options),
+        lambda: Recipe(sensor=SENSOR, options=pw.Options(**options)),
+    ):
+        with pytest.raises(ValueError, match=message):
+            refused()
+    for others in ({"search": "joint"}, PAPER, {"partition": "blocks"}):
+        assert len(pw.Detector(camera, SENSOR, **(options | others))(roof[0])) > 0
 
 
 @pytest.mark.parametrize("scale", [0, -0.001, np.nan, np.inf, "1mm", True])

@@ -209,6 +209,15 @@ def make_plain(record: object, kind: Callable[[Any], Any], *names: str) -> None:
             object.__setattr__(record, name, kind(value))
 
 
+def make_shares(record: object, *names: str) -> None:
+    """Let attributes of a frozen record be plain numbers between 0 and 1, both excluded."""
+    for name in names:
+        value = getattr(record, name)
+        if not (is_finite(value) and 0 < value < 1):
+            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
+    make_plain(record, float, *names)
+
+
 def make_counts(record: object, *names: str, least: int = 1) -> None:
     """Let attributes of a frozen record be whole numbers, as `checked_count` gives them."""
     for name in names:

@@ -232,6 +232,7 @@ class Detector:
         self.camera, self.sensor = checked_camera(camera), checked_sensor(sensor)
         self.depth_scale = checked_scale(depth_scale)
         self.options = Options(**options).resolved(spatial=True)
+        self.options.check_samples(3)
         self._workspace = Workspace()
 
     def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:

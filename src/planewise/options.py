@@ -7,7 +7,14 @@ from typing import Literal, TypedDict
 
 import numpy as np
 
-from planewise.arguments import checked_seed, is_finite, is_whole, make_counts, make_plain
+from planewise.arguments import (
+    checked_seed,
+    is_finite,
+    is_whole,
+    make_counts,
+    make_plain,
+    make_shares,
+)
 from planewise.model import MAX_PLANES
 from planewise.objective import SPATIAL, Objective, as_objective
 from planewise.paper.reassign import NormalReassignment, as_reassignment
@@ -64,8 +71,8 @@ class Options:
         each of its pieces, where it is seen in several: the larger, the fewer planes. Readings of a
         plane that fails this are labelled 0, or go to a neighbouring plane.
     confidence : float
-        c of the paper: probability that a plane's sample is drawn from it alone (sequential; other
-        searches ignore it and the next).
+        c of the paper: probability that a plane's sample is drawn from it alone (sequential without
+        a partition; other searches ignore it and the next).
     inlier_ratio : float
         r of the paper: share of the readings on the smallest plane sought (sequential). Samples go
         with 1 / r^n: at the default every further dimension of points takes ten times as many, six
@@ -135,7 +142,7 @@ class Options:
             raise ValueError("objective='spatial' needs search='joint', got another search")
         elif self.search != "joint" and given:
             raise ValueError(f"{given} needs search='joint', got another search")
-        trial_count(self.confidence, self.inlier_ratio, 2)  # the fewest dimensions there are
+        make_shares(self, "confidence", "inlier_ratio")
         as_reassignment(self.reassign)
         if self.reassign is not None and self._spatial:
             raise ValueError(
@@ -149,7 +156,7 @@ class Options:
             )
         if self.threads is not None:
             make_counts(self, "threads")
-        make_plain(self, float, "significance", "confidence", "inlier_ratio")
+        make_plain(self, float, "significance")
         make_plain(self, int, "max_planes")
         make_plain(self, bool, "instances")
         object.__setattr__(self, "rng", checked_seed("rng", self.rng))
@@ -159,6 +166,17 @@ class Options:
         if self.objective is not None:
             return self
         return replace(self, objective=SPATIAL if spatial and self.search == "joint" else "paper")
+
+    def check_samples(self, dimension: int) -> None:
+        """Refuse a search whose samples in so many dimensions would take too long.
+
+        Raises
+        ------
+        ValueError
+            Which says what share of the readings is large enough.
+        """
+        if self.search == "sequential" and self.partition is None:
+            trial_count(self.confidence, self.inlier_ratio, dimension)
 
     def describe(self) -> dict[str, object]:
         """Say in plain types what was asked for, for result files."""

@@ -53,6 +53,7 @@ def find(
     if not isinstance(options, Options):
         raise ValueError(f"options must be planewise.Options(), got a {type(options).__name__}")
     options = options.resolved(isinstance(observation, RayObservation))
+    options.check_samples(observation.dimension)
     spatial = options.objective == SPATIAL
     if spatial and not isinstance(observation, RayObservation):
         raise ValueError(

@@ -9,7 +9,6 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import is_finite
 from planewise.kernels.readings import claim
 from planewise.model import Curve, Move, limited_to
 from planewise.paper.evaluate import Assignment, Evaluator
@@ -30,17 +29,14 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     Raises
     ------
     ValueError
-        If c or r is no share, or r so small for so many dimensions that it takes minutes a plane.
+        If r is so small for so many dimensions that it takes minutes a plane.
 
     Examples
     --------
     >>> trial_count(0.99, 0.1)
     4603
     """
-    for name, value in (("confidence", confidence), ("inlier_ratio", inlier_ratio)):
-        if not (is_finite(value) and 0 < value < 1):
-            raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
-    alone = float(inlier_ratio) ** dimension
+    alone = inlier_ratio**dimension
     trials = math.log1p(-confidence) / math.log1p(-alone) if alone else math.inf
     if trials > _MOST_TRIALS:
         least = (-math.expm1(math.log1p(-confidence) / _MOST_TRIALS)) ** (1 / dimension)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from planewise.arguments import is_finite, make_counts, make_plain
+from planewise.arguments import make_counts, make_shares
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,9 +30,5 @@ class PartitionOptions:
     remainder_inlier_ratio: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("confidence", "region_inlier_ratio", "remainder_inlier_ratio"):
-            value = getattr(self, name)
-            if not (is_finite(value) and 0 < value < 1):
-                raise ValueError(f"{name} must lie between 0 and 1, both excluded, got {value!r}")
-            make_plain(self, float, name)
+        make_shares(self, "confidence", "region_inlier_ratio", "remainder_inlier_ratio")
         make_counts(self, "region_planes", "remainder_planes")
