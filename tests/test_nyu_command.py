@@ -12,7 +12,15 @@ from planewise.datasets.frames import DatasetFrame
 from planewise.datasets.nyu import FULL
 from planewise.errors import PlanewiseError
 from planewise.metrics.contingency import Clustering
-from planewise.reproduce.nyu import PUBLISHED, Protocol, counted, lines_of, scores_of
+from planewise.reproduce.nyu import (
+    PUBLISHED,
+    Protocol,
+    Row,
+    counted,
+    lines_of,
+    scores_of,
+    table_of,
+)
 from tests.command import run as run_command
 
 from .nyu_files import frame, write_archive, write_folder, write_mat
@@ -242,6 +250,24 @@ def test_lines_are_means_over_frames():
     assert first.sc.mean == pytest.approx(np.mean(mine[::2]))
     assert first.sc.count == 3
     assert len(PUBLISHED) == 5
+
+
+def test_intervals_hold_nothing_that_a_score_cannot_be():
+    common = {"search": "default", "noise": "experimental", "kept": "all", "seconds": 1.0}
+    rows = [
+        Row(
+            frame=str(voi), true_planes=2, planes=2, **common,
+            scores=Clustering(variation_of_information=voi, rand_index=ri, covering=sc, pixels=9),
+        )
+        for voi, ri, sc in ((0.0, 1.0, 0.81), (0.2, 0.97, 0.83))
+    ]  # fmt: skip
+    for mine, cells in (
+        (rows, ("0.100 (0.000 ... 1.371)", "0.985 (0.794 ... 1.000)", "0.820±0.127")),
+        (rows[:1] * 2, ("0.000±0.000", "1.000±0.000", "0.810±0.000")),
+        (rows[:1], ("0.000", "1.000", "0.810")),
+    ):
+        (*_, last) = table_of(lines_of(mine))
+        assert last[3:6] == cells
 
 
 def test_the_papers_search_goes_through_regions(folder, out, tmp_path):

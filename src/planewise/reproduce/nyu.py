@@ -8,6 +8,7 @@ best by information are kept, k the number of true ones among these pixels.
 from __future__ import annotations
 
 import csv
+import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -22,8 +23,9 @@ from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.nyu import FULL, SCORED_CROP, NyuFolder, NyuLabelled
 from planewise.errors import PlanewiseError
-from planewise.metrics.confidence import Interval, mean_interval
+from planewise.metrics.confidence import Interval
 from planewise.metrics.contingency import Clustering, clustering, contingency_table
+from planewise.metrics.scores import summarise
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
 
@@ -208,17 +210,18 @@ def lines_of(rows: Sequence[Row]) -> list[Line]:
     out = []
     for way in ways:
         mine = [row for row in rows if (row.search, row.noise, row.kept) == way]
-        scores = [row.scores for row in mine]
+        found = summarise(
+            {
+                "voi_labelled": row.scores.variation_of_information,
+                "ri_labelled": row.scores.rand_index,
+                "sc_labelled": row.scores.covering,
+                "planes_predicted": row.planes,
+            }
+            for row in mine
+        )
+        voi, ri, sc, planes = found.values()
         out.append(
-            Line(
-                search=way[0],
-                noise=way[1],
-                kept=way[2],
-                voi=mean_interval([each.variation_of_information for each in scores]),
-                ri=mean_interval([each.rand_index for each in scores]),
-                sc=mean_interval([each.covering for each in scores]),
-                planes=mean_interval([row.planes for row in mine]),
-            )
+            Line(search=way[0], noise=way[1], kept=way[2], voi=voi, ri=ri, sc=sc, planes=planes)
         )
     return out
 
@@ -277,7 +280,10 @@ def notes_on(
     return notes
 
 
-MEANING = "Means over frames ± half of their 95 % confidence intervals"
+MEANING = (
+    "Means over frames ± half of their 95 % confidence intervals; where that would go beyond what "
+    "a score can be, its ends"
+)
 COLUMNS = ("method", "noise", "kept", "VOI, bits", "RI", "SC", "planes")
 
 
@@ -291,9 +297,13 @@ def table_of(lines: Sequence[Line]) -> Iterator[tuple[str, ...]]:
 
 
 def _with_error(score: Interval) -> str:
-    """Mean and half of its confidence interval."""
-    half = f"±{score.high - score.mean:.3f}" if score.count > 1 else ""
-    return f"{score.mean:.3f}{half}"
+    """Mean and half of its confidence interval, or the ends of one that is cut."""
+    if score.count < 2:
+        return f"{score.mean:.3f}"
+    below, above = score.mean - score.low, score.high - score.mean
+    if math.isclose(below, above, abs_tol=0.0005):  # half a unit of the last digit
+        return f"{score.mean:.3f}±{max(below, above):.3f}"
+    return f"{score.mean:.3f} ({score.low:z.3f} ... {score.high:z.3f})"
 
 
 def write_report(
