@@ -64,6 +64,17 @@ def test_phi_equals_the_judge(search):
     assert model.information == pytest.approx(judge, rel=1e-9)
 
 
+def test_labels_of_another_number_of_points_are_refused():
+    points, _ = hyperplanes(3, 1, np.random.default_rng(0))
+    n = len(points)
+    for seen, shapes in (
+        (points, rf"\({n},\)"),
+        (np.vstack((points, [[np.nan, 0, 0]])), rf"\({n + 1},\) or \({n},\)"),
+    ):
+        with pytest.raises(ValueError, match=rf"^labels: expected shape {shapes}, got \(5,\)$"):
+            pw.information(pw.observe_points(seen, SENSOR), [], np.zeros(5, int))
+
+
 @settings(max_examples=10)
 @given(seed=st.integers(0, 1000), shift=st.floats(-1e6, 1e6))
 def test_moving_and_turning_the_points_moves_and_turns_the_planes(seed, shift):

@@ -184,10 +184,8 @@ def information(
     if marks.shape == observation.shape:
         marks = marks.reshape(-1)[observation.index]
     if marks.shape != (observation.count,):
-        raise ValueError(
-            f"labels: expected shape {observation.shape} or ({observation.count},), "
-            f"got {given.shape}"
-        )
+        shapes = " or ".join(map(str, dict.fromkeys((observation.shape, (observation.count,)))))
+        raise ValueError(f"labels: expected shape {shapes}, got {given.shape}")
     if marks.size and not 0 <= marks.min() <= marks.max() <= len(rows):
         raise ValueError(
             f"labels must lie between 0 and {len(rows)}, the number of planes, "
