@@ -56,7 +56,7 @@ def room(
         (`planewise.noise.KINECT`). Whatever it is, readings then fall into the Kinect's steps of
         disparity, 3 mm apart at 1 m and 72 mm at 5 m, and are rounded to millimetres.
     size : (height, width)
-        Pixels; the camera has the same view at every size.
+        Pixels; the camera has the same view at every size of the same proportions.
     holes : bool
         Leave out the readings that a Kinect loses: in the shadow of its projector, at grazing
         incidence, on a few dark blotches.
