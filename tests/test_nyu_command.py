@@ -196,6 +196,10 @@ def test_a_frame_without_truth_is_refused():
         counted(seen())
     with pytest.raises(PlanewiseError, match="frame 1 has no reading on a true plane"):
         counted(seen(labels=np.zeros(FULL, np.uint8)))
+    labels = np.ones(FULL, np.int16)
+    labels[7, 7] = -1  # "no plane" elsewhere: which labels are none is not to be guessed
+    with pytest.raises(ValueError, match="frame 1: truth must hold labels of at least 0, got -1"):
+        counted(seen(labels=labels))
 
 
 def test_scores_are_those_of_scikit_image():

@@ -106,7 +106,7 @@ def contingency_table(
     array([[0, 0],
            [1, 2]])
     """
-    found, true = _labels("predicted", predicted), _labels("truth", truth)
+    found, true = checked_labels("predicted", predicted), checked_labels("truth", truth)
     if found.shape != true.shape:
         raise ValueError(f"predicted must have the shape of truth {true.shape}, got {found.shape}")
     if valid is not None:
@@ -131,7 +131,14 @@ def contingency_table(
     )
 
 
-def _labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
+def checked_labels(name: str, image: ArrayLike) -> NDArray[np.integer]:
+    """Label image: whole numbers that are not negative.
+
+    Raises
+    ------
+    ValueError
+        If it holds anything else.
+    """
     labels = unmasked(name, image)
     if labels.dtype.kind not in "iub":
         raise ValueError(f"{name} must hold integer labels, got {labels.dtype}")

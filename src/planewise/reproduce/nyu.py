@@ -24,7 +24,12 @@ from planewise.datasets.frames import Dataset, DatasetFrame
 from planewise.datasets.nyu import FULL, SCORED_CROP, NyuFolder, NyuLabelled
 from planewise.errors import PlanewiseError
 from planewise.metrics.confidence import Interval
-from planewise.metrics.contingency import Clustering, clustering, contingency_table
+from planewise.metrics.contingency import (
+    Clustering,
+    checked_labels,
+    clustering,
+    contingency_table,
+)
 from planewise.metrics.scores import summarise
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
@@ -186,17 +191,18 @@ def counted(frame: DatasetFrame) -> tuple[NDArray[np.bool_], NDArray[np.integer]
     Raises
     ------
     PlanewiseError
-        If there are none.
+        If there are none, or labels are negative.
     """
     if frame.labels is None:
         raise PlanewiseError(f"frame {frame.id} has no true planes")
+    labels = checked_labels(f"frame {frame.id}: truth", frame.labels)
     shape = frame.depth.shape[0], frame.depth.shape[1]
     region = np.zeros(shape, bool)
     region[SCORED_CROP if shape == FULL else (slice(None), slice(None))] = True
-    region &= frame.valid & (frame.labels > 0)
+    region &= frame.valid & (labels > 0)
     if not region.any():
         raise PlanewiseError(f"frame {frame.id} has no reading on a true plane")
-    return region, frame.labels[region]
+    return region, labels[region]
 
 
 def scores_of(labels: NDArray[np.integer], truth: NDArray[np.integer]) -> Clustering:
