@@ -265,7 +265,7 @@ class Detector:
         ----------
         frames : iterable of array_like, shape (H, W)
             As in `detect_planes`. Up to ``threads + 1`` are taken ahead of the model that is waited
-            for, and none may change before its model is there.
+            for, and none may change before its model is there: copy what a camera writes over.
 
         Yields
         ------
