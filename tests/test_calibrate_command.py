@@ -11,6 +11,7 @@ from PIL import Image
 import planewise as pw
 from planewise import noise, scenes
 from planewise.drawing.noise import draw_noise
+from planewise.errors import MissingExtraError
 
 from . import bag_files
 from .bag_files import write_bag
@@ -114,6 +115,16 @@ def test_bad_frames_are_reported_and_the_others_used(frames, tmp_path):
     assert "grey.png" in errors
     assert "8 bits" in errors
     assert out.exists()
+
+
+def test_a_package_that_frames_need_is_missed_once(frames, tmp_path, monkeypatch):
+    def lacking(*_):
+        raise MissingExtraError("openexr", "reading .exr files")
+
+    monkeypatch.setattr("planewise.commands.calibrate.read_depth", lacking)
+    code, text, errors = run("calibrate", frames, *CAMERA, "-o", tmp_path / "s.json")
+    assert (code, text) == (2, "")
+    assert errors.count("openexr") == 1
 
 
 def test_one_camera_for_frames_of_two_sizes_is_warned_of(frames, tmp_path):

@@ -19,6 +19,7 @@ from typer.testing import CliRunner
 import planewise as pw
 from planewise.commands import terminal
 from planewise.commands.app import command_line
+from planewise.errors import MissingExtraError
 from planewise.metrics.confidence import Interval
 from planewise.results.image import FILES
 from tests.command import run, run_python
@@ -404,6 +405,51 @@ def test_frames_of_another_size_are_warned_of_once(depth, out, scene):
     code, _, errors = run("detect", depth.parent, *camera, "-o", out)
     assert (code, errors.count("warning: ")) == (0, 1)
     assert "half1.npy has 80 x 60 pixels and frames before it 160 x 120; --camera is" in errors
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize(
+    ("module", "extra", "options"),
+    [
+        ("shapely", "cloud", ("--outlines",)),
+        ("skimage.segmentation", "partition", ("--partition", "graph")),
+    ],
+)
+def test_a_package_that_options_need_is_missed_at_once(
+    module, extra, options, many, depth, out, scene, monkeypatch
+):
+    """Not once for each frame, nor after it was detected, or loops were compiled for it."""
+
+    def observe(*_, **__):
+        raise AssertionError("it looked at a frame")
+
+    np.save(depth.parent / "another.npy", scene.depth)
+    monkeypatch.setattr("planewise.observation.observe", observe)
+    monkeypatch.setitem(sys.modules, module, None)
+    given = depth.parent if many else depth
+    code, text, errors = run("detect", given, *ARGUMENTS, *options, "-o", out)
+    assert (code, text) == (2, "")
+    assert errors.count("error: ") == errors.count(f"'planewise[{extra}]'") == 1
+    assert not out.exists()
+
+
+def test_a_package_that_frames_need_is_missed_once(depth, out, scene, monkeypatch):
+    np.save(depth.parent / "another.npy", scene.depth)
+
+    def lacking(*_):
+        raise MissingExtraError("openexr", "reading .exr files")
+
+    monkeypatch.setattr("planewise.commands.jobs.read_depth", lacking)
+    code, text, errors = run("detect", depth.parent, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "")
+    assert errors.count("openexr") == 1
+    assert not out.exists()
+
+
+def test_where_files_are_is_said_only_of_a_folder_that_is_there(depth, out):
+    depth.write_bytes(b"nothing")
+    code, text, _ = run("detect", depth.parent, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "0 of 1 frame done ")
 
 
 def test_one_picture_is_none_of_a_folder(depth, out, tmp_path, scene):

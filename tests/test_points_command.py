@@ -369,8 +369,13 @@ def test_results_are_not_written_over_what_is_read(tmp_path, corner):
 
 def test_a_missing_package_leaves_nothing(tmp_path, out, corner, monkeypatch):
     np.save(tmp_path / "a.npy", corner[0])
+
+    def find(*_):
+        raise AssertionError("points were searched for nothing")
+
     for package, option in (("shapely", "--outlines"), ("laspy", "--las")):
         with monkeypatch.context() as patch:
+            patch.setattr("planewise.commands.points._find", find)
             patch.setitem(sys.modules, package, None)
             code, _, errors = run("points", tmp_path / "a.npy", "--sigma", 0.01, option, "-o", out)
         assert code == 2

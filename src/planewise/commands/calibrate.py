@@ -31,7 +31,7 @@ from planewise.commands.shared_options import (
     Topic,
     optional,
 )
-from planewise.errors import PlanewiseError
+from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.camera import no_camera, read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
 from planewise.sensor import Sensor
@@ -158,6 +158,8 @@ class _Reading:
         for each in frames:
             try:
                 yield self._cells(each)
+            except MissingExtraError:
+                raise
             except (ValueError, OSError) as error:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 

@@ -16,7 +16,7 @@ from planewise import threads
 from planewise.arguments import unit_told
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept, unusual_unit
-from planewise.errors import PlanewiseError, naming
+from planewise.errors import MissingExtraError, PlanewiseError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
@@ -117,6 +117,7 @@ class Job:
         # A folder of masks is read whole: the results would be masks of the next run.
         written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
+        self._load()
         with output_folder(target, OUTLINE_FILES) as folder:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
@@ -136,6 +137,18 @@ class Job:
                 self._write_outlines(folder, model, camera)
         return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond, unit=unit)
 
+    def _load(self) -> None:
+        """Load what the options need beyond the core, or say so before anything is compiled."""
+        if self.outlines:
+            from planewise.outlines.outlines import load_shapely
+
+            load_shapely()
+        if self.options.partition is not None:
+            from planewise.partition import Graph, SegmentAnything
+
+            if isinstance(self.options.partition, Graph | SegmentAnything):
+                self.options.partition.load()
+
     def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
         from planewise.outlines.image import outline_image
         from planewise.results.outlines import write_outlines
@@ -149,16 +162,24 @@ class Job:
         """Do every file of a list, each into its own folder below `target`.
 
         A frame that cannot be used is reported, and the others go on.
+
+        Raises
+        ------
+        PlanewiseError
+            If none can be done, such as without a package that the options need.
         """
         if self.rgb is not None and not self.rgb.is_dir():
             raise PlanewiseError(
                 f"rgb: {self.rgb} is one picture; a folder of depth images takes a folder of them"
             )
+        self._load()
         stems = Counter(path.stem for path in paths)
         for path in paths:
             name = path.stem if stems[path.stem] == 1 else path.name
             try:
                 yield self.run(path, target / name, many=True)
+            except MissingExtraError:
+                raise
             except (ValueError, OSError) as error:
                 named = path.name in str(error)
                 kept = ""

@@ -26,7 +26,7 @@ from planewise.files.camera import read_length
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
-from planewise.outlines.outlines import Surface
+from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
 from planewise.results.image import OUTLINE_FILES
 from planewise.sensor import Sensor
@@ -117,6 +117,12 @@ def points(
 
         others = (*OUTLINE_FILES, *LAS_FILES)  # written now or not, none of before stays
         check_kept([output / name for name in (*CLOUD_FILES, *others)], [cloud])
+        if outlines:
+            load_shapely()
+        if las:
+            from planewise.files.las import load_laspy
+
+            load_laspy("writing .las files")
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
         with output_folder(output, others) as folder:

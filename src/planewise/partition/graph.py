@@ -7,6 +7,7 @@ there is any.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -62,8 +63,7 @@ class Graph:
 
     def __call__(self, view: View) -> Regions:
         """Region of every pixel, from 1."""
-        with needs("scikit-image", "the partition 'graph'", "partition"):
-            from skimage.segmentation import felzenszwalb
+        felzenszwalb = self.load()
         # It expects colours; more channels are what is meant here.
         with without_warnings(RuntimeWarning, "Got image with third dimension"):
             regions = felzenszwalb(
@@ -74,6 +74,14 @@ class Graph:
                 channel_axis=-1,
             )
         return np.asarray(regions + 1, np.int32)
+
+    @staticmethod
+    def load() -> Callable[..., NDArray[Any]]:
+        """Import the algorithm, or say which extra has it."""
+        with needs("scikit-image", "the partition 'graph'", "partition"):
+            from skimage.segmentation import felzenszwalb
+        found: Callable[..., NDArray[Any]] = felzenszwalb
+        return found
 
     def channels(self, view: View) -> Array:
         """What is compared, shape (H, W, 4 or 7): normals, log depth, colour, each weighted."""

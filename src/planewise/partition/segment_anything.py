@@ -79,9 +79,13 @@ class SegmentAnything:
         """
         if view.rgb is None:
             raise ValueError("partition 'sam' needs rgb, a picture of the same view; got none")
-        network = _network(self.model, self.device)
+        network = self.load()
         masks, scores = network.masks(view.rgb, self)
         return masks[_distinct(_boxes(masks), scores, self.repeated)]
+
+    def load(self) -> _Network:
+        """Load the network, which is kept for the next pictures, or say what is missing."""
+        return _network(self.model, self.device)
 
     def describe(self) -> str:
         """Say what it is."""
