@@ -25,6 +25,7 @@ from numpy.testing import assert_array_equal
 import planewise as pw
 from planewise import compilation, compiler, warm_up
 from planewise.kernels import jit
+from tests.command import run_python
 
 
 @pytest.mark.parametrize(
@@ -213,6 +214,28 @@ def test_who_cannot_keep_loops_hears_how_they_can_be(monkeypatch, started, caplo
     compilation.announce.__wrapped__("spatial")
     assert "NUMBA_CACHE_DIR" in caplog.text
     assert not started  # what they would compile is lost
+
+
+def test_without_compilation_it_is_refused_once(tmp_path):
+    """Plain Python, as Numba has it then, would give loops other types, and take minutes."""
+    np.save(tmp_path / "a.npy", np.ones((12, 16)))
+    np.save(tmp_path / "b.npy", np.ones((12, 16)))
+    code = """
+import sys
+from planewise.cli import main
+sys.argv[0] = "planewise"
+main()
+"""
+    given = (tmp_path, "--camera", "9,9,8,6", "--sensor", "nyu", "-o", tmp_path / "out")
+    for arguments, ends in (
+        (("info",), 0),
+        (("detect", *given), 2),
+        (("calibrate", *given[:-1], tmp_path / "out.json"), 2),
+    ):
+        done = run_python(code, *arguments, check=False, NUMBA_DISABLE_JIT="1")
+        assert done.returncode == ends
+        assert (done.stdout + done.stderr).count("NUMBA_DISABLE_JIT") == 1
+        assert (done.stderr.count("\n") == 1) == (ends == 2)
 
 
 def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path):

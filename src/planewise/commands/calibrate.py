@@ -155,6 +155,8 @@ class _Reading:
 
     def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
+        from planewise.kernels import noise  # noqa: F401  # or no frame can be
+
         for each in frames:
             try:
                 yield self._cells(each)

@@ -9,6 +9,7 @@ from planewise._version import __version__
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.command_line import reported
+from planewise.errors import PlanewiseError
 from planewise.spherical import SphericalCamera
 
 
@@ -18,15 +19,14 @@ def info() -> None:
         import numba
         import numpy as np
 
-        from planewise import compilation, threads
+        from planewise import threads
 
-        state = "compiled" if compilation.is_cached("spatial") else "not compiled yet"
         terminal.say(f"planewise {__version__}")
         terminal.say(
             f"Python {platform.python_version()}, NumPy {np.__version__}, Numba {numba.__version__}"
         )
         terminal.say(f"threads: {threads.available()}")
-        terminal.say(f"cache: {compilation.cache_directory()} ({state})")
+        terminal.say(f"cache: {_cache()}")
         terminal.show_table(
             "cameras",
             (
@@ -66,3 +66,13 @@ def info() -> None:
             ),
             ("--sensor", "range", "resolution", "noise"),
         )
+
+
+def _cache() -> str:
+    """Where compiled code is kept, and whether it is there."""
+    try:
+        from planewise import compilation
+    except PlanewiseError as error:  # NUMBA_DISABLE_JIT
+        return f"none ({error})"
+    state = "compiled" if compilation.is_cached("spatial") else "not compiled yet"
+    return f"{compilation.cache_directory()} ({state})"

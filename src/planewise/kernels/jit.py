@@ -16,10 +16,16 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from numba import njit
+from numba import config, njit
 
 from planewise.compiler import LoopCompiler
+from planewise.errors import PlanewiseError
 from planewise.kernels.loop_cache import LoopCache
+
+if config.DISABLE_JIT:  # type: ignore[attr-defined]  # it sets them by name
+    raise PlanewiseError(
+        "NUMBA_DISABLE_JIT is set, and planewise finds nothing without compiled loops; unset it"
+    )
 
 _njit: Any = njit  # its types know fewer options than it has
 _FAST = {"reassoc", "contract", "arcp", "nsz"}
