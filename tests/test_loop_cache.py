@@ -120,6 +120,19 @@ def test_what_is_damaged_is_compiled_again(called, tmp_path, ending):
     assert called("mean") == ([2.0], [])
 
 
+@pytest.mark.parametrize("part", [b"\x7fELF", b"BC\xc0\xde"])
+def test_a_page_that_is_lost_is_compiled_again(called, tmp_path, part):
+    """Of machine code, which would end the process, or of bitcode."""
+    called("mean")
+    (path,) = (tmp_path / "kept").glob("**/loops.mean*.nbc")
+    kept = bytearray(path.read_bytes())
+    start = kept.rindex(part) + 300
+    kept[start : start + 200] = bytes(200)
+    path.write_bytes(kept)
+    assert called("mean") == ([2.0], ["mean"])
+    assert called("mean", "spread") == ([2.0, 2.0], ["spread"])
+
+
 def test_a_full_disk_leaves_no_loop_of_an_older_source(called, tmp_path):
     called("mean")
     changed = LOOPS.replace("total(values) / values.size", "2 * total(values) / values.size", 1)

@@ -5,12 +5,14 @@ it, and is parsed when one of these is compiled, be it by the process that compi
 machine code, whose sums may be taken in any order, is the same whichever process compiled what.
 What types its variables have, which only `inspect_types` prints, is not kept, nor are environments
 of functions it has inside that hold no constants, for which half of Numba would be imported.
+What a disk has damaged would end the process: a checksum tells it, at a GB a second.
 """
 
 from __future__ import annotations
 
 import contextlib
 import logging
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +21,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.runtime.nrt import rtsys
 
 _LOG = logging.getLogger("planewise")
+_ENDING = "loop2"  # of names of files: another for each way of writing them
 
 
 class _MachineCode(CompileResultCacheImpl):
@@ -26,10 +29,10 @@ class _MachineCode(CompileResultCacheImpl):
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         """Name of its files: another than Numba's, which has them in its own way."""
-        return f"{super().get_filename_base(fullname, abiflags)}.loop"
+        return f"{super().get_filename_base(fullname, abiflags)}.{_ENDING}"
 
-    def reduce(self, compiled: Any) -> tuple[Any, bytes | None]:
-        """What is written: with names in place of bitcode, and that."""
+    def reduce(self, compiled: Any) -> tuple[Any, bytes | None, int]:
+        """What is written: with names in place of bitcode, that, and the checksum of all three."""
         whole = super().reduce(compiled._replace(type_annotation=""))
         module = getattr(compiled.library, "_get_module_for_linking", None)
         match whole:
@@ -41,15 +44,26 @@ class _MachineCode(CompileResultCacheImpl):
                 names = _names_in(module())
                 _link_by(bitcode, compiled.library)
                 used = tuple(each for each in environments if each.consts)
-                return ((name, "object", (code, names)), *others, used), bitcode
-        return whole, None  # of a Numba that has other ways
+                kept = (name, "object", (code, names)), *others, used
+                return kept, bitcode, _checksum(code, names, bitcode)
+        return whole, None, 0  # of a Numba that has other ways
 
-    def rebuild(self, target: Any, kept: tuple[Any, bytes | None]) -> Any:
-        """Make a loop of what was written."""
-        without, bitcode = kept
+    def rebuild(self, target: Any, kept: tuple[Any, bytes | None, int]) -> Any:
+        """Make a loop of what was written.
+
+        Raises
+        ------
+        ValueError
+            If it is damaged.
+        """
+        without, bitcode, checksum = kept
+        if bitcode is None:
+            return super().rebuild(target, without)
+        code, names = without[0][2]
+        if _checksum(code, names, bitcode) != checksum:
+            raise ValueError("it is damaged")
         out = super().rebuild(target, without)
-        if bitcode is not None:
-            _link_by(bitcode, out.library)
+        _link_by(bitcode, out.library)
         return out
 
 
@@ -84,6 +98,10 @@ class LoopCache(FunctionCache):
         _LOG.debug("%s is not kept: %s", self, error)
         with contextlib.suppress(OSError):
             Path(self._cache_file._index_path).unlink(missing_ok=True)
+
+
+def _checksum(code: bytes, names: bytes, bitcode: bytes) -> int:
+    return zlib.crc32(bitcode, zlib.crc32(names, zlib.crc32(code)))
 
 
 def _link_by(bitcode: bytes, library: Any) -> None:
