@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import os
 import resource
@@ -470,6 +471,32 @@ def test_a_full_disk_is_said_and_leaves_a_store(originals, store, monkeypatch):
     read = Store(store)
     assert len(list(read)) == len(read) == read.frames.num_rows == COUNT
     assert not list(store.glob(".unfinished*"))
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("error", "ends", "said"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted; "),
+        (OSError(errno.ENOSPC, "No space left"), 2, "store: there is no room left for STORE (No "),
+    ],
+)
+@pytest.mark.parametrize("begun", [False, True])
+def test_an_end_before_time_says_what_it_leaves(
+    originals, store, monkeypatch, error, ends, said, begun
+):
+    def failing(*_):
+        raise error
+
+    if begun:
+        assert run("batch", originals, "-o", store, *CAMERA, "--limit", 2)[0] == 0
+    monkeypatch.setattr("planewise.batch.run.Batch._begin", failing)
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert (code, text) == (ends, "")
+    assert said.replace("STORE", str(store)) in errors
+    assert ("; nothing was left " in errors) == (not begun)
+    assert (f"; what is done is in {store}, and the same" in errors) == begun
+    assert store.exists() == begun
 
 
 def test_ctrl_c_while_workers_load_is_one_line(originals, store):

@@ -140,7 +140,8 @@ class Batch:
     def started(self, engine: Engine) -> Iterator[Run]:
         """Lock the store, make it if need be, and give the run; at the end all is committed.
 
-        A store that was made here goes again if an error ends the run before its first frame.
+        A store that was made here goes again if an error, or Ctrl-C, ends the run before its first
+        frame.
 
         Raises
         ------
@@ -158,7 +159,7 @@ class Batch:
             try:
                 with self._held(folder, engine) as run:
                     yield run
-            except Exception:
+            except BaseException:
                 if new:
                     _remove_without_frames(folder)
                 raise

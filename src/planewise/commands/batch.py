@@ -46,6 +46,7 @@ from planewise.commands.shared_options import (
 )
 from planewise.errors import NO_ROOM, PlanewiseError
 from planewise.files.camera import no_camera, read_camera, with_changes
+from planewise.files.labels import STORE_FILE
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source
@@ -258,15 +259,21 @@ def _run(job: Batch, engine: Engine) -> None:
                 for outcome in run:
                     progress.count(outcome)
     except KeyboardInterrupt:
-        terminal.error(f"interrupted; what is done is in {job.store}, and the same command goes on")
+        terminal.error(f"interrupted; {_left(job.store)}")
         raise typer.Exit(interrupted()) from None
     except OSError as error:
         if error.errno not in NO_ROOM:
             raise
         raise PlanewiseError(
-            f"store: there is no room left for {job.store} ({error.strerror}); what is in it "
-            "stays, and the same command goes on"
+            f"store: there is no room left for {job.store} ({error.strerror}); {_left(job.store)}"
         ) from None
     show_result(progress, job.store)
     if progress.failed + plan.failed and not progress.done + plan.done:
         raise typer.Exit(FAILED)
+
+
+def _left(store: Path) -> str:
+    """What an end before time leaves: a store without a frame may have been removed."""
+    if (store / STORE_FILE).exists():
+        return f"what is done is in {store}, and the same command goes on"
+    return "nothing was left"
