@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -497,6 +498,22 @@ def test_an_end_before_time_says_what_it_leaves(
     assert ("; nothing was left " in errors) == (not begun)
     assert (f"; what is done is in {store}, and the same" in errors) == begun
     assert store.exists() == begun
+
+
+@pytest.mark.usefixtures("here")
+def test_a_limit_of_threads_is_one_line(originals, store, monkeypatch):
+    start = threading.Thread.start
+
+    def limited(thread):
+        if thread.name.startswith("sync"):
+            raise RuntimeError("can't start new thread")  # as Python does
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", limited)
+    code, text, errors = run("batch", originals, "-o", store, *CAMERA)
+    assert (code, text) == (2, "")
+    assert errors.startswith("error: no more threads can be started: memory is short, or ")
+    assert errors.count("error: ") == 1
 
 
 def test_ctrl_c_while_workers_load_is_one_line(originals, store):

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from planewise.partition import Partitioner
 
 _MILLIMETRE = 0.001  # metres
+_NO_THREAD = "can't start new thread"  # by which alone Python tells it from other errors
 
 
 class _OnStderr(logging.Handler):
@@ -46,6 +47,12 @@ def reported() -> Iterator[None]:
         terminal.error(str(error))
     except MemoryError:
         terminal.error("there is not enough memory for this input")
+    except RuntimeError as error:
+        if str(error) != _NO_THREAD:
+            raise
+        terminal.error(
+            "no more threads can be started: memory is short, or their number is limited (ulimit)"
+        )
     except BrokenPipeError:  # which what reads the output has closed: no error of ours
         raise
     except OSError as error:
