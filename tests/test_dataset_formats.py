@@ -19,6 +19,7 @@ from planewise.datasets.frames import Dataset
 from planewise.errors import PlanewiseError
 
 from . import dataset_files as files
+from .command import run_python
 from .dataset_files import CAMERA, COUNT, FRAMES, POSES
 from .nyu_files import write_archive, write_folder, write_mat
 
@@ -653,6 +654,24 @@ def test_the_command_reports_names_that_are_no_text(run, tmp_path):
     assert code == 2
     assert "3 of 4 frames can be read" in text
     assert "has a frame z\\xff1, which is not valid UTF-8; rename it" in errors.replace("\n", " ")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every name is text")
+def test_a_name_that_the_locale_cannot_read_need_not_be_changed(tmp_path):
+    depth = files.write_generic(tmp_path / "data") / "depth"
+    (depth / "view 1.png").rename(depth / "für.png")
+    code = """
+import sys
+from planewise.cli import main
+sys.argv[0] = "planewise"
+main()
+"""
+    locale = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    done = run_python(code, "frames", tmp_path / "data", "--check", check=False, **locale)
+    assert done.returncode == 2
+    assert "which cannot be read in this locale (ascii); set PYTHONUTF8=1" in done.stderr
+    read = run_python(code, "frames", tmp_path / "data", "--check", PYTHONUTF8="1")
+    assert "3 of 3 frames can be read" in read.stdout
 
 
 def test_a_damaged_first_frame_is_said_once(run, tmp_path):

@@ -138,7 +138,7 @@ def numbered(count: int) -> list[str]:
 
 
 def check_text(dataset: str, frame: str) -> None:
-    """Refuse an id that no table can hold: the name of a file with bytes that are no text.
+    """Refuse an id that no table can hold: the name of a file with bytes that are no text here.
 
     Raises
     ------
@@ -148,10 +148,14 @@ def check_text(dataset: str, frame: str) -> None:
     try:
         frame.encode()
     except UnicodeEncodeError:
-        shown = frame.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
-        raise PlanewiseError(
-            f"data: {dataset} has a frame {shown}, which is not valid UTF-8; rename it"
-        ) from None
+        name = frame.encode("utf-8", "surrogateescape")
+        try:
+            shown, encoding = name.decode(), sys.getfilesystemencoding()
+            cause = f"cannot be read in this locale ({encoding}); set PYTHONUTF8=1"
+        except UnicodeDecodeError:
+            shown = name.decode("utf-8", "backslashreplace")
+            cause = "is not valid UTF-8; rename it"
+        raise PlanewiseError(f"data: {dataset} has a frame {shown}, which {cause}") from None
 
 
 class Frames(ABC, Generic[Frame]):
