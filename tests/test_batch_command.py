@@ -418,10 +418,11 @@ def test_a_package_that_all_frames_need_and_lack(originals, store, monkeypatch):
         raise MissingExtraError("h5py", "reading it", "datasets")
 
     monkeypatch.setattr("planewise.batch.frame_work.FrameWork._done", lacking)
-    code, _, errors = run("batch", originals, "-o", store, *CAMERA)
-    assert code == 2
-    assert "planewise[datasets]" in errors
-    assert not store.parent.exists()
+    for dry in ((), ("--dry-run",)):
+        code, text, errors = run("batch", originals, "-o", store, *CAMERA, *dry)
+        assert (code, text) == (2, "")
+        assert errors.count("planewise[datasets]") == 1
+        assert not store.parent.exists()
 
 
 @pytest.mark.usefixtures("here")

@@ -245,7 +245,9 @@ def _forecast(job: Batch, workers: int) -> None:
     work = FrameWork(job.source, job.recipe)
     first = plan.to_do[:_TRIED]
     if first:
-        work(*first[0])  # loads what the others find loaded
+        fatal = work(*first[0]).fatal  # loads what the others find loaded
+        if fatal:
+            raise PlanewiseError(fatal)
     show_forecast(job, plan, [work(*each) for each in first], workers)
 
 
