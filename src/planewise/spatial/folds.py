@@ -3,8 +3,8 @@
 Strips two or three cells wide are too narrow for cells to tell that a surface bends. Their readings
 tell: across a strip they lie on a cubic, clearly closer than on its plane. Those of a strip that
 is two faces lie off the cubic, too; those beside edges, which are blurred or have the wrong label,
-bend there alone. Hence most of the strips side by side, and enough of them, have to lie on a cubic
-but for noise, and to bend without the pixels beside their borders.
+bend there alone. Hence most of the strips side by side have to lie on a cubic but for noise, and
+to bend without the pixels beside their borders.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ Bools = NDArray[np.bool_]
 Labels = NDArray[np.uint16]
 
 _FEWEST = 5  # strips side by side that bend: rounded edges have one or two, and two faces
-# Of what noise leaves off a cubic: what a plane leaves beyond it, and off all but the border.
-_BENT = np.array([0.05, 0.1])
+_MOST = 0.5  # of the pixels of strips side by side: of faces with wrong labels it is up to 0.4
+_BENT = 0.05  # of what noise leaves off a cubic: what a plane leaves beyond it
 _SMOOTH = 1.15  # times what noise leaves off a cubic, at most: two faces leave more
 _CLEARLY = 30.0  # the same as chi^2 of two degrees of freedom: 3e-7 by chance
 _WIDE = 14.0 * SIDE / UNIT  # cells tell of wider ones
@@ -72,9 +72,8 @@ def are_folds(
     group = _groups(shared > _ALONG * UNIT * shorter)
     size = np.bincount(labels.reshape(-1), minlength=len(group))
     enough = np.bincount(group, strips.inside) >= _FEWEST
-    enough &= np.bincount(group, size * strips.inside) > 0.5 * np.bincount(
-        group, size * strips.bent
-    )
+    bent, every = (np.bincount(group, size * each) for each in (strips.inside, strips.there))
+    enough &= bent > _MOST * every
     folds = strips.bent & enough[group]
     if not folds.any():
         return none
@@ -88,14 +87,15 @@ class _Strips:
 
     Attributes
     ----------
-    bent, inside : ndarray of bool
-        Whether it is a strip that bends, and without the pixels beside its border, too.
+    there, bent, inside : ndarray of bool
+        Whether it is a strip, one that bends, and without the pixels beside its border, too.
     length : ndarray
         In units of x and y.
     pixels : list of ndarray
-        Those of each that bends, as places in the flattened image.
+        Those of each strip, as places in the flattened image.
     """
 
+    there: Bools
     bent: Bools
     inside: Bools
     length: Array
@@ -121,7 +121,8 @@ def _strips(
 ) -> _Strips:
     """What readings say of chosen planes (N,); about (N + 1,): as `pixels_of_labels` takes it."""
     affine, images = planes_by_label(rows), (frame.w, frame.p, *frame.sectors.coordinates)
-    bent, length = np.zeros((2, len(affine)), np.bool_), np.zeros(len(affine))
+    there, bent = np.zeros(len(affine), np.bool_), np.zeros((2, len(affine)), np.bool_)
+    length = np.zeros(len(affine))
     chi2, listed = np.empty((2, 3)), []
     for label, pixels in pixels_of_labels(labels, np.append(False, chosen), about, workspace):
         width, length[label] = kernels.profile(
@@ -132,9 +133,9 @@ def _strips(
             ratio = (line - cubic) / np.maximum(np.maximum(cubic, count), 1.0)
             bent[:, label] = ratio > np.maximum(_BENT, _CLEARLY / np.maximum(count, 1.0))
             bent[1, label] &= cubic[1] < _SMOOTH * count[1]
-            if bent[0, label]:
-                listed.append(pixels)
-    return _Strips(bent[0], bent[0] & bent[1], length, listed)
+            there[label] = True
+            listed.append(pixels)
+    return _Strips(there, bent[0], bent[0] & bent[1], length, listed)
 
 
 def _borders(
