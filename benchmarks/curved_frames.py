@@ -79,6 +79,23 @@ def _curtain(fold: float, lean: float, rays: Array) -> Array:
     return 2.5 + 0.04 * np.sin(2 * np.pi * 2.5 * rays[..., 0] / fold + lean * rays[..., 1])
 
 
+def _hiding_curtain(fold: float, rays: Array) -> Array:
+    """Upright folds in space, which hide parts of each other: where a ray meets the first."""
+
+    def beyond(z: Array) -> Array:
+        return z - 2.5 - 0.04 * np.sin(2 * np.pi * rays[..., 0] * z / fold)
+
+    near = np.full(rays.shape[:-1], 2.459)
+    for _ in range(82):  # millimetres
+        near += np.where(beyond(near + 0.001) < 0, 0.001, 0.0)
+    far = near + 0.001
+    for _ in range(20):
+        middle = 0.5 * (near + far)
+        behind = beyond(middle) >= 0
+        near, far = np.where(behind, near, middle), np.where(behind, middle, far)
+    return far
+
+
 _Z, _Y = (0, 0, 1), (0, 1, 0)
 SURFACES: dict[str, Callable[[Array], Array]] = {
     "ball of 1 m": lambda rays: sphere((0, 0, 2.5), 1.0, rays),
@@ -95,6 +112,8 @@ SURFACES: dict[str, Callable[[Array], Array]] = {
     "curtain, folds of 40 cm": partial(_curtain, 0.4, 0.3),
     "curtain, upright folds of 20 cm": partial(_curtain, 0.2, 0.0),
     "curtain, upright folds of 40 cm": partial(_curtain, 0.4, 0.0),
+    "curtain in space, folds of 20 cm": partial(_hiding_curtain, 0.2),
+    "curtain in space, folds of 40 cm": partial(_hiding_curtain, 0.4),
     "LiDAR in a tunnel": lambda rays: cylinder((1, 0.1, 0), (0, 0.3, 0.5), 3.0, rays, inside=True),
     "LiDAR in a shaft": lambda rays: cylinder(_Z, (0.5, 1, 0), 6.0, rays, inside=True),
     "LiDAR in a dome": lambda rays: sphere((1, 0.5, 1), 8.0, rays, inside=True),
