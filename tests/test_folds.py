@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise.components import components
 from planewise.kernels.folds import profile
 from planewise.spatial import labels as spatial_labels
-from planewise.spatial.folds import _borders, _groups
+from planewise.spatial.folds import _borders
 
 CAMERA = pw.PinholeCamera(fx=525, fy=525, cx=159.5, cy=119.5)
 SHAPE = 240, 320
@@ -129,8 +130,6 @@ def test_borders_are_those_of_neighbours_in_rows_and_columns(seed, reach):
     assert_array_equal(_borders(labels, np.flatnonzero(labels), 3, reach), expected)
 
 
-def test_groups_hang_together():
-    beside = np.zeros((6, 6), np.bool_)
-    for a, b in ((0, 4), (4, 2), (3, 5)):
-        beside[a, b] = beside[b, a] = True
-    assert_array_equal(_groups(beside), [0, 1, 0, 3, 0, 3])
+def test_components_hang_together():
+    pairs = np.array([(0, 4), (4, 2), (3, 5)])
+    assert_array_equal(components(6, np.concatenate((pairs, pairs[:, ::-1]))), [0, 1, 0, 3, 0, 3])

@@ -17,6 +17,7 @@ from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups
 from planewise.clouds.memory import Memory
 from planewise.clouds.rows import scatters
+from planewise.components import components
 from planewise.flatness import EDGE, WARP
 from planewise.kernels import cloud_curvature as kernels
 from planewise.kernels.cloud_cells import FACES_EDGES
@@ -107,7 +108,7 @@ def nearly_flat(rows: Array, borders: Borders) -> NDArray[np.int64]:
     on = borders.states & (GOES_ON | NO_EDGE)
     saying = np.where(on, borders.points, -borders.points)
     found = pairs_once(pairs, saying, len(rows))
-    part = _parts(len(rows), pairs[:found][saying[:found] > 0])
+    part = components(len(rows), pairs[:found][saying[:found] > 0])
     return np.where(_about_one_plane(rows, part, 1.0, WARP), part, np.arange(len(rows)))
 
 
@@ -133,23 +134,9 @@ def curved_segments(rows: Array, borders: Borders) -> NDArray[np.bool_]:
     spread(borders.border, borders.pairs, borders.points, borders.states, curved)
     pieces, place = np.flatnonzero(curved), np.cumsum(curved) - 1
     joined = place[borders.pairs[curved[borders.pairs].all(axis=1)]]
-    part = _parts(len(pieces), joined)
+    part = components(len(pieces), joined)
     curved[pieces] = ~_about_one_plane(rows[pieces], part, HOPELESS - 1.0, 0.0)
     return curved
-
-
-def _parts(size: int, pairs: NDArray[np.integer]) -> NDArray[np.int64]:
-    """First of all that pairs join each to, of so many."""
-    part = np.arange(size)
-    while len(pairs):
-        before = part.copy()
-        least = part[pairs].min(axis=1)
-        np.minimum.at(part, pairs[:, 0], least)
-        np.minimum.at(part, pairs[:, 1], least)
-        part = part[part]
-        if (part == before).all():
-            break
-    return part
 
 
 def _about_one_plane(

@@ -117,7 +117,8 @@ class Job:
         # A folder of masks is read whole: the results would be masks of the next run.
         written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
-        self._load()
+        if not many:
+            self._load()
         with output_folder(target, OUTLINE_FILES) as folder:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb

@@ -23,14 +23,15 @@ def profile(pixels, w, p, x, y, white, plane, many, beside, out):  # type: ignor
     """
     columns, alike, step = w.shape[1], x.shape[0] == 1, (pixels.size // many) | 1
     count = (pixels.size + step - 1) // step
-    points, a = np.empty((count, 4)), plane
+    points = np.empty((count, 4))
     mx = my = xx = xy = yy = 0.0
     for k in range(count):
         i = pixels[k * step] // columns
         j = pixels[k * step] - i * columns
         u, v = x[0 if alike else i, j], y[i, 0 if alike else j]
         points[k, 0], points[k, 1] = u, v
-        points[k, 2], points[k, 3] = w[i, j] - a[0] - a[1] * u - a[2] * v, p[i, j] / white
+        points[k, 2] = w[i, j] - plane[0] - plane[1] * u - plane[2] * v
+        points[k, 3] = p[i, j] / white
         mx += u
         my += v
     mx /= count

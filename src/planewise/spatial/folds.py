@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.components import components
 from planewise.kernels import folds as kernels
 from planewise.kernels.cells import SIDE, UNIT
 from planewise.spatial.faces import pixels_of_labels
 from planewise.spatial.frame import Frame
-from planewise.spatial.segments import planes_by_label
+from planewise.spatial.segments import narrow_sides, planes_by_label
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -41,7 +42,7 @@ _AMID = 0.5  # of the border of what is no larger than they: it is a piece of wh
 
 
 def are_folds(
-    frame: Frame, white: float, rows: Array, labels: Labels, misfits: Array, workspace: Workspace
+    frame: Frame, white: float, rows: Array, labels: Labels, count: Array, workspace: Workspace
 ) -> Bools:
     """Which planes of a frame whose error is all but white are strips of what bends, shape (N,).
 
@@ -55,21 +56,22 @@ def are_folds(
         Of the planes (`kernels.cells`).
     labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1.
-    misfits : ndarray, shape (N + 1, 2)
-        By label: how far some of the readings lie off, and how many (`spatial.faces`).
+    count : ndarray, shape (N + 1,)
+        Readings of every label, as `spatial.faces.misfits_of` counts them.
     workspace : Workspace
         Memory to work in.
     """
     none = np.zeros(len(rows), np.bool_)
-    narrow = _is_narrow(rows)
+    narrow = narrow_sides(rows) < _WIDE  # going by the cells in them
     if np.count_nonzero(narrow) < _FEWEST:
         return none
-    strips = _strips(frame, white, rows, labels, narrow, misfits[:, 1], workspace)
+    strips = _strips(frame, white, rows, labels, narrow, count, workspace)
     if np.count_nonzero(strips.inside) < _FEWEST:
         return none
     shared = _borders(labels, np.sort(np.concatenate(strips.pixels)), len(rows), _REACH)
     shorter = np.minimum(strips.length[:, None], strips.length)
-    group = _groups(shared > _ALONG * UNIT * shorter)
+    beside = np.argwhere(shared > _ALONG * UNIT * shorter)
+    group = components(len(shared), beside)
     size = np.bincount(labels.reshape(-1), minlength=len(group))
     enough = np.bincount(group, strips.inside) >= _FEWEST
     bent, every = (np.bincount(group, size * each) for each in (strips.inside, strips.there))
@@ -102,37 +104,29 @@ class _Strips:
     pixels: list[NDArray[np.int32]]
 
 
-def _is_narrow(rows: Array) -> Bools:
-    """Which planes are narrow, going by the cells in them: a square has variance side^2 / 12."""
-    _, x, y, xx, xy, yy = rows.T[:6] / rows[:, 0]
-    xx, xy, yy = xx - x * x, xy - x * y, yy - y * y
-    across = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
-    return np.asarray(12.0 * across < _WIDE * _WIDE)
-
-
 def _strips(
     frame: Frame,
     white: float,
     rows: Array,
     labels: Labels,
     chosen: Bools,
-    about: Array,
+    count: Array,
     workspace: Workspace,
 ) -> _Strips:
-    """What readings say of chosen planes (N,); about (N + 1,): as `pixels_of_labels` takes it."""
+    """What readings say of chosen planes (N,); count (N + 1,): as `are_folds` takes it."""
     affine, images = planes_by_label(rows), (frame.w, frame.p, *frame.sectors.coordinates)
     there, bent = np.zeros(len(affine), np.bool_), np.zeros((2, len(affine)), np.bool_)
     length = np.zeros(len(affine))
     chi2, listed = np.empty((2, 3)), []
-    for label, pixels in pixels_of_labels(labels, np.append(False, chosen), about, workspace):
+    for label, pixels in pixels_of_labels(labels, np.append(False, chosen), count, workspace):
         width, length[label] = kernels.profile(
             pixels, *images, white, affine[label], _MANY, _BLURRED, chi2
         )
         if width < min(_WIDE, length[label] / _LONG):
-            line, cubic, count = chi2.T
-            ratio = (line - cubic) / np.maximum(np.maximum(cubic, count), 1.0)
-            bent[:, label] = ratio > np.maximum(_BENT, _CLEARLY / np.maximum(count, 1.0))
-            bent[1, label] &= cubic[1] < _SMOOTH * count[1]
+            line, cubic, size = chi2.T
+            ratio = (line - cubic) / np.maximum(np.maximum(cubic, size), 1.0)
+            bent[:, label] = ratio > np.maximum(_BENT, _CLEARLY / np.maximum(size, 1.0))
+            bent[1, label] &= cubic[1] < _SMOOTH * size[1]
             there[label] = True
             listed.append(pixels)
     return _Strips(there, bent[0], bent[0] & bent[1], length, listed)
@@ -155,16 +149,6 @@ def _borders(
         next_to = (np.diff(place) <= reach) & (line[1:] == line[:-1]) & (mine[1:] != mine[:-1])
         np.add.at(shared, (mine[:-1][next_to], mine[1:][next_to]), 1)
     return shared + shared.T
-
-
-def _groups(beside: Bools) -> NDArray[np.intp]:
-    """The first of those that each hangs together with; beside (n, n): symmetric."""
-    group = np.arange(len(beside))
-    while True:
-        first = np.minimum(group, np.where(beside, group, len(beside)).min(axis=1))
-        if (first == group).all():
-            return group
-        group = first
 
 
 def _with_pieces(folds: Bools, size: NDArray[np.intp], shared: NDArray[np.int64]) -> Bools:

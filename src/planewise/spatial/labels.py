@@ -107,7 +107,7 @@ def label_planes(
             left[j] = not _is_strip(labels, j, frame.sectors.count)
         if price is not None and left.all():
             misfits = misfits_of(frame, white, rows, labels)
-            left = ~are_folds(frame, white, rows, labels, misfits, workspace)
+            left = ~are_folds(frame, white, rows, labels, misfits[:, 1], workspace)
         if left.all():
             break
         planes, owner = kept_planes(planes, owner, left.nonzero()[0])

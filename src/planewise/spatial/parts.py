@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.spatial.cells import Cells
-from planewise.spatial.segments import Segments, affine_planes
+from planewise.spatial.segments import Segments, affine_planes, narrow_sides
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -71,10 +71,7 @@ def widths(points: Array, sides: Index, sums: Array) -> Array:
     """Units that every part is wide across its narrow direction, as if it were a rectangle."""
     a, b = points[sides[:, 0]], points[sides[:, 1]]
     apart = np.hypot(a[:, 0] - b[:, 0], a[:, 1] - b[:, 1]).mean()
-    x, y, xx, xy, yy = sums[:, 1:6].T / sums[:, 0]
-    xx, xy, yy = xx - x * x, xy - x * y, yy - y * y
-    narrow = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
-    return np.asarray(np.sqrt(12 * np.maximum(narrow, 0)) / apart)
+    return np.asarray(narrow_sides(sums) / apart)
 
 
 def chi2_of(sums: Array) -> Array:

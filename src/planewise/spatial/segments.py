@@ -92,6 +92,15 @@ def affine_planes(rows: Array) -> Array:
     return planes
 
 
+def narrow_sides(rows: Array) -> Array:
+    """Across its narrow direction how wide each row, or sums, would be as a rectangle (n,)."""
+    _, x, y, xx, xy, yy = rows.T[:6] / rows[:, 0]
+    xx, xy, yy = xx - x * x, xy - x * y, yy - y * y
+    narrow = 0.5 * (xx + yy - np.hypot(xx - yy, 2 * xy))
+    # A rectangle has a twelfth of the square of its side for variance.
+    return np.asarray(np.sqrt(12 * np.maximum(narrow, 0)))
+
+
 def planes_by_label(rows: Array) -> Array:
     """`affine_planes` by label: a row of zeros for none before them."""
     planes = np.zeros((len(rows) + 1, 3))

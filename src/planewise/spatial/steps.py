@@ -13,6 +13,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.components import components
 from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT
 from planewise.spatial.cells import Cells
@@ -69,14 +70,7 @@ def _unbroken(rows: Array, sides: Index) -> Index:
     discord = (step * step / both).sum(axis=1)
     worse = (count[u] * p[v]) / (count[v] * p[u])
     goes_on = (discord <= _BROKEN) & (worse <= _MIXED) & (worse * _MIXED >= 1.0)
-    u, v = u[goes_on], v[goes_on]
-    root = np.arange(len(rows))
-    while (root[u] != root[v]).any():
-        first = np.minimum(root[u], root[v])
-        np.minimum.at(root, root[u], first)
-        np.minimum.at(root, root[v], first)
-        root = root[root]
-    return root
+    return components(len(rows), sides[goes_on])
 
 
 def _parts(points: Array, piece: Index, sides: Index, price: float) -> tuple[Index, Bools] | None:
