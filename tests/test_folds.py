@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise.components import components
-from planewise.kernels.folds import profile
+from planewise.kernels.folds import profiles
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial.folds import _borders
 
@@ -92,18 +92,25 @@ def test_profile_is_the_least_squares_fit_across(seed, alike, width):
     plane = np.array([0.5, 0.1 * rng.normal(), 0.1 * rng.normal()])
     mine = np.zeros(w.shape, np.bool_)
     mine[5:55, 4 : 4 + width] = True
-    pixels, white, beside, out = np.flatnonzero(mine).astype(np.int32), 1.3, 0.01, np.empty((2, 3))
+    pixels, white, beside = np.flatnonzero(mine).astype(np.int32), 1.3, 0.01
+    pixels = np.append(pixels[::-2], pixels)  # another strip first
+    first = np.array([0, pixels.size - mine.sum()])
+    stop, out, sides_of = np.append(first[1], pixels.size), np.empty((2, 2, 3)), np.empty((2, 2))
     coordinates = [each.astype(np.float32) for each in (x[None], y)]
     if not alike:
         coordinates = [np.ascontiguousarray(np.broadcast_to(c, w.shape)) for c in coordinates]
-    across, along = profile(pixels, w, p, *coordinates, white, plane, pixels.size, beside, out)
+    planes = np.stack((plane, plane))
+    profiles(
+        pixels, first, stop, w, p, *coordinates, white, planes, pixels.size, beside, out, sides_of
+    )
+    across, along = sides_of[1]
     sides = sorted((width / 100, 0.5))
     assert_allclose((across, along), np.sqrt(np.square(sides) - 1e-4), rtol=1e-4)
     u = np.broadcast_to(x if width < 50 else y, w.shape)[mine].astype(np.float32).astype(float)
     u -= u.mean()
     off = w[mine] - plane[0] - plane[1] * np.broadcast_to(x, w.shape)[mine]
     off = off - plane[2] * np.broadcast_to(y, w.shape)[mine]
-    for row, reach in zip(out, (np.inf, 0.5 * across - beside), strict=True):
+    for row, reach in zip(out[1], (np.inf, 0.5 * across - beside), strict=True):
         inside = np.abs(u) < reach
         root = np.sqrt(p[mine][inside].astype(float) / white)
         for chi2, degree in zip(row, (1, 3), strict=False):

@@ -29,7 +29,7 @@ from planewise.kernels.curvature import (
     surface_borders,
 )
 from planewise.kernels.faces import give_back, wait_about
-from planewise.kernels.folds import profile
+from planewise.kernels.folds import profiles
 from planewise.kernels.forms import FORM
 from planewise.kernels.labels import rename
 from planewise.kernels.planes import in_space
@@ -146,7 +146,9 @@ def labelling() -> None:
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
     images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
     give_back(labels, marks.label, marks.seen, named, *images, 1.0)
-    profile(pixels, *images, 1.0, np.zeros(3), 1, 0.0, np.empty((2, 3)))
+    ends = np.zeros(1, np.int64), np.array([len(pixels)])
+    out, sides = np.empty((1, 2, 3)), np.empty((1, 2))
+    profiles(pixels, *ends, *images, 1.0, np.zeros((1, 3)), 1, 0.0, out, sides)
 
 
 def surfaces() -> None:

@@ -13,45 +13,50 @@ _SINGULAR = 1e-9  # of its square: what is left of a term that the others make u
 
 
 @compiled
-def profile(pixels, w, p, x, y, white, plane, many, beside, out):  # type: ignore[no-untyped-def]
-    """Fit a straight line and a cubic to what lies off the plane of a strip, across it.
+def profiles(  # type: ignore[no-untyped-def]
+    pixels, first, stop, w, p, x, y, white, planes, many, beside, out, sides
+):
+    """Fit straight lines and cubics to what lies off the planes of strips, across them.
 
-    To every so many of its pixels (n,) that about `many` count, and then without those less than
-    `beside` from either side of a rectangle with its scatter. p / white are precisions of w; plane
-    (3,): (t0, t1, t2). Writes out (2, 3): chi^2 of the line, that of the cubic, and readings.
-    Returns its width and length.
+    Of strip s, pixels[first[s]:stop[s]] and planes (n, 3), (t0, t1, t2): to every so many of its
+    pixels that about `many` count, and then without those less than `beside` from either side of a
+    rectangle with its scatter. p / white are precisions of w. Writes out (n, 2, 3): chi^2 of the
+    line, that of the cubic, and readings; sides (n, 2): width and length.
     """
-    columns, alike, step = w.shape[1], x.shape[0] == 1, (pixels.size // many) | 1
-    count = (pixels.size + step - 1) // step
-    points = np.empty((count, 4))
-    mx = my = xx = xy = yy = 0.0
-    for k in range(count):
-        i = pixels[k * step] // columns
-        j = pixels[k * step] - i * columns
-        u, v = x[0 if alike else i, j], y[i, 0 if alike else j]
-        points[k, 0], points[k, 1] = u, v
-        points[k, 2] = w[i, j] - plane[0] - plane[1] * u - plane[2] * v
-        points[k, 3] = p[i, j] / white
-        mx += u
-        my += v
-    mx /= count
-    my /= count
-    for k in range(count):
-        u, v = points[k, 0] - mx, points[k, 1] - my
-        xx += u * u
-        xy += u * v
-        yy += v * v
-    half, apart = 0.5 * (xx + yy) / count, math.hypot(0.5 * (xx - yy), xy) / count
-    # A side of a rectangle is sqrt(12) times the standard deviation along it.
-    width, length = math.sqrt(12.0 * max(half - apart, 0.0)), math.sqrt(12.0 * (half + apart))
-    along = 0.5 * math.atan2(2.0 * xy, xx - yy)
-    scale = 2.0 / max(width, 1e-12)
-    cos, sin = -math.sin(along) * scale, math.cos(along) * scale
-    for k in range(count):
-        points[k, 0] = cos * (points[k, 0] - mx) + sin * (points[k, 1] - my)
-    _fit(points, np.inf, out[0])
-    _fit(points, 1.0 - beside * scale, out[1])
-    return width, length
+    columns, alike = w.shape[1], x.shape[0] == 1
+    for s in range(first.size):
+        size, t0, t1, t2 = stop[s] - first[s], planes[s, 0], planes[s, 1], planes[s, 2]
+        step = (size // many) | 1
+        count = (size + step - 1) // step
+        points = np.empty((count, 4))
+        mx = my = xx = xy = yy = 0.0
+        for k in range(count):
+            pixel = pixels[first[s] + k * step]
+            i = pixel // columns
+            j = pixel - i * columns
+            u, v = x[0 if alike else i, j], y[i, 0 if alike else j]
+            points[k, 0], points[k, 1] = u, v
+            points[k, 2], points[k, 3] = w[i, j] - t0 - t1 * u - t2 * v, p[i, j] / white
+            mx += u
+            my += v
+        mx /= count
+        my /= count
+        for k in range(count):
+            u, v = points[k, 0] - mx, points[k, 1] - my
+            xx += u * u
+            xy += u * v
+            yy += v * v
+        half, apart = 0.5 * (xx + yy) / count, math.hypot(0.5 * (xx - yy), xy) / count
+        # A side of a rectangle is sqrt(12) times the standard deviation along it.
+        width = math.sqrt(12.0 * max(half - apart, 0.0))
+        sides[s, 0], sides[s, 1] = width, math.sqrt(12.0 * (half + apart))
+        along = 0.5 * math.atan2(2.0 * xy, xx - yy)
+        scale = 2.0 / max(width, 1e-12)
+        cos, sin = -math.sin(along) * scale, math.cos(along) * scale
+        for k in range(count):
+            points[k, 0] = cos * (points[k, 0] - mx) + sin * (points[k, 1] - my)
+        _fit(points, np.inf, out[s, 0])
+        _fit(points, 1.0 - beside * scale, out[s, 1])
 
 
 @called

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,7 +100,7 @@ def parted(
         )  # fmt: skip
         return less, [by_face[:larger], by_face[larger:]]
 
-    waiting = list(pixels_of_labels(labels, doubtful, count, workspace))
+    waiting = list(LabelPixels.of(labels, doubtful, count, workspace))
     while waiting and len(out) < _MOST_PLANES:
         label, pixels = waiting.pop()
         part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
@@ -131,22 +132,43 @@ def misfits_of(frame: Frame, white: float, rows: Array, labels: NDArray[np.uint1
     return out
 
 
-def pixels_of_labels(
-    labels: NDArray[np.uint16], chosen: NDArray[np.bool_], count: Array, workspace: Workspace
-) -> Iterator[tuple[int, Index]]:
-    """Chosen labels and the pixels of each, as places in the flattened image.
+@dataclass(frozen=True)
+class LabelPixels:
+    """Pixels of some labels, as places in the flattened image, in raster order.
 
-    count (labels,): readings of each, as `misfits_of` counts them.
+    Attributes
+    ----------
+    labels : ndarray of int, shape (n,)
+        Those listed, in ascending order.
+    first, stop : ndarray of int, shape (n,)
+        Where the pixels of each are in `pixels`.
+    pixels : ndarray of int32
     """
-    listed, width = chosen.nonzero()[0], labels.shape[1]
-    slot = np.full(len(chosen), -1)
-    slot[listed] = np.arange(len(listed))
-    room = (1.1 * _EVERY * count[listed]).astype(np.int64) + 4 * width
-    while True:
-        stop = np.cumsum(room)
-        first, pixels = stop - room, workspace.empty(int(stop[-1]), np.int32)
-        if kernels.list_pixels(labels, slot, first, stop, pixels):
-            break
-        room *= 2
-    for j, a, b in zip(listed.tolist(), first.tolist(), stop.tolist(), strict=True):
-        yield j, pixels[a:b]
+
+    labels: NDArray[np.intp]
+    first: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    pixels: Index
+
+    @classmethod
+    def of(
+        cls, image: NDArray[np.uint16], chosen: NDArray[np.bool_], count: Array,
+        workspace: Workspace,
+    ) -> LabelPixels:  # fmt: skip
+        """Those of chosen labels; count (labels,): readings of each (`misfits_of`)."""
+        (labels,), width = chosen.nonzero(), image.shape[1]
+        slot = np.full(len(chosen), -1)
+        slot[labels] = np.arange(len(labels))
+        room = (1.1 * _EVERY * count[labels]).astype(np.int64) + 4 * width
+        while True:
+            stop = np.cumsum(room)
+            first, pixels = stop - room, workspace.empty(int(stop[-1]), np.int32)
+            if kernels.list_pixels(image, slot, first, stop, pixels):
+                return cls(labels, first, stop, pixels)
+            room *= 2
+
+    def __iter__(self) -> Iterator[tuple[int, Index]]:
+        """Each label and its pixels."""
+        ends = self.labels.tolist(), self.first.tolist(), self.stop.tolist()
+        for label, first, stop in zip(*ends, strict=True):
+            yield label, self.pixels[first:stop]

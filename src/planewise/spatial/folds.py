@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from planewise.components import components
 from planewise.kernels import folds as kernels
 from planewise.kernels.cells import SIDE, UNIT
-from planewise.spatial.faces import pixels_of_labels
+from planewise.spatial.faces import LabelPixels
 from planewise.spatial.frame import Frame
-from planewise.spatial.segments import narrow_sides, planes_by_label
+from planewise.spatial.segments import affine_planes, narrow_sides
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -68,7 +68,8 @@ def are_folds(
     strips = _strips(frame, white, rows, labels, narrow, count, workspace)
     if np.count_nonzero(strips.inside) < _FEWEST:
         return none
-    shared = _borders(labels, np.sort(np.concatenate(strips.pixels)), len(rows), _REACH)
+    pixels = np.sort(np.concatenate([each for j, each in strips.pixels if strips.there[j]]))
+    shared = _borders(labels, pixels, len(rows), _REACH)
     shorter = np.minimum(strips.length[:, None], strips.length)
     beside = np.argwhere(shared > _ALONG * UNIT * shorter)
     group = components(len(shared), beside)
@@ -93,15 +94,15 @@ class _Strips:
         Whether it is a strip, one that bends, and without the pixels beside its border, too.
     length : ndarray
         In units of x and y.
-    pixels : list of ndarray
-        Those of each strip, as places in the flattened image.
+    pixels : LabelPixels
+        Those of the strips and of what may be one.
     """
 
     there: Bools
     bent: Bools
     inside: Bools
     length: Array
-    pixels: list[NDArray[np.int32]]
+    pixels: LabelPixels
 
 
 def _strips(
@@ -114,22 +115,22 @@ def _strips(
     workspace: Workspace,
 ) -> _Strips:
     """What readings say of chosen planes (N,); count (N + 1,): as `are_folds` takes it."""
-    affine, images = planes_by_label(rows), (frame.w, frame.p, *frame.sectors.coordinates)
-    there, bent = np.zeros(len(affine), np.bool_), np.zeros((2, len(affine)), np.bool_)
-    length = np.zeros(len(affine))
-    chi2, listed = np.empty((2, 3)), []
-    for label, pixels in pixels_of_labels(labels, np.append(False, chosen), count, workspace):
-        width, length[label] = kernels.profile(
-            pixels, *images, white, affine[label], _MANY, _BLURRED, chi2
-        )
-        if width < min(_WIDE, length[label] / _LONG):
-            line, cubic, size = chi2.T
-            ratio = (line - cubic) / np.maximum(np.maximum(cubic, size), 1.0)
-            bent[:, label] = ratio > np.maximum(_BENT, _CLEARLY / np.maximum(size, 1.0))
-            bent[1, label] &= cubic[1] < _SMOOTH * size[1]
-            there[label] = True
-            listed.append(pixels)
-    return _Strips(there, bent[0], bent[0] & bent[1], length, listed)
+    listed = LabelPixels.of(labels, np.append(False, chosen), count, workspace)
+    chi2, sides = np.empty((len(listed.labels), 2, 3)), np.empty((len(listed.labels), 2))
+    kernels.profiles(
+        listed.pixels, listed.first, listed.stop, frame.w, frame.p, *frame.sectors.coordinates,
+        white, affine_planes(rows[chosen]), _MANY, _BLURRED, chi2, sides,
+    )  # fmt: skip
+    (width, long), (line, cubic, size) = sides.T, chi2.T
+    ratio = (line - cubic) / np.maximum(np.maximum(cubic, size), 1.0)
+    narrow = width < np.minimum(_WIDE, long / _LONG)
+    bends = narrow & (ratio > np.maximum(_BENT, _CLEARLY / np.maximum(size, 1.0)))
+    bends[1] &= bends[0] & (cubic[1] < _SMOOTH * size[1])
+    there, bent, inside = np.zeros((3, len(rows) + 1), np.bool_)
+    length = np.zeros(len(rows) + 1)
+    there[listed.labels], bent[listed.labels], inside[listed.labels] = narrow, *bends
+    length[listed.labels] = long
+    return _Strips(there, bent, inside, length, listed)
 
 
 def _borders(
