@@ -504,12 +504,23 @@ def test_why_there_is_no_plane(camera):
         (
             {"significance": 1e6},
             0,
-            "no plane saves more than it costs by more than significance = 1e+06 nats",
+            "no plane saves more than it costs by more than significance = 1e+06 nats; "
+            "flat pieces of curved surfaces are none",
         ),
     ):
         model = pw.detect_planes_in_points(floor, sensor, **options)
         assert (len(model), model.note) == (count, why)
     assert pw.detect_planes(np.full((48, 64), 2.0), camera, SENSOR).top(0).note
+
+
+def test_what_is_curved_all_over_is_said_to_be_no_plane():
+    wide = pw.PinholeCamera(fx=400, fy=400, cx=159.5, cy=119.5)
+    stretch = 1 + np.square((np.arange(320) - 159.5) / 400)  # a pillar of 1 m about z = 2.5 m
+    near = (2.5 - np.sqrt(2.5**2 - stretch * (2.5**2 - 1))) / stretch
+    depth = near + np.random.default_rng(0).normal(0, 0.001, (240, 320))
+    model = pw.detect_planes(depth, wide, pw.Sensor(noise=0.001))
+    assert len(model) == 0
+    assert model.note.endswith("; flat pieces of curved surfaces are none")
 
 
 def test_masked_readings_and_those_at_infinity_are_none(roof, camera):

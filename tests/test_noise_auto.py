@@ -222,7 +222,8 @@ def test_a_noise_that_was_assumed_is_in_the_note():
     assert model.note.startswith(said)
     assert model.note.endswith("sigma = 0.01 z m was assumed; where that is wrong, so are planes")
     model = pw.detect_planes(wall, camera, AUTO)
-    assert model.note.startswith(f"no plane saves more than it costs; {said}")
+    assert model.note.startswith("no plane saves more than it costs; ")
+    assert f"; {said}" in model.note
     empty = pw.detect_planes(np.zeros((400, 480)), camera, AUTO)
     assert empty.note.startswith("0 valid readings; 3 are needed for a plane; noise: 0 flat cells")
     wall[:24, 8:24] += 1.0

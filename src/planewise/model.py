@@ -30,7 +30,7 @@ def reason_of(planes: int, significance: float) -> str:
     if planes:
         return "no merge saves anything"
     more = f" by more than significance = {significance:g} nats" if significance else ""
-    return NOTHING_PAYS + more
+    return f"{NOTHING_PAYS}{more}; flat pieces of curved surfaces are none"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # arrays do not compare to one bool
