@@ -14,7 +14,11 @@ class PlanewiseError(ValueError):
     """A file, folder or setting that cannot be used as it is."""
 
 
-class MissingExtraError(PlanewiseError):
+class SetupError(PlanewiseError):
+    """Something that has to be mended before any file or frame can be worked on."""
+
+
+class MissingExtraError(SetupError):
     """A package is needed that the core does not depend on.
 
     Parameters
@@ -71,7 +75,7 @@ def naming(what: str, damaged: str = "it is damaged or not what its name says") 
     """
     try:
         yield
-    except (MissingExtraError, MemoryError):
+    except (SetupError, MemoryError):
         raise
     except PlanewiseError as error:
         raise PlanewiseError(f"{what} {error}") from None

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import checked_count, checked_metres, checked_points, unmasked
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line
+from planewise.errors import PlanewiseError, SetupError, in_one_line
 
 Array = NDArray[np.float64]
 Points = NDArray[np.float32] | Array
@@ -301,7 +301,7 @@ def readable(path: Path) -> Iterator[None]:
     """Turn whatever reading foreign bytes raises into one line that names the file."""
     try:
         yield
-    except (MissingExtraError, GeneratorExit, KeyboardInterrupt, SystemExit, MemoryError):
+    except (SetupError, GeneratorExit, KeyboardInterrupt, SystemExit, MemoryError):
         raise
     except PlanewiseError as error:
         message = _printable(str(error), 300)

@@ -18,7 +18,7 @@ from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame, is_gone, is_registered, path_of
 from planewise.camera import Camera, PinholeCamera, checked_camera
-from planewise.errors import MissingExtraError
+from planewise.errors import SetupError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.results.planes_json import number_or_none
@@ -144,7 +144,7 @@ class FrameWork:
         """Do one frame; what is wrong with it becomes its `reason`."""
         try:
             return self._done(number, frame)
-        except MissingExtraError as error:
+        except SetupError as error:
             return Outcome(number=number, frame=frame, fatal=str(error))
         except (ValueError, OSError) as error:
             if is_gone(self.source):

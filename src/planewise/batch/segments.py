@@ -18,7 +18,7 @@ from planewise.batch.columns import FAILED, FRAMES, PLANES
 from planewise.batch.journal import line_of, read_records
 from planewise.batch.staging import Staging, sync_folder
 from planewise.batch.tables import arrow, parquet_of, read_table, tables_of
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -78,7 +78,7 @@ class Segment:
                     read_table(self.frames_file, frames),
                     read_table(self.planes_file, planes) if planes else arrow().table({}),
                 )
-            except MissingExtraError:
+            except SetupError:
                 raise
             except PlanewiseError as error:
                 raise PlanewiseError(f"{error}; {self.remedy}") from None

@@ -22,7 +22,7 @@ from planewise.batch.frame_names import label_path
 from planewise.batch.segments import Segment, segments_of
 from planewise.batch.store_info import read_info
 from planewise.batch.tables import arrow, schema_of
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.coco_rle import decode_mask
 from planewise.wording import counted
 
@@ -229,7 +229,7 @@ class Store:
 
         try:
             labels = read_labels(self.label_file(frame)).labels
-        except MissingExtraError:
+        except SetupError:
             raise
         except PlanewiseError as error:
             first = "once it is deleted, " if self.label_file(frame).exists() else ""

@@ -18,7 +18,7 @@ from planewise.batch.store import Store, StoredFrame
 from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.opening import READERS
 from planewise.datasets.ros import TOPICS
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.lidar import is_spherical, spherical_camera
 
 
@@ -52,7 +52,7 @@ class StoredSource:
         self.missing = ""
         try:
             self._source = _open(store.info, path, poses)
-        except MissingExtraError:
+        except SetupError:
             raise
         except (PlanewiseError, OSError) as error:
             if path is not None:

@@ -31,7 +31,7 @@ from planewise.commands.shared_options import (
     Topic,
     optional,
 )
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.camera import no_camera, read_camera, read_sensor
 from planewise.files.depth import list_depth_files, read_depth
 from planewise.sensor import Sensor
@@ -155,12 +155,10 @@ class _Reading:
 
     def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
         """Cells of every frame, or why it cannot be used."""
-        from planewise.kernels import noise  # noqa: F401  # or no frame can be
-
         for each in frames:
             try:
                 yield self._cells(each)
-            except MissingExtraError:
+            except SetupError:
                 raise
             except (ValueError, OSError) as error:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"

@@ -20,7 +20,7 @@ from planewise.commands.shared_options import (
     Topic,
     optional,
 )
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.camera import read_camera
 from planewise.wording import counted
 
@@ -83,7 +83,7 @@ def _show_first(dataset: Dataset | PointDataset, quiet: bool) -> None:
     """Describe the first frame, which tells the camera; where it is damaged, say so or be quiet."""
     try:
         first: DatasetFrame | PointFrame = dataset[0]
-    except MissingExtraError:
+    except SetupError:
         raise
     except PlanewiseError as error:
         if not quiet:
@@ -129,7 +129,7 @@ def _damaged(dataset: Dataset | PointDataset) -> int:
             if not hasattr(frame, "points"):
                 frame.camera.check(frame.depth.shape)
                 check_text(dataset.name, each)
-        except MissingExtraError:
+        except SetupError:
             raise
         except ValueError as error:
             damaged += 1

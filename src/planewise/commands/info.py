@@ -9,7 +9,7 @@ from planewise._version import __version__
 from planewise.camera import PinholeCamera
 from planewise.commands import terminal
 from planewise.commands.command_line import reported
-from planewise.errors import PlanewiseError
+from planewise.errors import SetupError
 from planewise.spherical import SphericalCamera
 
 
@@ -72,7 +72,7 @@ def _cache() -> str:
     """Where compiled code is kept, and whether it is there."""
     try:
         from planewise import compilation
-    except PlanewiseError as error:  # NUMBA_DISABLE_JIT
+    except SetupError as error:
         return f"none ({error})"
     state = "compiled" if compilation.is_cached("spatial") else "not compiled yet"
     return f"{compilation.cache_directory()} ({state})"

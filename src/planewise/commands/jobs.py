@@ -16,7 +16,7 @@ from planewise import threads
 from planewise.arguments import unit_told
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept, unusual_unit
-from planewise.errors import MissingExtraError, PlanewiseError, naming
+from planewise.errors import PlanewiseError, SetupError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
@@ -179,7 +179,7 @@ class Job:
             name = path.stem if stems[path.stem] == 1 else path.name
             try:
                 yield self.run(path, target / name, many=True)
-            except MissingExtraError:
+            except SetupError:
                 raise
             except (ValueError, OSError) as error:
                 named = path.name in str(error)

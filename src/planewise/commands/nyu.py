@@ -21,7 +21,7 @@ from planewise.commands.shared_options import (
     Threads,
     optional,
 )
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.camera import read_camera
 from planewise.whole_files import output_folder
 from planewise.wording import counted
@@ -148,7 +148,7 @@ def _scored(
             frame = dataset[each]
             rows += protocol.run(frame)
             shapes.add((frame.depth.shape[0], frame.depth.shape[1]))
-        except MissingExtraError:
+        except SetupError:
             raise
         except ValueError as error:
             terminal.error(str(error))

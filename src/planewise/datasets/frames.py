@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera
-from planewise.errors import MissingExtraError, PlanewiseError, naming
+from planewise.errors import PlanewiseError, SetupError, naming
 from planewise.sensor import Sensor
 from planewise.wording import counted
 
@@ -276,7 +276,7 @@ class Frames(ABC, Generic[Frame]):
         for each in self.ids:
             try:
                 frame = self[each]
-            except MissingExtraError:
+            except SetupError:
                 raise
             except PlanewiseError as error:
                 report(each, error)

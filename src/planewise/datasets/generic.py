@@ -11,7 +11,7 @@ from planewise.arguments import checked_scale
 from planewise.camera import PinholeCamera
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.camera import read_camera, read_mapping
 from planewise.sensor import Sensor
 
@@ -79,7 +79,7 @@ def _scale_of(value: Any) -> float | None:
 def _stated(path: Path) -> Mapping[str, Any]:
     try:
         return read_mapping(path)
-    except MissingExtraError:
+    except SetupError:
         raise
     except PlanewiseError as error:
         raise PlanewiseError(f"camera: {path.name} {error}") from None

@@ -26,7 +26,7 @@ from planewise.datasets.scannet import ScanNetFolder
 from planewise.datasets.sens import SensFile
 from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.depth import is_depth_file
 from planewise.wording import counted
 
@@ -186,7 +186,7 @@ def _opened_as(
     """Open what was called by a kind; where it does not look like it, errors say so."""
     try:
         return _opened(reader, path, given, offered)
-    except MissingExtraError:
+    except SetupError:
         raise
     except (PlanewiseError, OSError) as error:
         if reader.recognises(path):
@@ -216,7 +216,7 @@ def _parts(root: Path, given: Mapping[str, Any], deep: int) -> dict[str, Part]:
                 found[path.name] = _opened(reader, path, given, list(given))
             elif holds_depth_images(path / "depth"):
                 raise _without_camera(path, path / "depth")
-        except MissingExtraError:
+        except SetupError:
             raise
         except (PlanewiseError, OSError) as error:
             found[path.name] = str(error)

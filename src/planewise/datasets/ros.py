@@ -17,7 +17,7 @@ from planewise.datasets.ros_messages import (
     points_of,
     seconds,
 )
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 _CAMERA = "sensor_msgs/msg/CameraInfo"
@@ -149,7 +149,7 @@ def _depth_topics(bag: Bag) -> list[str]:
 def _is_depth(bag: Bag, topic: str) -> bool:
     try:
         message = bag.first(topic)
-    except MissingExtraError:
+    except SetupError:
         raise
     except Exception:  # damaged: only its name is left
         return "depth" in topic.lower()

@@ -11,7 +11,7 @@ from pathlib import Path
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_source import StoredSource
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.exports.form import Form
 from planewise.whole_files import output_folder
 
@@ -100,7 +100,7 @@ def export(
 def _one(writer: Form, frame: StoredFrame, source: StoredSource | None) -> Exported:
     try:
         writer.add(frame, None if source is None else source[frame])
-    except MissingExtraError:
+    except SetupError:
         raise
     except PlanewiseError as error:
         writer.left_out(frame)

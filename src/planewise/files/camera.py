@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from planewise import cameras, noise, sensors
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import MissingExtraError, PlanewiseError, in_one_line, needs
+from planewise.errors import PlanewiseError, SetupError, in_one_line, needs
 from planewise.files.distortion import distortion_of
 from planewise.files.lidar import is_spherical, spherical_camera
 from planewise.files.numbers import first_of, numbers_of
@@ -93,7 +93,7 @@ def read_camera(text: str) -> Camera:
             )
         return camera
     except PlanewiseError as error:
-        if isinstance(error, MissingExtraError):
+        if isinstance(error, SetupError):
             raise
         raise PlanewiseError(f"camera: {path.name} {error}") from None
     except ValueError as error:

@@ -10,7 +10,7 @@ from typing import Any
 from planewise.batch.store import StoredFrame
 from planewise.batch.stored_source import StoredSource, camera_of, metres
 from planewise.drawing.overlay import draw_small
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 
 HEIGHT = 240
 """Pixels that pictures are high, or nearly."""
@@ -41,13 +41,13 @@ def thumbnail_of(frame: StoredFrame, source: StoredSource) -> Thumbnail:
     """Draw a frame; a damaged label file is a `reason`, no error."""
     try:
         labels = frame.labels
-    except MissingExtraError:
+    except SetupError:
         raise
     except PlanewiseError as error:
         return Thumbnail(reason=str(error))
     try:
         seen = source[frame]
-    except MissingExtraError:
+    except SetupError:
         raise
     except (ValueError, OSError) as error:
         return Thumbnail(webp=_webp(draw_small(labels, HEIGHT)), reason=str(error))

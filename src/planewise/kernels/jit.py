@@ -19,11 +19,11 @@ from typing import Any
 from numba import config, njit
 
 from planewise.compiler import LoopCompiler
-from planewise.errors import PlanewiseError
+from planewise.errors import SetupError
 from planewise.kernels.loop_cache import LoopCache
 
 if config.DISABLE_JIT:  # type: ignore[attr-defined]  # it sets them by name
-    raise PlanewiseError(
+    raise SetupError(
         "NUMBA_DISABLE_JIT is set, and planewise finds nothing without compiled loops; unset it"
     )
 
