@@ -19,6 +19,7 @@ from planewise.outlines.outlines import Surface
 from planewise.paper.evaluate import Assignment, evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.paper.rank import merge_found, merge_into_better
+from planewise.partition import PartitionOptions
 from planewise.point_observation import PointObservation
 from planewise.results.planes_json import describe_model
 from planewise.sensor_files import describe_exactly
@@ -425,6 +426,16 @@ def test_a_share_that_needs_too_many_samples_is_refused_where_they_are_drawn(
             refused()
     for others in ({"search": "joint"}, PAPER, {"partition": "blocks"}):
         assert len(pw.Detector(camera, SENSOR, **(options | others))(roof[0])) > 0
+
+
+@pytest.mark.parametrize("name", ["region_inlier_ratio", "remainder_inlier_ratio"])
+def test_of_regions_too_small_a_share_is_named_before_a_frame_is_there(roof, camera, name):
+    how = PartitionOptions(**{name: 1e-4})
+    options = {"partition": "blocks", "partition_options": how}
+    for search in ({"search": "sequential"}, PAPER):
+        with pytest.raises(ValueError, match=f"^{name} is too small, got 0.0001"):
+            pw.Detector(camera, SENSOR, **(options | search))
+    assert len(pw.Detector(camera, SENSOR, **options)(roof[0])) > 0  # draws none
 
 
 @pytest.mark.parametrize("scale", [0, -0.001, np.nan, np.inf, "1mm", True])

@@ -175,7 +175,11 @@ class Options:
         ValueError
             Which says what share of the readings is large enough.
         """
-        if self.search == "sequential" and self.partition is None:
+        how = self.partition_options
+        if self.partition is not None and self.objective != SPATIAL:
+            for name in ("region_inlier_ratio", "remainder_inlier_ratio"):
+                trial_count(how.confidence, getattr(how, name), dimension, name)
+        elif self.search == "sequential":
             trial_count(self.confidence, self.inlier_ratio, dimension)
 
     def describe(self) -> dict[str, object]:

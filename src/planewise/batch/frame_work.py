@@ -73,8 +73,8 @@ class Recipe:
             raise ValueError("rng must be an int: a generator does not give the same answer twice")
         if not isinstance(self.options.objective, str | None):
             raise ValueError("objective must be a name, by which the store can tell it from others")
-        self.options.check_samples(3)
         object.__setattr__(self, "options", self.options.resolved(spatial=True))
+        self.options.check_samples(3)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -23,8 +23,12 @@ _CHUNK = 16_384  # samples held at a time
 _MOST_TRIALS = 1e7  # minutes for a thousand points
 
 
-def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> int:
+def trial_count(
+    confidence: float, inlier_ratio: float, dimension: int = 3, name: str = "inlier_ratio"
+) -> int:
     """Samples needed to draw one of inliers alone: ln(1 - c) / ln(1 - r^n) (paper, sec. III-C).
+
+    name: of the option that gives r, for the error.
 
     Raises
     ------
@@ -41,7 +45,7 @@ def trial_count(confidence: float, inlier_ratio: float, dimension: int = 3) -> i
     if trials > _MOST_TRIALS:
         least = (-math.expm1(math.log1p(-confidence) / _MOST_TRIALS)) ** (1 / dimension)
         raise ValueError(
-            f"inlier_ratio is too small, got {inlier_ratio!r}: a plane in {dimension} dimensions "
+            f"{name} is too small, got {inlier_ratio!r}: a plane in {dimension} dimensions "
             f"would take {trials:.3g} samples, more than {_MOST_TRIALS:.0e}; give at least "
             f"{math.ceil(1000 * least) / 1000:g}, a smaller confidence, or search='joint'"
         )
