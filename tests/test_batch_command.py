@@ -201,6 +201,22 @@ def test_frames_out_of_range_are_counted(frames, store):
 
 
 @pytest.mark.usefixtures("here")
+def test_frames_whose_noise_was_assumed_are_counted(tmp_path, store):
+    scenes_of = tmp_path / "auto"
+    scenes_of.mkdir()
+    wall = np.random.default_rng(0).normal(2.0, 0.002, (60, 80))
+    np.save(scenes_of / "0.npy", np.pad(wall[:12, :12], ((0, 48), (0, 68))))
+    np.save(scenes_of / "1.npy", wall)
+    arguments = (scenes_of, "-o", store, *CAMERA[:2], "--noise", "auto")
+    code, _, errors = run("batch", *arguments)
+    assert code == 0
+    assert "warning: the noise of 1 frame could not be estimated and was assumed" in errors
+    notes = {row["frame"]: row["note"] for row in Store(store).frames.to_pylist()}
+    assert "was assumed" in notes["0"]
+    assert notes["1"] == ""
+
+
+@pytest.mark.usefixtures("here")
 def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     good = (frames / "00003.png").read_bytes()
     damage(frames / "00003.png")

@@ -33,6 +33,12 @@ def reason_of(planes: int, significance: float) -> str:
     return f"{NOTHING_PAYS}{more}; flat pieces of curved surfaces are none"
 
 
+def assumed_noise(settings: Mapping[str, object]) -> str:
+    """What noise was assumed where it could not be estimated, and why; else empty."""
+    noise = settings.get("noise")
+    return str(noise["note"]) if isinstance(noise, Mapping) else ""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)  # arrays do not compare to one bool
 class Plane:
     """One detected plane: normal . x + distance = 0 in the frame of the input.

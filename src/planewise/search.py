@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.allocator import keep_freed
-from planewise.model import Curve, PlaneModel
+from planewise.model import Curve, PlaneModel, assumed_noise
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, as_objective
 from planewise.observation import Observation, RayObservation, checked_observation
@@ -169,10 +168,10 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
 
 def noted(model: PlaneModel) -> PlaneModel:
     """Say in the model's note, too, where noise could not be estimated and was assumed."""
-    noise = model.settings.get("noise")
-    if not isinstance(noise, Mapping) or not noise["note"]:
+    assumed = assumed_noise(model.settings)
+    if not assumed:
         return model
-    assumed = f"noise: {noise['note']}; where that is wrong, so are planes"
+    assumed = f"noise: {assumed}; where that is wrong, so are planes"
     return replace(model, note="; ".join(filter(None, (model.note, assumed))))
 
 

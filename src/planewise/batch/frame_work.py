@@ -21,6 +21,7 @@ from planewise.camera import Camera, PinholeCamera, checked_camera
 from planewise.errors import SetupError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
+from planewise.model import assumed_noise
 from planewise.results.planes_json import number_or_none
 from planewise.sensor import Sensor, checked_sensor
 
@@ -102,6 +103,8 @@ class Outcome:
     unit_told : bool
         Whether the unit of its readings is known, be it that they are metres; else they were taken
         in units of the sensor's resolution.
+    noise_assumed : bool
+        Whether its noise was to be estimated and could not be.
     reason : str
         Why it failed; empty if it did not.
     fatal : str
@@ -119,6 +122,7 @@ class Outcome:
     present: int = 0
     out_of_range: bool = False
     unit_told: bool = True
+    noise_assumed: bool = False
     reason: str = ""
     fatal: str = ""
     milliseconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -187,6 +191,7 @@ class FrameWork:
             present=observed.image.present,
             out_of_range=2 * observed.count < observed.image.present,
             unit_told=unit_told(seen.depth, detector.depth_scale),
+            noise_assumed=bool(assumed_noise(model.settings)),
             milliseconds=times,
         )
 

@@ -39,15 +39,17 @@ class Progress:
     ----------
     done, failed, planes : int
         Frames of this run, and planes found in them.
-    empty, out_of_range : int
-        Frames without a reading, and those most of whose readings are outside the sensor's range.
+    empty, out_of_range, noise_assumed : int
+        Frames without a reading, those most of whose readings are outside the sensor's range, and
+        those whose noise was to be estimated and could not be.
     milliseconds : ndarray, shape (3,)
         To read, detect and encode, summed over frames that were done.
     """
 
     def __init__(self, plan: Plan, recipe: Recipe) -> None:
         self.plan, self.total = plan, len(plan.to_do)
-        self.done = self.failed = self.planes = self.empty = self.out_of_range = 0
+        self.done = self.failed = self.planes = 0
+        self.empty = self.out_of_range = self.noise_assumed = 0
         self._sizes = FrameSizes(recipe.camera)
         self._unit = unusual_unit(recipe.sensor.resolution)
         self.milliseconds = np.zeros(3)
@@ -88,6 +90,7 @@ class Progress:
                 terminal.warning(f"frame {outcome.frame}: {self._unit}")
                 self._unit = ""  # once is enough
             self.out_of_range += outcome.out_of_range
+            self.noise_assumed += outcome.noise_assumed
             self.milliseconds += outcome.milliseconds
         self._show()
 
@@ -161,6 +164,11 @@ def show_result(progress: Progress, store: Path) -> None:
         terminal.warning(
             f"most readings of {counted(progress.out_of_range, 'frame')} lie outside the sensor's "
             "range; are --depth-scale, --max-depth and --sensor those of this camera?"
+        )
+    if progress.noise_assumed:
+        terminal.warning(
+            f"the noise of {counted(progress.noise_assumed, 'frame')} could not be estimated and "
+            "was assumed; where that is wrong, so are planes: the store's column 'note' says more"
         )
     failed = plan.failed + progress.failed
     if failed:
