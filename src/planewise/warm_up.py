@@ -122,7 +122,7 @@ def valuing() -> None:
     frame, cells, labels = valley.frame, valley.cells, valley.labels
     groups = groups_of(frame, cells, labels, 2, *_LIMITS, (0.002, 0.002))
     found = Segmentation(np.tile(np.eye(3), (2, 1, 1)), labels, np.ones(2), _PLANES)
-    joined(groups, found, 1e9)
+    joined(groups, found, np.zeros(2), 1e9)
     _, data = refitted(groups, _PLANES, groups.data(_PLANES))
     book_of(groups, data, mask_of(frame, labels), *_LIMITS)
     residual_correlation(cells, units_inside(frame, cells, labels), _PLANES, frame.sectors)

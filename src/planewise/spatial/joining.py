@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 def joined(
-    groups: Groups, found: Segmentation, price: float
+    groups: Groups, found: Segmentation, worth: Array, price: float
 ) -> tuple[Groups, Segmentation, NDArray[np.uint16] | None]:
     """Planes with those made one that do not save `price` nats by standing apart.
 
@@ -32,6 +32,8 @@ def joined(
         Of the labels; used up where planes are joined.
     found : Segmentation
         Planes and labels.
+    worth : ndarray, shape (N,)
+        Nats of its own groups on every plane less those on none (`Groups.data`).
     price : float
         Nats that the readings of a plane have to be shorter on it than on the nearest other.
 
@@ -51,13 +53,11 @@ def joined(
     if not len(near):
         return groups, found, None
     theirs, by_plane = _groups_of(groups, near), found.affine.reshape(-1, count, 3)
-    own, other = (
-        theirs.data(by_plane[each].reshape(-1, 3)).worth for each in (near, nearest[near])
-    )
-    if (other - own).min() >= price:
+    longer = theirs.data(by_plane[nearest[near]].reshape(-1, 3)).worth - worth[near]
+    if longer.min() >= price:
         return groups, found, None
     more = np.full((planes, planes), np.inf)
-    more[near, nearest[near]] = other - own - price
+    more[near, nearest[near]] = longer - price
     part = _parts(more)
     stays = part == np.arange(planes)
     alive, part = stays.nonzero()[0], (stays.cumsum() - 1)[part]

@@ -191,11 +191,11 @@ def judged(
     masks: list[MaskCounts] = []
     with threads.beside(lambda: masks.append(mask_of(frame, labels))):
         groups = groups_of(frame, cells, labels, planes, *limits, size, workspace, blocks)
-        place = None
+        data, place = groups.data(found.affine), None
         if join:
-            groups, found, place = joined(groups, found, cost)
+            groups, found, place = joined(groups, found, data.worth, cost)
+            data = data if place is None else groups.data(found.affine)
         affine = found.affine
-        data = groups.data(affine)
         if not paid:
             affine, data = refitted(groups, affine, data)
     mask = masks[0]
