@@ -473,3 +473,13 @@ def test_largest_number_of_planes_holds_with_regions(real_frames):
         depth, camera, pw.sensors.KINECT_V1, depth_scale=scale, partition="blocks", max_planes=5
     )
     assert len(model) <= 5
+
+
+def test_regions_may_offer_no_plane_though_the_whole_frame_has_one():
+    """Regions too small for a plane, and no outliers to draw one from: there is no candidate."""
+    camera = pw.PinholeCamera(fx=30, fy=30, cx=2, cy=6)
+    sensor = pw.Sensor(noise=0.2, max_depth=6)
+    wall, rows = np.full((12, 4), 2.0), np.arange(48).reshape(12, 4) // 6 + 1
+    model = pw.detect_planes(wall, camera, sensor, objective="paper", partition=rows)
+    assert len(model) == 1
+    assert (model.labels == 1).all()

@@ -233,7 +233,9 @@ def _moves(
         labels[labels == j + 1] = i + 1
         joined = problem.evaluator.refit(solution.parameters, labels)
         yield "merge", problem.refine(problem.solve(np.delete(joined, j, axis=0)), _TRIAL)
-    if n < problem.max_planes and len(candidates):
+    if not len(candidates):
+        return
+    if n < problem.max_planes:
         added = _with_best(problem, solution.parameters, solution.assignment.best, candidates)
         yield "add", problem.refine(problem.solve(added), _TRIAL)
     for j in np.argsort(losses, kind="stable")[:_EXCHANGED]:
