@@ -53,6 +53,19 @@ def test_the_joint_search_is_never_above_the_sequential_one(seed):
     assert phi["joint"] <= phi["sequential"]
 
 
+def test_planes_may_pay_only_together():
+    """Of 8 x 8 squares, each at a depth of its own, the first thirty planes raise Phi."""
+    side, rng = 160, np.random.default_rng(0)
+    y, x = np.mgrid[:side, :side] * 8 // side
+    depth = (2 + 0.11 * rng.permutation(64))[8 * y + x] + rng.normal(0, 0.005, (side, side))
+    camera = pw.PinholeCamera(fx=side, fy=side, cx=side / 2, cy=side / 2)
+    sensor = pw.Sensor(noise=0.005, max_depth=10)
+    model = pw.detect_planes(depth, camera, sensor, objective="paper")
+    assert len(model) >= 60
+    assert model.information < 0.8 * model.curve[0]
+    assert min(list(model.curve)[1:30]) > model.curve[0]
+
+
 @pytest.mark.parametrize(
     ("folder", "name"),
     [

@@ -483,3 +483,20 @@ def test_regions_may_offer_no_plane_though_the_whole_frame_has_one():
     model = pw.detect_planes(wall, camera, sensor, objective="paper", partition=rows)
     assert len(model) == 1
     assert (model.labels == 1).all()
+
+
+def test_joint_information_is_never_above_what_regions_alone_give():
+    """The joint search misses two of 6 x 6 squares that regions give."""
+    side, rng = 240, np.random.default_rng(0)
+    y, x = np.mgrid[:side, :side] * 6 // side
+    squares = 6 * y + x
+    depth = (2 + 0.11 * rng.permutation(36))[squares] + rng.normal(0, 0.005, (side, side))
+    camera = pw.PinholeCamera(fx=250, fy=250, cx=120, cy=120)
+    scene = {"camera": camera, "sensor": pw.Sensor(noise=0.005, max_depth=10)}
+    alone = pw.detect_planes(depth, **scene, objective="paper")
+    model = pw.detect_planes(depth, **scene, objective="paper", partition=squares + 1)
+    regions = pw.detect_planes(depth, **scene, search="sequential", partition=squares + 1)
+    assert regions.information < alone.information
+    assert model.information <= regions.information * (1 + 1e-9)
+    assert len(model) == 36
+    assert "regions" in [move.kind for move in model.curve.moves]

@@ -22,7 +22,7 @@ from planewise.paper.sequential import distinct_tuples
 Array = NDArray[np.float64]
 
 _SAMPLE = 10_240  # readings on which candidates are judged
-_PATIENCE = 16  # planes added in a row without a lower Phi
+_PATIENCE = 17  # planes since Phi was lowest, until hope is bounded by what outliers can save
 _BATCH = 32  # candidates looked at together by the lazy greedy choice
 _EXTRA = 2  # planes beyond the best number that the curve shows
 _ROUGH = 1e-5  # of Phi: progress that counts on the sample, whose own error is larger
@@ -93,11 +93,12 @@ def descend(
     problem: Problem,
     solution: Solution,
     curve: Curve,
+    of_regions: Solution,
     candidates: Array,
     *,
     rng: np.random.Generator,
 ) -> tuple[Solution, Curve]:
-    """Go on with further candidates, every move by exact Phi of all readings.
+    """Go on from the better of two solutions, every move by exact Phi of all readings.
 
     Parameters
     ----------
@@ -105,6 +106,8 @@ def descend(
         Readings and objective.
     solution, curve
         From `joint_search`.
+    of_regions : Solution
+        Of the planes of regions, at most as many as the problem allows.
     candidates : ndarray, shape (T, p)
         Planes to add or exchange.
     rng : numpy.random.Generator
@@ -113,12 +116,16 @@ def descend(
     Returns
     -------
     solution : Solution
-        With Phi no higher; the same object if no move lowers it.
+        With Phi no higher than that of either; the same object as `solution` if nothing lowers it.
     curve : Curve
         The same if there was no move.
     """
-    moves, now = list(curve.moves), solution
-    for kind, now in _descend(problem, solution, candidates, rng):
+    moves, start = list(curve.moves), solution
+    if of_regions.phi < solution.phi:
+        start = of_regions
+        moves.append(Move(kind="regions", planes=len(start), information=start.phi))
+    now = start
+    for kind, now in _descend(problem, start, candidates, rng):
         moves.append(Move(kind=kind, planes=len(now), information=now.phi))
     order = np.argsort(-_losses(problem, now), kind="stable")
     now = problem.solve(now.parameters[order])
@@ -161,24 +168,33 @@ def _greedy(problem: Problem, candidates: Array) -> tuple[Array, Array, Array]:
     promise most beside them.
     """
     bounds = problem.evaluator.scores(candidates)
-    floor = np.zeros(problem.evaluator.count)
+    promise = bounds.copy()
+    floor, worth = np.zeros(problem.evaluator.count), np.maximum(problem.evaluator.tau, 0.0)
     chosen: list[Array] = []
     phi = [problem.phi(0, 0.0)]
     while len(chosen) < problem.max_planes and len(candidates):
         pick = _lazy_best(problem.evaluator, candidates, bounds, floor)
         plane, saved = problem.refine_one(candidates[pick], floor, _SKETCH)
-        # No later plane saves more than this one: can any number of them still pay?
+        beyond = len(phi) - int(np.argmin(phi))  # planes since Phi was lowest, this one too
+        if beyond <= _PATIENCE:
+            promise = bounds.copy()
+        # No later plane saves more than this one: can any number of them still pay? On a grid of
+        # equal squares none does, nor do half of them.
         more = np.arange(1, problem.max_planes - len(chosen) + 1)
-        hope = phi[-1] + problem.weight * saved * more
+        savings = saved * more
+        if beyond >= _PATIENCE:
+            # Nor do all of them save more than if every reading came to fit exactly.
+            savings = np.maximum(savings, -float((floor + worth).sum()))
+        hope = phi[-1] + problem.weight * savings
         hope += problem.structure[len(chosen) + more] - problem.structure[len(chosen)]
-        if not hope.min() < min(phi) or len(phi) - int(np.argmin(phi)) > _PATIENCE:
+        if not hope.min() < min(phi):
             break
         chosen.append(plane)
         floor = np.minimum(floor, problem.evaluator.assign(plane[None]).best)
         phi.append(problem.phi(len(chosen), float(floor.sum())))
     best = int(np.argmin(phi))
     planes = np.array(chosen).reshape(len(chosen), candidates.shape[1])
-    pool = candidates[np.argsort(bounds, kind="stable")[:_POOL]]
+    pool = candidates[np.argsort(promise, kind="stable")[:_POOL]]
     return planes[:best], planes[best : best + _EXTRA], pool
 
 

@@ -76,8 +76,10 @@ def separable_model(
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)
         if within is not None:
+            # A seed draws as for the sequential search: Phi is then never above that one's.
+            again = np.random.default_rng(options.rng)
             solution, curve = joint_with_regions(
-                problem, solution, curve, within, how, structure, rng=rng
+                problem, solution, curve, within, how, structure, rng=again
             )
     reassign = as_reassignment(options.reassign)
     if reassign is not None and isinstance(observation, RayObservation) and len(solution):

@@ -1,8 +1,8 @@
 """The searches under a separable objective, region by region (paper, sec. III-C and IV-B).
 
 The sequential search goes through the regions alone, and then its planes are ranked, merged and
-dropped for the frame as a whole. The joint search has found its planes already; those of the
-regions are further candidates, and it goes on while Phi falls.
+dropped for the frame as a whole. The joint search has found its planes already: it goes on from
+these or those, whichever have the lower Phi, with all planes of the regions as candidates.
 """
 
 from __future__ import annotations
@@ -106,7 +106,14 @@ def sequential_in_regions(
     curve : Curve
         Phi of the best 0 ... N planes.
     """
-    solution = search_regions(problem, regions, options, structure, rng=rng)
+    found = search_regions(problem, regions, options, structure, rng=rng)
+    return _for_the_frame(problem, found, structure, max_planes)
+
+
+def _for_the_frame(
+    problem: Problem, solution: Solution, structure: Structure, max_planes: int
+) -> tuple[Solution, Curve]:
+    """Merge and drop planes of regions as long as Phi of the frame falls."""
     moves = [Move(kind="regions", planes=len(solution), information=solution.phi)]
     while True:
         costs = structure(problem.evaluator.count, len(solution))
@@ -167,7 +174,7 @@ def joint_with_regions(
     *,
     rng: np.random.Generator,
 ) -> tuple[Solution, Curve]:
-    """Go on from what the joint search found, with the planes of regions as candidates.
+    """Go on from what the joint search or the regions found, with the regions' planes to add.
 
     Parameters
     ----------
@@ -179,9 +186,13 @@ def joint_with_regions(
     Returns
     -------
     solution : Solution
-        With Phi no higher; the same object if no move lowers it.
+        With Phi no higher than that of `solution` or of `sequential_in_regions`; the same object
+        if nothing lowers it.
     curve : Curve
         The same, with what was done.
     """
-    candidates = search_regions(problem, regions, options, structure, rng=rng).parameters
-    return descend(problem, solution, curve, candidates, rng=rng)
+    found = search_regions(problem, regions, options, structure, rng=rng)
+    alone, _ = _for_the_frame(problem, found, structure, problem.max_planes)
+    # Each reading may take the best of them all now, not of its region alone.
+    alone = problem.solve(alone.parameters)
+    return descend(problem, solution, curve, alone, found.parameters, rng=rng)
