@@ -10,10 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 from PIL import Image
 
 from planewise.datasets.paths import listed
 from planewise.errors import PlanewiseError
+from planewise.files.colour import read_colour
 from planewise.files.depth import (
     MAX_PIXELS,
     is_depth_file,
@@ -21,6 +23,7 @@ from planewise.files.depth import (
     natural_order,
     read_depth,
 )
+from planewise.files.labels import read_labels
 from planewise.results.cloud import CLOUD_FILES
 from planewise.results.image import FILES, OUTLINE_FILES
 
@@ -301,6 +304,20 @@ def test_tiffs_that_are_not_read_are_told_from_damaged_ones(tmp_path):
             read_depth(path)
     write_tiff(path, METRES.astype(np.float32))
     assert np.array_equal(read_depth(path).depth, METRES.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    "read",
+    [lambda path: read_depth(path).depth, read_colour, lambda path: read_labels(path).labels],
+)
+def test_damaged_tags_that_do_not_matter_are_not_warned_of(tmp_path, read):
+    """Warnings are errors here; on a terminal they are two lines of Pillow's code."""
+    image = DEPTH if read is not read_colour else DEPTH.astype(np.uint8)
+    write_tiff(tmp_path / "whole.tif", image)
+    data = (tmp_path / "whole.tif").read_bytes()
+    rows = struct.pack("<HHI", 278, 4, 1)
+    (tmp_path / "damaged.tif").write_bytes(data.replace(rows, struct.pack("<HHI", 278, 4, 9999)))
+    assert_array_equal(read(tmp_path / "damaged.tif"), read(tmp_path / "whole.tif"))
 
 
 @pytest.mark.parametrize("kind", [np.uint32, np.int32])

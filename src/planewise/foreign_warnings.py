@@ -12,12 +12,13 @@ _LOCK = lock_of_module()
 
 
 @contextmanager
-def without_warnings(kind: type[Warning], message: str = "") -> Iterator[None]:
-    """Keep warnings down that begin like this, one thread at a time.
+def without_warnings(*kinds: type[Warning], message: str = "") -> Iterator[None]:
+    """Keep warnings of these kinds down that begin like this, one thread at a time.
 
     Of two threads that each change the filters and put them back, one would put back those of the
     other.
     """
     with _LOCK, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message, kind)
+        for kind in kinds:
+            warnings.filterwarnings("ignore", message, kind)
         yield

@@ -8,9 +8,8 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import PlanewiseError, needs
-from planewise.files.depth import check_size
-from planewise.foreign_warnings import without_warnings
+from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.depth import opened_picture
 
 FORMATS = {
     ".png": "PNG",
@@ -38,17 +37,14 @@ def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
     PlanewiseError
         If it is missing, damaged or too large.
     """
-    with needs("pillow", "reading pictures"):
-        from PIL import Image
     name = f" {source.name}" if isinstance(source, Path) else ""
     if isinstance(source, Path) and not source.is_file():
         raise PlanewiseError(f"the picture{name} is missing")
     try:
-        with without_warnings(Image.DecompressionBombWarning):  # checked just below
-            opened = Image.open(source, formats=tuple(set(FORMATS.values())))
-        with opened as image:
-            check_size(image.width * image.height)
+        with opened_picture(source, tuple(set(FORMATS.values())), "reading pictures") as image:
             return np.array(image.convert("RGB"))
+    except MissingExtraError:
+        raise
     except Exception as error:  # decoders of foreign bytes may raise anything
         detail = getattr(error, "strerror", None) or str(error) or type(error).__name__
         raise PlanewiseError(f"the picture{name} cannot be read ({detail})") from error

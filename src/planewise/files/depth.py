@@ -11,11 +11,11 @@ import logging
 import math
 import re
 import zipfile
-from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,9 @@ from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
 from planewise.foreign_warnings import without_warnings
+
+if TYPE_CHECKING:
+    from PIL.Image import Image as PILImage
 
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
@@ -167,6 +170,25 @@ def _beginning(path: Path) -> bytes:
         return stream.read(4)
 
 
+@contextmanager
+def opened_picture(
+    source: Path | IO[bytes], formats: tuple[str, ...], purpose: str
+) -> Iterator[PILImage]:
+    """Open a picture of these formats, of no more than `MAX_PIXELS`.
+
+    Pillow warns of tags that are damaged, with its own lines of code, and reads on; the picture is
+    what counts.
+    """
+    with needs("pillow", purpose):
+        from PIL import Image
+    with (
+        without_warnings(UserWarning, Image.DecompressionBombWarning),
+        Image.open(source, formats=formats) as image,
+    ):
+        check_size(image.width * image.height)
+        yield image
+
+
 def _read_picture(path: Path) -> DepthFile:
     return DepthFile(depth=read_depth_picture(path))
 
@@ -174,32 +196,33 @@ def _read_picture(path: Path) -> DepthFile:
 def read_depth_picture(source: Path | IO[bytes]) -> NDArray[Any]:
     """Read a depth image of one channel from a PNG or TIFF; raises what its decoder does."""
     with needs("pillow", "reading PNG and TIFF files"):
-        from PIL import Image, UnidentifiedImageError
-    with without_warnings(Image.DecompressionBombWarning):  # checked just below
-        try:
-            opened = Image.open(source, formats=("PNG", "TIFF"))
-        except UnidentifiedImageError:
-            if isinstance(source, Path) and _beginning(source) in _TIFF:
-                raise PlanewiseError(
-                    "is a TIFF of a kind that is not read; write integers of 16 bits or "
-                    "floating-point numbers of 32"
-                ) from None
-            raise
-    with opened as image:
-        check_size(image.width * image.height)
-        if image.mode in ("1", "L", "P"):
-            raise PlanewiseError(_EIGHT_BIT)
-        if len(image.getbands()) > 1:
-            raise PlanewiseError(_COLOUR)
-        if getattr(image, "n_frames", 1) > 1:
-            raise PlanewiseError("holds several images; export one frame a file")
-        image.load()
-        depth = np.asarray(image)
-        # Pillow has no unsigned integers of 32 bits, which those of a TIFF are if it is silent.
-        tags = getattr(image, "tag_v2", None)
-        if depth.dtype == np.int32 and tags is not None and tags.get(_SAMPLES, (1,)) == (1,):
-            depth = depth.view(np.uint32)
-    return _check_array(depth.astype(depth.dtype.newbyteorder("=")))
+        from PIL import UnidentifiedImageError
+    try:
+        with opened_picture(source, ("PNG", "TIFF"), "reading PNG and TIFF files") as image:
+            return _check_array(_readings(image))
+    except UnidentifiedImageError:
+        if isinstance(source, Path) and _beginning(source) in _TIFF:
+            raise PlanewiseError(
+                "is a TIFF of a kind that is not read; write integers of 16 bits or "
+                "floating-point numbers of 32"
+            ) from None
+        raise
+
+
+def _readings(image: PILImage) -> NDArray[Any]:
+    if image.mode in ("1", "L", "P"):
+        raise PlanewiseError(_EIGHT_BIT)
+    if len(image.getbands()) > 1:
+        raise PlanewiseError(_COLOUR)
+    if getattr(image, "n_frames", 1) > 1:
+        raise PlanewiseError("holds several images; export one frame a file")
+    image.load()
+    depth = np.asarray(image)
+    # Pillow has no unsigned integers of 32 bits, which those of a TIFF are if it is silent.
+    tags = getattr(image, "tag_v2", None)
+    if depth.dtype == np.int32 and tags is not None and tags.get(_SAMPLES, (1,)) == (1,):
+        depth = depth.view(np.uint32)
+    return depth.astype(depth.dtype.newbyteorder("="))
 
 
 def _read_pgm(path: Path) -> DepthFile:

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
-from planewise.errors import PlanewiseError, naming, needs
-from planewise.files.depth import check_size, natural_order, read_array
+from planewise.errors import PlanewiseError, naming
+from planewise.files.depth import natural_order, opened_picture, read_array
 
 _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".tif", ".tiff", ".npy", ".npz")
@@ -129,10 +129,7 @@ def _read(path: Path) -> LabelFile:
 
 
 def _read_picture(path: Path) -> NDArray[Any]:
-    with needs("pillow", f"reading {path.suffix} files"):
-        from PIL import Image
-    with Image.open(path, formats=("PNG", "TIFF")) as image:
-        check_size(image.width * image.height)
+    with opened_picture(path, ("PNG", "TIFF"), f"reading {path.suffix} files") as image:
         if len(image.getbands()) > 1 and image.mode != "LA":
             raise PlanewiseError("is a colour picture; labels are numbers in one channel")
         # Of an indexed picture the indices, not the colours; of a transparent one the grey.

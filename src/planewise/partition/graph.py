@@ -65,7 +65,7 @@ class Graph:
         """Region of every pixel, from 1."""
         felzenszwalb = self.load()
         # It expects colours; more channels are what is meant here.
-        with without_warnings(RuntimeWarning, "Got image with third dimension"):
+        with without_warnings(RuntimeWarning, message="Got image with third dimension"):
             regions = felzenszwalb(
                 self.channels(view),
                 scale=self.scale,
