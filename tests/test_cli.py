@@ -21,7 +21,7 @@ from planewise.commands import terminal
 from planewise.commands.app import command_line
 from planewise.errors import MissingExtraError
 from planewise.metrics.confidence import Interval
-from planewise.results.image import FILES
+from planewise.results.names import FILES
 from tests.command import run, run_python
 from tests.dataset_files import write_sens, write_tum
 

@@ -22,8 +22,8 @@ from planewise.outlines.cloud import outline_points
 from planewise.outlines.image import outline_image
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, as_shapely
-from planewise.results.image import OUTLINE_FILES
 from planewise.results.mesh import triangulate
+from planewise.results.names import OUTLINE_FILES
 from planewise.results.outlines import (
     OUTLINES_SCHEMA_FILE,
     describe_outlines,

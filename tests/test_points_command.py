@@ -15,8 +15,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise.drawing.cloud import draw_cloud
-from planewise.results.cloud import CLOUD_FILES
-from planewise.results.image import FILES, OUTLINE_FILES
+from planewise.results.names import CLOUD_FILES, FILES, OUTLINE_FILES
 from planewise.results.outlines import OUTLINES_SCHEMA_FILE
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run
@@ -464,3 +463,21 @@ def test_a_sigma_that_is_far_too_small_is_said_to_be(tmp_path):
         )
         assert code == 0
         assert ("times as far from planes" in err) == warned
+
+
+def test_of_detect_and_points_in_one_folder_the_last_stays(tmp_path, out, corner):
+    scene = pw.scenes.corner(size=(120, 160))
+    Image.fromarray(scene.depth).save(tmp_path / "depth.png")
+    np.save(tmp_path / "a.npy", corner[0])
+    camera = ("--camera", "125,125,80,60", "--noise", "5mm", "--max-depth", 2)
+    detect = ("detect", tmp_path / "depth.png", *camera, "-o", out)
+    points = ("points", tmp_path / "a.npy", "--sigma", SIGMA, "--las", "-o", out)
+    out.mkdir(parents=True)
+    (out / "preview.png").write_text("mine")  # of no run
+    assert run(*detect)[0] == 0
+    assert sorted(each.name for each in out.iterdir()) == sorted((*FILES, "preview.png"))
+    assert run(*points)[0] == 0
+    of_cloud = sorted((*CLOUD_FILES, "labelled.las"))
+    assert sorted(each.name for each in out.iterdir()) == of_cloud
+    assert run(*detect)[0] == 0
+    assert sorted(each.name for each in out.iterdir()) == sorted(FILES)

@@ -20,7 +20,8 @@ from planewise.errors import PlanewiseError, SetupError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
-from planewise.results.image import FILES, OUTLINE_FILES, write_results
+from planewise.results.image import write_results
+from planewise.results.names import FILES, OUTLINE_FILES, stale_files
 from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
 
@@ -115,11 +116,12 @@ class Job:
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
-        written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES))]
+        stale = stale_files(target, OUTLINE_FILES)
+        written = [target, *(target / name for name in (*FILES, *stale))]
         check_kept(written, (path, self.rgb, self.partition, *self.read))
         if not many:
             self._load()
-        with output_folder(target, OUTLINE_FILES) as folder:
+        with output_folder(target, stale) as folder:
             model, seconds, beyond = find_planes(
                 frame.depth, camera, self.sensor, scale, options, rgb
             )

@@ -28,7 +28,7 @@ from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
-from planewise.results.image import OUTLINE_FILES
+from planewise.results.names import CLOUD_FILES, LAS_FILES, OUTLINE_FILES, stale_files
 from planewise.sensor import Sensor
 from planewise.threads import allowed, chosen
 from planewise.whole_files import output_folder
@@ -113,10 +113,10 @@ def points(
 
         from planewise.detect_in_cloud import points_on_disk
         from planewise.files.cloud import open_cloud
-        from planewise.results.cloud import CLOUD_FILES, LAS_FILES, write_cloud_results
+        from planewise.results.cloud import write_cloud_results
 
-        others = (*OUTLINE_FILES, *LAS_FILES)  # written now or not, none of before stays
-        check_kept([output / name for name in (*CLOUD_FILES, *others)], [cloud])
+        stale = stale_files(output, (*OUTLINE_FILES, *LAS_FILES))
+        check_kept([output / name for name in (*CLOUD_FILES, *stale)], [cloud])
         if outlines:
             load_shapely()
         if las:
@@ -125,7 +125,7 @@ def points(
             load_laspy("writing .las files")
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
-        with output_folder(output, others) as folder:
+        with output_folder(output, stale) as folder:
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
             if step := read.rounding:

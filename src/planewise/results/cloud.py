@@ -23,12 +23,6 @@ from planewise.results.image import write_image
 from planewise.results.planes_json import describe_cloud_model
 from planewise.sensor import Sensor
 
-CLOUD_FILES = ("labelled.ply", "planes.json", "preview.png", "curve.png")
-"""What `write_cloud_results` writes in any case."""
-
-LAS_FILES = ("labelled.las", "labelled.laz")
-"""Of which it writes one where that is asked for."""
-
 _LAS = (".las", ".laz")
 _NO_PLANE = (150, 152, 156)
 

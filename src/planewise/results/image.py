@@ -16,12 +16,6 @@ from planewise.model import PlaneModel
 from planewise.results.planes_json import describe_model
 from planewise.sensor import Sensor
 
-FILES = ("labels.png", "planes.json", "overlay.png", "curve.png")
-"""What `write_results` writes."""
-
-OUTLINE_FILES = ("outlines.json", "planes.obj", "planes.mtl", "planes.ply")
-"""What `planewise.results.outlines.write_outlines` writes."""
-
 
 def write_results(
     folder: Path,

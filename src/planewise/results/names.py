@@ -1,0 +1,35 @@
+"""Names of the files that runs write, and which of them a new run takes away."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+PARAMETERS = "planes.json"
+"""What a folder of results is known by."""
+
+FILES = ("labels.png", PARAMETERS, "overlay.png", "curve.png")
+"""What `planewise.results.image.write_results` writes."""
+
+CLOUD_FILES = ("labelled.ply", PARAMETERS, "preview.png", "curve.png")
+"""What `planewise.results.cloud.write_cloud_results` writes in any case."""
+
+LAS_FILES = ("labelled.las", "labelled.laz")
+"""Of which it writes one where that is asked for."""
+
+OUTLINE_FILES = ("outlines.json", "planes.obj", "planes.mtl", "planes.ply")
+"""What `planewise.results.outlines.write_outlines` writes."""
+
+
+def stale_files(folder: Path, own: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of files that go when new results come: those of an earlier run are of other planes.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the results go.
+    own : tuple of str
+        What the command may write, as asked for or not; that goes in any case. What another may
+        have written goes beside its ``planes.json``; without one it is somebody's own.
+    """
+    ran = (folder / PARAMETERS).exists()
+    return (*own, *FILES, *CLOUD_FILES, *LAS_FILES) if ran else own
