@@ -3,8 +3,10 @@
 import errno
 import os
 
+import numpy as np
 import pytest
 
+import planewise as pw
 from planewise.errors import MissingExtraError, PlanewiseError, naming, needs
 
 
@@ -35,3 +37,37 @@ def test_a_package_that_is_missing_is_named_with_its_extra():
     message = r"drawing needs the package none, .*planewise\[viz\]"
     with pytest.raises(MissingExtraError, match=message), needs("none", "drawing", "viz"):
         import planewise_needs_this  # noqa: F401
+
+
+SPINNING = pw.SphericalCamera.spinning([10, 0, -10], columns=8)
+PINHOLE = pw.PinholeCamera(fx=50, fy=50, cx=4, cy=4)
+LARGE, COMPLEX = 10**400, np.full((3, 3), 1 + 1j)
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("start", lambda: pw.SphericalCamera.spinning([10, 0, -10], 8, start=None)),
+        ("start", lambda: pw.SphericalCamera.spinning([10, 0, -10], 8, start="x")),
+        *(
+            ("pixels", lambda camera=camera, pixels=pixels: camera.unproject(pixels))
+            for camera in (SPINNING, PINHOLE)
+            for pixels in (3.0, [], [1, 2, 3], np.zeros((2, 4)), "x", None, COMPLEX, [LARGE, 1])
+        ),
+        ("offset", lambda: pw.PointCloud(points=np.zeros((4, 3)), offset=COMPLEX[0])),
+        ("offset", lambda: pw.PointCloud(points=np.zeros((4, 3)), offset=[LARGE, 0, 0])),
+        ("offset", lambda: pw.PointCloud(points=np.zeros((4, 3)), offset=np.eye(3))),
+        ("origins", lambda: pw.PointCloud(points=np.zeros((4, 3)), origins=COMPLEX)),
+        ("origins", lambda: pw.PointCloud(points=np.zeros((4, 3)), origins=[[LARGE, 0, 0]])),
+        ("shape", lambda: SPINNING.check(np.array(3))),
+        ("shape", lambda: SPINNING.check(np.eye(2, dtype=int))),
+        ("fx", lambda: pw.PinholeCamera(fx=np.eye(3), fy=50, cx=4, cy=4)),
+        ("cx", lambda: pw.PinholeCamera(fx=50, fy=50, cx=np.eye(3), cy=4)),
+        ("width", lambda: pw.PinholeCamera(fx=50, fy=50, cx=4, cy=4, width=np.eye(3), height=3)),
+    ],
+)
+def test_what_an_argument_cannot_be_is_said_in_one_line(name, call):
+    with pytest.raises(ValueError, match=name) as raised:
+        call()
+    assert "\n" not in str(raised.value)
+    assert raised.type is ValueError

@@ -26,7 +26,7 @@ def degrees(name: str, values: Sequence[float]) -> tuple[float, ...]:
     """
     try:
         array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise ValueError(f"camera: {name} must be angles in degrees, got {values!r}") from None
     if array.ndim != 1 or not np.isfinite(array).all():
         raise ValueError(

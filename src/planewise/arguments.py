@@ -78,10 +78,48 @@ def checked_metres(name: str, given: ArrayLike) -> NDArray[np.float64]:
     """
     if np.ma.is_masked(given):
         raise ValueError(f"{name} must not be masked; leave those out, or give a number for them")
+    return real_numbers(name, given, "numbers (metres)")
+
+
+def checked_pixels(pixels: ArrayLike) -> NDArray[np.float64]:
+    """Places in an image, shape (..., 2).
+
+    Raises
+    ------
+    ValueError
+        If they are no pairs of numbers.
+    """
+    array = real_numbers("pixels", pixels, "numbers")
+    if array.shape[-1:] != (2,):
+        raise ValueError(f"pixels must have shape (..., 2), x and y, got shape {array.shape}")
+    return array
+
+
+def real_numbers(name: str, given: ArrayLike, expected: str) -> NDArray[np.float64]:
+    """Array of real numbers.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be one.
+    """
     try:
-        return np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be numbers (metres), got {given!r:.60}") from None
+        if not np.iscomplexobj(given):  # NumPy would but warn, and drop what is imaginary
+            return np.asarray(given, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise ValueError(f"{name} must be {expected}, got {shown(given)}")
+
+
+def shown(value: Any) -> str:
+    """What was given, or the beginning of it, in one line.
+
+    Examples
+    --------
+    >>> shown(np.eye(2))
+    'array([[1., 0.], [0., 1.]])'
+    """
+    return f"{' '.join(repr(value).split()):.60}"
 
 
 def plane_rows(name: str, planes: Any, columns: int) -> NDArray[np.float64]:
@@ -156,9 +194,12 @@ def checked_shape(name: str, shape: Any) -> tuple[int, int]:
     ValueError
         If they are not two whole numbers of pixels.
     """
-    given = tuple(shape) if isinstance(shape, _SEQUENCES) else ()
+    row = isinstance(shape, _SEQUENCES) and getattr(shape, "ndim", 1) == 1
+    given = tuple(shape) if row else ()
     if len(given) != 2 or not all(is_whole(each) and each >= 1 for each in given):
-        raise ValueError(f"{name} must be (height, width), whole numbers of pixels, got {shape!r}")
+        raise ValueError(
+            f"{name} must be (height, width), whole numbers of pixels, got {shown(shape)}"
+        )
     return int(given[0]), int(given[1])
 
 

@@ -17,10 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import (
     checked_count,
+    checked_pixels,
     checked_shape,
     is_finite,
     is_whole,
     make_plain,
+    shown,
 )
 from planewise.lens import COUNTS, ORDER, distort, undistort
 from planewise.wording import counted
@@ -158,7 +160,7 @@ class PinholeCamera:
             coefficients = tuple(
                 np.ravel(np.asarray(() if given is None else given, np.float64)).tolist()
             )
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise ValueError(
                 f"camera: distortion must be numbers, got {self.distortion!r}"
             ) from None
@@ -170,20 +172,20 @@ class PinholeCamera:
             value = getattr(self, name)
             if not (is_finite(value) and value > 0):
                 raise ValueError(
-                    f"camera: {name} must be a positive number of pixels, got {value!r}"
+                    f"camera: {name} must be a positive number of pixels, got {shown(value)}"
                 )
         if not all(map(is_finite, (self.cx, self.cy, *coefficients))):
-            raise ValueError(f"camera: numbers must be finite, got {self}")
+            raise ValueError(f"camera: numbers must be finite, got {' '.join(str(self).split())}")
         if len(self.distortion) not in COUNTS:
             raise ValueError(
                 f"camera: distortion must be ({ORDER}), "
                 f"got {counted(len(self.distortion), 'number')}"
             )
         size: tuple[Any, Any] = self.width, self.height
-        if size != (None, None) and not all(is_whole(n) and n > 0 for n in size):
+        if any(n is not None for n in size) and not all(is_whole(n) and n > 0 for n in size):
             raise ValueError(
                 "camera: width and height must be given together and be whole numbers of pixels, "
-                f"at least 1, got {self.width!r} and {self.height!r}"
+                f"at least 1, got {shown(self.width)} and {shown(self.height)}"
             )
         make_plain(self, int, "width", "height")
 
@@ -309,7 +311,7 @@ class PinholeCamera:
             x and y; pixel centres are at integers. u is NaN where x is, v where y is; with
             distortion both are, and where the lens sees nothing.
         """
-        pixels = np.asarray(pixels, np.float64)
+        pixels = checked_pixels(pixels)
         u = (pixels[..., 0] - self.cx) / self.fx
         v = (pixels[..., 1] - self.cy) / self.fy
         if any(self.distortion):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.arguments import checked_count, checked_metres, checked_points, unmasked
+from planewise.arguments import checked_count, checked_metres, checked_points, shown, unmasked
 from planewise.errors import PlanewiseError, SetupError, in_one_line
 
 Array = NDArray[np.float64]
@@ -72,7 +72,7 @@ class PointCloud:
         object.__setattr__(self, "points", checked_points(self.points, 3))
         offset = checked_metres("offset", self.offset)
         if offset.shape != (3,) or not np.isfinite(offset).all():
-            raise ValueError(f"offset must be three finite numbers, got {self.offset}")
+            raise ValueError(f"offset must be three finite numbers, got {shown(self.offset)}")
         object.__setattr__(self, "offset", offset)
         count = len(self.points)
         for name, row, kind in (

@@ -21,9 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import angles
 from planewise.arguments import (
     checked_count,
+    checked_pixels,
     checked_points,
     checked_scale,
     checked_shape,
+    is_finite,
+    shown,
     unmasked,
 )
 from planewise.camera import RIG
@@ -126,6 +129,8 @@ class SphericalCamera:
             Whether azimuth falls from column to column, seen from above.
         """
         columns = checked_count("camera: columns", columns, 2)
+        if not is_finite(start):
+            raise ValueError(f"camera: start must be an angle in degrees, got {shown(start)}")
         step = (-360.0 if clockwise else 360.0) / columns
         camera = cls(
             elevation=np.asarray(elevation).tolist(),
@@ -217,7 +222,7 @@ class SphericalCamera:
         -------
         ndarray, shape (..., 3)
         """
-        column, row = np.moveaxis(np.asarray(pixels, np.float64), -1, 0)
+        column, row = np.moveaxis(checked_pixels(pixels), -1, 0)
         azimuth = angles.between(self._continuous(), column)
         elevation = np.radians(angles.between(np.array(self.elevation), row))
         if self.azimuth_offset:
