@@ -102,6 +102,21 @@ def test_tiles_with_rays_far_points_and_rows_that_are_none():
     assert not whole.labels[5:8].any()
 
 
+@pytest.mark.parametrize("noise", [pw.noise.proportional(0.005), "auto"])
+def test_missing_returns_in_tiles(noise):
+    sensor = pw.Sensor(max_depth=20.0, resolution=0.001, noise=noise)
+    points = POINTS[:40_000].copy()
+    points[::9], points[5] = 0.0, np.nan
+    given = points.copy()
+    whole = pw.detect_planes_in_points(points, sensor)
+    tiled = detect_planes_in_cloud(pw.PointCloud(points=points), sensor, tile_points=6_000)
+    same(tiled, whole)
+    assert_array_equal(points, given)
+    assert not whole.labels[::9].any()
+    assert whole.readings == tiled.readings == np.count_nonzero(points.any(axis=1)) - 1
+    assert len(whole) > 5
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_tiles_with_a_sigma_and_a_scanner_for_every_point(tmp_path, kind):
     points = POINTS[:60_000].astype(kind)

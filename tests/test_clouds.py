@@ -475,6 +475,51 @@ def test_bad_rows_duplicates_and_strays_leave_the_rest_alone(model):
     assert matching(found.labels[: len(POINTS)], TRUTH) > 0.95
 
 
+@pytest.mark.parametrize("count", [600, 12_000])
+@pytest.mark.parametrize("missing", [1, 60])
+def test_points_on_their_own_origin_are_no_readings(count, missing):
+    """As missing returns are written; all else is as if those rows were not finite."""
+    points, _ = box(count, at=(1.0, 2.0, -0.5))
+    rows = np.arange(missing) * 7
+    several = np.random.default_rng(0).normal(1.0, 0.5, points.shape)
+    for told in ({}, {"noise": "auto"}, {"origin": (1.5, 3.0, 0.0)}, {"origin": several},
+                 {"noise": 0.01, "origin": several}, {"objective": "paper"}):  # fmt: skip
+        options = dict(told)
+        sensor = pw.Sensor(noise=options.pop("noise", pw.noise.proportional(0.01)))
+        places = np.broadcast_to(options.get("origin", np.zeros(3)), points.shape)
+        given, without = points.copy(), points.copy()
+        given[rows], without[rows] = places[rows], np.nan
+        before = given.copy()
+        found = pw.detect_planes_in_points(given, sensor, **options)
+        other = pw.detect_planes_in_points(without, sensor, **options)
+        assert_array_equal(given, before)
+        assert found.information == other.information
+        assert_array_equal(found.labels, other.labels)
+        assert not found.labels[rows].any()
+        assert found.readings == len(points) - missing
+        assert len(found)
+
+
+def test_where_noise_depends_on_no_distance_a_point_at_the_origin_is_one():
+    x, y = np.meshgrid(np.arange(30) * 0.1, np.arange(30) * 0.1)
+    floor = np.column_stack((x.ravel(), y.ravel(), np.zeros(x.size)))
+    for options in ({}, {"sigma": np.full(len(floor), SIGMA)}, {"objective": "paper"}):
+        assert pw.detect_planes_in_points(floor, SENSOR, **options).labels[0] == 1
+
+
+@pytest.mark.parametrize("noise", [pw.noise.proportional(0.01), pw.noise.quadratic(0.01, 0.002)])
+def test_noise_is_asked_for_readings_alone(noise):
+    """Strays may lie where it is too large to be one."""
+    sensor = pw.Sensor(noise=noise)
+    strays = [[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, 1e300], [1e12, 0, 0], [0, 1e6, 0]]
+    for count in (600, 12_000):
+        points, truth = box(count, at=(1.0, 2.0, -0.5))
+        for options in ({}, {"origin": (1.5, 3.0, 0.0)}):
+            found = pw.detect_planes_in_points(np.vstack((points, strays)), sensor, **options)
+            assert found.readings == len(points)
+            assert matching(found.labels[: len(points)], truth) > 0.8
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

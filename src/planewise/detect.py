@@ -130,8 +130,11 @@ def detect_planes_in_points(
     Parameters
     ----------
     points : array_like, shape (k, n)
-        Metres, n >= 2, any origin; rows that are not finite are no reading. In space (n = 3) a
-        cloud of floating-point numbers in C order is searched where it lies, without a copy.
+        Metres, n >= 2, any origin; rows that are not finite are no reading, nor are points on their
+        own origin (of the coordinates, unless `origin` says another), as scanners write missing
+        returns, but where noise is a constant or `sigma`, and `origin` not given. In space (n = 3)
+        a cloud of floating-point numbers in C order is searched where it lies, without a copy
+        unless returns are missing.
     sensor : Sensor
         `max_depth` is R, the extent a coordinate may take; noise is normal to the plane, evaluated
         at the distance from the origin of the coordinates, or "auto": estimated from the points, in

@@ -132,12 +132,15 @@ def _find_in_tiles(
     compilation.announce("cloud")
     # Its compiled loops are loaded only where they are used.
     from planewise.clouds.cells import as_loud_as_seen
+    from planewise.clouds.missing import without_missing
     from planewise.clouds.model import found_in, nothing_in, ranked_model, told_apart
     from planewise.clouds.noise import cloud_noise
     from planewise.clouds.tiles import tiled_cloud
 
     workers, settings = threads.chosen(options.threads), options.describe()
     most = options.most_planes
+    with stage("observe"):
+        points = without_missing(points, sensor, sigma, origin, disk)
     if sensor.noise == AUTO and sigma is None:
         with stage("noise"):
             estimate = cloud_noise(points, sensor, origin, workers, disk)

@@ -175,6 +175,17 @@ def constant(sigma: float) -> Polynomial:
     return Polynomial(constant=sigma)
 
 
+def is_constant(noise: Noise | float | Auto) -> bool:
+    """Whether noise is known to be the same at every depth, however far.
+
+    Examples
+    --------
+    >>> is_constant(constant(0.005)), is_constant(proportional(0.01)), is_constant(AUTO)
+    (True, False, False)
+    """
+    return isinstance(noise, Polynomial) and not noise.linear and not noise.quadratic
+
+
 def as_curve(name: str, noise: Any) -> Noise:
     """Curve of one standard deviation in metres, or the one given.
 

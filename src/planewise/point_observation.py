@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import LEAST_LENGTH, MOST_LENGTH, checked_metres, checked_points
-from planewise.noise import AUTO
+from planewise.noise import AUTO, is_constant
 from planewise.observation import Array, Observation
 from planewise.sensor import Sensor, checked_sensor
 from planewise.wording import counted
@@ -92,7 +92,8 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
     sensor : Sensor
         Its range is R, the extent a coordinate may take; its noise is evaluated at the distance of
         each point from the origin of the coordinates; "auto" is estimated from the points, in
-        space (`planewise.estimate_cloud_noise`). Its depth limits do not apply.
+        space (`planewise.estimate_cloud_noise`). Unless it is a constant, points at the origin are
+        no reading, either. Its depth limits do not apply.
 
     Returns
     -------
@@ -106,7 +107,8 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         and they have not three.
     """
     array, estimate = checked_points(points), None
-    if checked_sensor(sensor).noise == AUTO:
+    asked = checked_sensor(sensor).noise
+    if asked == AUTO:
         from planewise.clouds.noise import estimate_cloud_noise
 
         if array.shape[1] != 3:
@@ -117,7 +119,10 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         estimate = estimate_cloud_noise(array, sensor)
         sensor = estimate.sensor(sensor)
     array = array.astype(np.float64)
-    index = np.flatnonzero(np.isfinite(array).all(axis=1))
+    there = np.isfinite(array).all(axis=1)
+    if not is_constant(asked):
+        there &= array.any(axis=1)  # a missing return, as in `clouds.missing`
+    index = np.flatnonzero(there)
     valid = array[index]
     origin = valid.mean(axis=0) if index.size else np.zeros(array.shape[1])
     if np.abs(valid - origin).max(initial=0.0) > _STRAY * sensor.range:

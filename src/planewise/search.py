@@ -113,6 +113,7 @@ def find_in_cloud(
     compilation.announce("cloud")
     keep_freed()
     # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.missing import without_missing
     from planewise.clouds.model import cloud_model
     from planewise.clouds.noise import cloud_noise
     from planewise.copies import places_of
@@ -120,6 +121,7 @@ def find_in_cloud(
     points, settings = np.ascontiguousarray(points), options.describe()
     workers = threads.chosen(options.threads)
     with stage("observe"):
+        points = without_missing(points, sensor, errors, seen_from)
         places = places_of(points)
     if places is not None:
         points = points[places.rows]

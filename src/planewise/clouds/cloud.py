@@ -17,7 +17,7 @@ from planewise.kernels import cloud_cells as kernels
 from planewise.kernels import cloud_keys
 from planewise.kernels import cubes as cube_loops
 from planewise.kernels.cloud_rows import ROW
-from planewise.noise import Polynomial
+from planewise.noise import is_constant
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
@@ -30,6 +30,7 @@ FINER = 2  # levels of the order below the cubes
 SHIFT = 3 * FINER  # bits of a key below its cube
 _LEAST_PART = 2_000  # cubes that are worth a thread
 _SAMPLED = 1_000_000  # points that stand for more
+_STRAY = 100.0  # times the median distance: a point that is so far off says nothing of most
 _PART = 1 << 16  # points whose noise is evaluated at once: arrays of them fit the cache
 _GRAZING = 0.1  # least cos^2 between a ray and a normal that noise is foreshortened by
 WIDE = 0.15  # least ratio of the variances in a plane: points of a line lie in one that is none
@@ -346,36 +347,32 @@ def _zero(excess: Callable[[int], float], most: int) -> float:
     return high + now / (before - now)
 
 
-def _is_constant(sensor: Sensor) -> bool:
-    noise = sensor.noise
-    return isinstance(noise, Polynomial) and not noise.linear and not noise.quadratic
-
-
 def _typical(
     points: NDArray[np.floating], sensor: Sensor, sigma: Array | None, origin: Array
 ) -> float:
     """Standard deviation of most points."""
     if sigma is not None:
         return float(np.median(sigma[:: 1 + len(sigma) // _SAMPLED]))
-    if _is_constant(sensor):
+    if is_constant(sensor.noise):
         return float(sensor.sigma(np.zeros(1))[0])
     step = 1 + len(points) // 10_000
-    sample = points[::step] - (origin if origin.ndim == 1 else origin[::step])
-    sample = sample[np.isfinite(sample).all(axis=1)]
-    if not len(sample):
+    distances = _distances(points[::step], origin if origin.ndim == 1 else origin[::step])
+    distances = distances[np.isfinite(distances)]
+    if not len(distances):
         return float(sensor.sigma(np.ones(1))[0])
-    return float(np.median(sensor.sigma(np.linalg.norm(sample, axis=1))))
+    # Where strays lie noise may be too large to be any.
+    distances = distances[distances <= _STRAY * np.median(distances)]
+    return float(np.median(sensor.sigma(distances)))
 
 
 def _distances(points: NDArray[np.floating], origin: Array) -> Array:
-    """Distances of points (n, 3) from the origin, (3,) or (n, 3); 0 of what is not finite.
+    """Distances of points (n, 3) from the origin, (3,) or (n, 3).
 
     Column by column: sums over an axis of three take NumPy six times as long.
     """
-    x, y, z = (points[:, axis].astype(np.float64) - origin[..., axis] for axis in range(3))
-    with np.errstate(over="ignore", invalid="ignore"):
-        square = x * x + y * y + z * z
-    return np.sqrt(np.where(np.isfinite(square), square, 0.0))
+    x, y, z = (np.subtract(points[:, e], origin[..., e], dtype=np.float64) for e in range(3))
+    with np.errstate(over="ignore"):  # of a point at 1e300
+        return np.asarray(np.sqrt(x * x + y * y + z * z))
 
 
 def _variances(
@@ -388,17 +385,28 @@ def _variances(
 ) -> Array:
     """Mean variance of the points of each cube, at least that of rounding to the resolution."""
     least = sensor.resolution**2 / 12.0
-    if sigma is None and _is_constant(sensor):
+    if sigma is None and is_constant(sensor.noise):
         return np.full(len(starts) - 1, max(float(sensor.sigma(np.zeros(1))[0]) ** 2, least))
     if sigma is None:
-        out: Array = np.empty(len(points))
-        for first in range(0, len(points), _PART):
-            part = slice(first, first + _PART)
-            seen_from = origin if origin.ndim == 1 else origin[part]
-            out[part] = sensor.sigma(_distances(points[part], seen_from))
-        sigma = out
+        sigma = _sigma_of_each(points, sensor, order, origin)
     squares = np.maximum(np.square(sigma), least)
     return np.asarray(np.add.reduceat(squares[order.rows], starts[:-1]) / np.diff(starts))
+
+
+def _sigma_of_each(
+    points: NDArray[np.floating], sensor: Sensor, order: Order, origin: Array
+) -> Array:
+    """Standard deviation of every point in the grid; of others, which may lie anywhere, 0."""
+    out, there = np.zeros(len(points)), None
+    if len(order.rows) < len(points):
+        there = np.zeros(len(points), np.bool_)
+        there[order.rows] = True
+    for first in range(0, len(points), _PART):
+        part = slice(first, first + _PART)
+        mine = slice(None) if there is None else there[part]
+        distances = _distances(points[part], origin if origin.ndim == 1 else origin[part])
+        out[part][mine] = sensor.sigma(distances[mine])
+    return out
 
 
 def mean_origins(origin: Array, order: Order, starts: NDArray[np.int64]) -> Array:

@@ -27,12 +27,13 @@ from planewise.calibration.fit import fit_polynomial
 from planewise.clouds.cloud import STEEPEST, WIDE, mean_origins, middle_of, side_for
 from planewise.clouds.depth_steps import Rounding
 from planewise.clouds.memory import Memory
+from planewise.clouds.missing import without_missing
 from planewise.clouds.order import Grid, Order, blocks_of, extent_in_blocks, order_of
 from planewise.kernels import cloud_cells, cloud_keys
 from planewise.kernels import cloud_noise as kernels
 from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
-from planewise.noise import Polynomial, constant
+from planewise.noise import AUTO, Polynomial, constant
 from planewise.point_observation import checked_origin
 from planewise.sensor import Sensor, checked_sensor
 from planewise.threads import chosen
@@ -140,7 +141,8 @@ def estimate_cloud_noise(
     array = checked_points(points, 3)
     checked_sensor(sensor)
     place = checked_origin(origin, array.shape)
-    return cloud_noise(np.ascontiguousarray(array), sensor, place, chosen(threads))
+    readings = without_missing(array, replace(sensor, noise=AUTO), None, place)
+    return cloud_noise(np.ascontiguousarray(readings), sensor, place, chosen(threads))
 
 
 def cloud_noise(
