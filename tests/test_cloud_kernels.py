@@ -111,6 +111,14 @@ def test_keys_are_those_of_a_turned_grid_and_bad_points_have_none():
     assert_allclose(cloud_keys.TURN @ cloud_keys.TURN.T, np.eye(3), atol=1e-15)
 
 
+def test_which_points_are_in_a_grid_does_not_depend_on_its_cubes():
+    points = np.random.default_rng(0).uniform(-9, 9, (5000, 3))
+    inside = (np.abs(points @ cloud_keys.TURN.T) <= 6.0).all(axis=1)
+    for side in (0.05, 0.7, 0.9, 5.0, 20.0):
+        order = order_of(points, Grid.reaching(np.zeros(3), 6.0, side), 1)
+        assert_array_equal(np.sort(order.rows), np.flatnonzero(inside))
+
+
 @pytest.mark.parametrize("count", [300, 100_000])
 def test_cubes_are_counted_without_sorting(count):
     points = np.random.default_rng(0).uniform(-3, 3, (count, 3))

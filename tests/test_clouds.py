@@ -520,6 +520,16 @@ def test_noise_is_asked_for_readings_alone(noise):
             assert matching(found.labels[: len(points)], truth) > 0.8
 
 
+def test_few_points_that_are_wider_than_keys_reach():
+    """As of millimetres that are taken for metres."""
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0, 20_000, (1000, 3))
+    points[:500, 2] = 0
+    points += rng.normal(0, 0.001, points.shape)
+    found = pw.detect_planes_in_points(points, pw.Sensor(max_depth=10.0, noise=0.001))
+    assert 3 <= found.readings < len(points)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [

@@ -289,7 +289,7 @@ def summed(
 
 def coarse(grid: Grid) -> Grid:
     """Grid of the cubes, of that of the order."""
-    return Grid(grid.centre, grid.side * (1 << FINER), grid.levels - FINER)
+    return Grid(grid.centre, grid.side * (1 << FINER), grid.levels - FINER, grid.reach)
 
 
 def write_about(

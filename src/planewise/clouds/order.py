@@ -37,11 +37,15 @@ class Grid:
         Of a cube, metres.
     levels : int
         There are 2^levels cubes along an axis.
+    reach : float
+        Metres from its middle, along its axes, beyond which points are not in it, whatever the
+        cubes, which reach farther.
     """
 
     centre: Array
     side: float
     levels: int
+    reach: float
 
     @property
     def middle(self) -> float:
@@ -54,15 +58,14 @@ class Grid:
         wide = 2.0 * reach * (1 + 1e-6)
         side = max(side, wide / (1 << kernels.LEVELS))
         levels = min(max(math.ceil(math.log2(wide / side)), 1), kernels.LEVELS)
-        return cls(centre, side, levels)
+        return cls(centre, side, levels, reach * (1 + 5e-7))  # either way more than rounding
 
     def keys(self, points: NDArray[np.floating], workers: int) -> Keys:
         """Morton keys of points, shape (k,); 8^levels of those that are nowhere in the grid."""
         keys = np.empty(len(points), np.uint64)
+        grid = self.centre, self.side, self.levels, self.reach, kernels.TURN
         threads.over_chunks(
-            lambda first, last: kernels.point_keys(
-                points, self.centre, self.side, self.levels, kernels.TURN, first, last, keys
-            ),
+            lambda first, last: kernels.point_keys(points, *grid, first, last, keys),
             len(points),
             workers,
             _LEAST_PART,
@@ -160,7 +163,7 @@ def held_by(
         def mark(first: int, last: int, block: Any = block, bounds: list[int] = bounds) -> None:
             for part in range(first, last):
                 there[part] += kernels.mark_cubes(
-                    block, grid.centre, grid.side, grid.levels, kernels.TURN,
+                    block, grid.centre, grid.side, grid.levels, grid.reach, kernels.TURN,
                     bounds[part], bounds[part + 1], bits[part], again[part],
                 )  # fmt: skip
 

@@ -90,7 +90,7 @@ def _made_up() -> tuple[Cloud, CloudCells]:
         ],
         np.int32,
     )
-    grid, rng = Grid(np.zeros(3), 1.0, 3), np.random.default_rng(0)
+    grid, rng = Grid(np.zeros(3), 1.0, 3, 4.0), np.random.default_rng(0)
     cubes = np.array([_key(place) for place in places], np.uint64)
     inside = rng.uniform(-0.5, 0.5, (n * _POINTS, 3)) * (1.0, 1.0, 0.0)
     local = (inside @ TURN).astype(np.float32)

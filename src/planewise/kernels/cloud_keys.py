@@ -75,20 +75,21 @@ def extent(points, first, last, part, low, high, count):  # type: ignore[no-unty
 
 
 @compiled
-def mark_cubes(points, centre, side, levels, turn, first, last, bits, again):  # type: ignore[no-untyped-def]
+def mark_cubes(points, centre, side, levels, reach, turn, first, last, bits, again):  # type: ignore[no-untyped-def]
     """Set the bits of the cubes that points[first:last] are in; returns how many are in the grid.
 
     bits, again (m,) uint64, m a power of two: which of them is a cube's is a hash of where it is;
     it is set in `again` as well with the cube's second point.
     """
     found, scale, mask = 0, 1.0 / side, np.uint64(64 * bits.size - 1)
-    middle, most = float(1 << (levels - 1)), float(1 << levels)
+    middle = float(1 << (levels - 1))
     for i in range(first, last):
         x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * scale + middle
-        v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * scale + middle
-        w = (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z) * scale + middle
-        if min(u, v, w) >= 0.0 and max(u, v, w) < most:
+        u = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
+        v = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
+        w = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
+        if min(u, v, w) >= -reach and max(u, v, w) <= reach:
+            u, v, w = u * scale + middle, v * scale + middle, w * scale + middle
             bit = np.uint64(u) * np.uint64(0x9E3779B97F4A7C15)
             bit += np.uint64(v) * np.uint64(0xC2B2AE3D27D4EB4F)
             bit += np.uint64(w) * np.uint64(0x165667B19E3779F9)
@@ -114,20 +115,21 @@ def count_bits(bits):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def point_keys(points, centre, side, levels, turn, first, last, keys):  # type: ignore[no-untyped-def]
+def point_keys(points, centre, side, levels, reach, turn, first, last, keys):  # type: ignore[no-untyped-def]
     """Morton keys of points[first:last] in a turned grid of 2^levels cubes along an axis.
 
-    Points that are not finite or outside have the key 8^levels.
+    Points that are not finite or lie beyond its reach have the key 8^levels.
     """
     scale, none = 1.0 / side, np.uint64(1) << np.uint64(3 * levels)
-    middle, most = float(1 << (levels - 1)), float(1 << levels)
+    middle = float(1 << (levels - 1))
     for i in range(first, last):
         x, y, z = points[i, 0] - centre[0], points[i, 1] - centre[1], points[i, 2] - centre[2]
-        u = (turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z) * scale + middle
-        v = (turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z) * scale + middle
-        w = (turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z) * scale + middle
+        u = turn[0, 0] * x + turn[0, 1] * y + turn[0, 2] * z
+        v = turn[1, 0] * x + turn[1, 1] * y + turn[1, 2] * z
+        w = turn[2, 0] * x + turn[2, 1] * y + turn[2, 2] * z
         # A comparison with NaN is false.
-        if min(u, v, w) >= 0.0 and max(u, v, w) < most:
+        if min(u, v, w) >= -reach and max(u, v, w) <= reach:
+            u, v, w = u * scale + middle, v * scale + middle, w * scale + middle
             keys[i] = spread(u) | (spread(v) << np.uint64(1)) | (spread(w) << np.uint64(2))
         else:
             keys[i] = none
