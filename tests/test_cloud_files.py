@@ -637,6 +637,16 @@ def test_scales_that_are_none_are_refused(tmp_path, points, colour):
         read_cloud(path)
 
 
+def test_coordinates_of_a_damaged_file_may_be_of_any_size(tmp_path):
+    rows = np.linspace(-3e38, -2.99e38, 300).astype(np.float32).reshape(100, 3)
+    rows[4] = 3e38
+    head = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 100\nHEIGHT 1\nPOINTS 100\n"
+    path = tmp_path / "damaged.pcd"
+    path.write_bytes(head.encode() + b"DATA binary\n" + rows.tobytes())
+    cloud = read_cloud(path)
+    assert_array_equal(np.isfinite(cloud.points).all(axis=1), np.arange(100) != 4)
+
+
 def test_strays_do_not_cost_the_others_digits(tmp_path, points):
     cloud = PointCloud(points=points.copy(), offset=UTM)
     bounds = np.array((points.min(0), points.max(0))) + UTM

@@ -140,7 +140,8 @@ def test_what_is_no_depth_image_has_no_steps():
     behind, aside = points - np.array([0, 0, 2.0]), points + np.array([9.0, 0, 0])
     sphere = hall(20_000, lambda z: 0.01 + 0 * z)
     rounded = np.round(points, 2)
-    for cloud in (lattice, lines, turned, behind, aside, rounded, sphere, points[:0]):
+    for cloud in (lattice, lines, turned, behind, aside, rounded, sphere, points[:0],
+                  1e15 * points):  # fmt: skip
         assert not Rounding.of(cloud, 0.001).has_steps
     assert not Rounding.of(points, 0.001, np.array([0.0, 0, 1])).has_steps
 

@@ -511,7 +511,7 @@ def test_where_noise_depends_on_no_distance_a_point_at_the_origin_is_one():
 def test_noise_is_asked_for_readings_alone(noise):
     """Strays may lie where it is too large to be one."""
     sensor = pw.Sensor(noise=noise)
-    strays = [[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, 1e300], [1e12, 0, 0], [0, 1e6, 0]]
+    strays = [[np.nan, 0, 0], [np.inf, 0, 0], [0, 0, 1.7e308], [0, 0, -1e300], [1e12, 0, 0]]
     for count in (600, 12_000):
         points, truth = box(count, at=(1.0, 2.0, -0.5))
         for options in ({}, {"origin": (1.5, 3.0, 0.0)}):
@@ -538,6 +538,7 @@ def test_few_points_that_are_wider_than_keys_reach():
         ({"sigma": 1.0, "objective": "paper"}, "sigma needs objective='spatial'"),
         ({"origin": np.zeros(2)}, r"origin must be one place or one a point"),
         ({"origin": np.full(3, np.nan)}, "origin must be finite"),
+        ({"origin": (0, 1e300, 0)}, r"origin must be finite \(metres, at most 1e\+09\)"),
         ({"origin": "file"}, "origin must be numbers .*, got 'file'"),
         ({"sigma": ["a"]}, "sigma must be numbers"),
         ({"sigma": np.full(len(POINTS), 1e200)}, "sigma must be positive and finite"),

@@ -127,6 +127,22 @@ def test_covariance_of_free_points_is_the_scatter_of_the_estimates():
     assert_allclose(np.cov(np.array(found).T), expected, atol=0.4 * np.abs(expected).max())
 
 
+@pytest.mark.parametrize("search", ["joint", "sequential"])
+@pytest.mark.parametrize("noise", [0.01, 1e-9, pw.noise.proportional(0.01), "auto"])
+def test_points_of_any_size_give_no_warnings(noise, search):
+    rng = np.random.default_rng(0)
+    points = np.column_stack((rng.uniform(2, 6, (300, 2)), rng.normal(-1.5, 0.01, 300)))
+    sensor = pw.Sensor(noise=noise)
+    for far in (1e39, 1e300, 1.7e308) if noise in (0.01, 1e-9, "auto") else (1e300,):
+        strays = [[far, 0, 0], [-far, far, 0]]
+        found = pw.detect_planes_in_points(
+            np.vstack((points, strays)), sensor, search=search, objective="paper"
+        )
+        assert found.readings == len(points) + (2 if far < 1e150 else 0)
+        assert not found.labels[-2:].any()
+        assert np.isfinite(found.information)
+
+
 @pytest.mark.parametrize("dimension", [2, 3, 4])
 def test_a_stray_point_takes_no_digits_from_the_others(dimension):
     rng = np.random.default_rng(0)

@@ -72,6 +72,6 @@ def _drawn(points: NDArray[np.floating]) -> NDArray[np.bool_]:
 def _sorted(points: NDArray[np.floating]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Order in which copies of a point follow each other, and which are not one of that before."""
     order = np.lexsort(points.T)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         apart = (np.diff(points[order], axis=0) != 0).any(axis=1)
     return order, np.append(np.ones(min(len(points), 1), np.bool_), apart)

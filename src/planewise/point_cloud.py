@@ -290,10 +290,14 @@ def offset_near(middle: Array) -> Array:
 
 
 def less(coordinates: NDArray[np.generic], offset: Array) -> Points:
-    """Coordinates relative to an offset, float32 where they were; the subtraction is exact."""
+    """Coordinates relative to an offset, float32 where they were; the subtraction is exact.
+
+    Damaged ones may be too large for float32 and are infinite then.
+    """
     kind = np.float32 if coordinates.dtype == np.float32 else np.float64
     moved = coordinates.astype(np.float64) - offset if offset.any() else coordinates
-    return np.ascontiguousarray(moved, dtype=kind)  # type: ignore[return-value]
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(moved, dtype=kind)  # type: ignore[return-value]
 
 
 @contextmanager

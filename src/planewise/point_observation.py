@@ -17,6 +17,7 @@ from planewise.wording import counted
 if TYPE_CHECKING:
     from planewise.clouds.noise import CloudNoise
 
+_FARTHEST = 1e150  # metres; squares of coordinates beyond are no numbers
 _STRAY = 100.0  # times the range: a point that is so far off is none of the others'
 
 
@@ -119,7 +120,7 @@ def observe_points(points: ArrayLike, sensor: Sensor) -> PointObservation:
         estimate = estimate_cloud_noise(array, sensor)
         sensor = estimate.sensor(sensor)
     array = array.astype(np.float64)
-    there = np.isfinite(array).all(axis=1)
+    there = (np.abs(array) <= _FARTHEST).all(axis=1)  # as NaN is not
     if not is_constant(asked):
         there &= array.any(axis=1)  # a missing return, as in `clouds.missing`
     index = np.flatnonzero(there)
@@ -166,6 +167,9 @@ def checked_origin(origin: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[
             f"origin must be one place or one a point: expected shape (3,) or {shape}, "
             f"got {place.shape}"
         )
-    if place.size and not (-np.inf < place.min() and place.max() < np.inf):  # NaN is neither
-        raise ValueError("origin must be finite (metres)")
+    if place.size and not np.abs(place).max() <= MOST_LENGTH:  # as that of NaN is not
+        raise ValueError(
+            f"origin must be finite (metres, at most {MOST_LENGTH:g}), got {place.min()} to "
+            f"{place.max()}"
+        )
     return place

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import MOST_LENGTH
 from planewise.depth_image import reading_steps
 
 Array = NDArray[np.float64]
@@ -109,8 +110,10 @@ def _steps(points: Points) -> Array | None:
     aside = np.abs(np.delete(sample, few[0], axis=1)).max(axis=1)
     if ahead.min() <= 0 <= ahead.max() or np.mean(aside > _WIDEST * np.abs(ahead)) > _BEYOND:
         return None
-    depth = np.rint(np.abs(points[:, few[0]]) / _GRID).astype(np.int64)
-    levels, place = np.unique(depth, return_inverse=True)
+    depth = np.abs(points[:, few[0]])
+    if depth.max() > MOST_LENGTH:  # far beyond, there are no whole numbers of the grid
+        return None
+    levels, place = np.unique(np.rint(depth / _GRID).astype(np.int64), return_inverse=True)
     steps = _GRID * reading_steps(levels)
     third = len(steps) // 3
     if np.median(steps[-third:]) < _GROWN * np.median(steps[:third]):

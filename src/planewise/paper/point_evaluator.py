@@ -53,7 +53,8 @@ class PointEvaluator(Evaluator):
     def scores(self, parameters: Array, floor: Array | None = None) -> Array:
         """Sum over points of min(0, gain - floor) for every plane."""
         if self._single is None:
-            self._single = self.x.astype(np.float32)
+            with np.errstate(over="ignore"):  # of strays, which gain nothing
+                self._single = self.x.astype(np.float32)
         x = self._single
         ceiling = (self.tau if floor is None else self.tau + floor).astype(np.float32)
         planes = parameters.astype(np.float32)
