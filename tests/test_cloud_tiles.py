@@ -117,6 +117,16 @@ def test_missing_returns_in_tiles(noise):
     assert len(whole) > 5
 
 
+def test_phi_of_the_least_noise_is_a_number_in_tiles():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(0, 5, (1500, 3))
+    points[:750, 0], points[750:, 1] = 0.0, 0.0
+    sensor = pw.Sensor(max_depth=100.0, resolution=1e-12, noise="auto")
+    model = detect_planes_in_cloud(pw.PointCloud(points=points), sensor, tile_points=100)
+    assert len(model) == 2
+    assert np.isfinite(model.information)
+
+
 @pytest.mark.parametrize("kind", [np.float32, np.float64])
 def test_tiles_with_a_sigma_and_a_scanner_for_every_point(tmp_path, kind):
     points = POINTS[:60_000].astype(kind)

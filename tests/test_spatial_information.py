@@ -249,3 +249,15 @@ def test_the_ledger_is_exact_in_sectors():
     best = affine.reshape(4, 6, 3)[kept].reshape(-1, 3)
     expected = oracle(frame, error, best, fewer, 8, 0.001, size)
     assert book.curve[3] == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e3, 1e6])
+def test_phi_of_the_least_noise_is_a_number(scale):
+    """Rounding must not make determinants negative, whose logarithm is none."""
+    depth = np.where(np.arange(34)[:, None] + np.arange(31) // 8 < 20, 2.5, 3.25) * scale
+    camera = pw.PinholeCamera(fx=102, fy=30.6, cx=0, cy=0)
+    for noise in (1e-12, 3e-12, 1e-11, 1e-10, 1e-8):
+        sensor = pw.Sensor(
+            max_depth=10 * scale, resolution=1e-9, noise=pw.noise.proportional(noise)
+        )
+        assert np.isfinite(pw.detect_planes(depth, camera, sensor).information)

@@ -61,7 +61,7 @@ def _on_plane(rows, g, planes, j, offset, tilt, norm, anything):  # type: ignore
     xw, yw = ex * sx + ey * sy + ez * sz, fx * sx + fy * sy + fz * sz
     xx, xy, yy = scatter_along(rows, g, ex, ey, ez, fx, fy, fz)
     a, b, c = 1.0 + tilt * xx, tilt * xy, 1.0 + tilt * yy
-    determinant = a * c - b * b
+    determinant = max(a * c - b * b, 1.0)  # which rounding may hide
     u, v = tilt * (c * xw - b * yw) / determinant, tilt * (a * yw - b * xw) / determinant
     # Across the tilted plane, as on none.
     square = (square - u * xw - v * yw) / (1.0 + u * u + v * v)

@@ -50,7 +50,7 @@ def _undithered(steps, count):  # type: ignore[no-untyped-def]
 def _without_slopes(variance, square, xx, xy, yy, xw, yw):  # type: ignore[no-untyped-def]
     """chi^2 with random slopes of a variance integrated out, and det(I + variance A)."""
     a, b, c = 1.0 + variance * xx, variance * xy, 1.0 + variance * yy
-    determinant = a * c - b * b
+    determinant = max(a * c - b * b, 1.0)  # which rounding may hide
     explained = c * xw * xw - 2.0 * b * xw * yw + a * yw * yw
     return square - variance * explained / determinant, determinant
 
