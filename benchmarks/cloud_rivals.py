@@ -6,6 +6,7 @@ method takes. Settings are in units of the noise and of the spacing of the point
 
 from __future__ import annotations
 
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.rival_points import Points, labels_of_patches
+from planewise.reproduce.open3d_ransac import why_missing
 
 Labels = NDArray[np.int64]
 
@@ -43,11 +45,12 @@ class Scan:
 
 @dataclass(frozen=True)
 class CloudMethod:
-    """A method at one setting: run(scan) gives seconds and labels."""
+    """A method at one setting: run(scan) gives seconds and labels; module: what it imports."""
 
     name: str
     setting: str
     run: Callable[[Scan], tuple[float, Labels]]
+    module: str = "planewise"
 
 
 def ours(threads: int | None = None, **options: Any) -> Callable[[Scan], tuple[float, Labels]]:
@@ -115,6 +118,7 @@ def methods() -> Iterator[CloudMethod]:
             "Open3D patches",
             f"{neighbours} neighbours, {variance:g} deg",
             _open3d(neighbours, variance),
+            "open3d",
         )
     for neighbours, smallest, cosine, gap in (
         (30, 50, 0.8, 5.0),
@@ -125,4 +129,13 @@ def methods() -> Iterator[CloudMethod]:
             "CGAL Efficient RANSAC",
             f"{neighbours} neighbours, {smallest} points, cosine {cosine}, {gap:g} spacings",
             _cgal(neighbours, smallest, cosine, gap),
+            "CGAL.CGAL_Point_set_3",
         )
+
+
+def usable() -> list[CloudMethod]:
+    """Methods that can be run here; why others cannot is said."""
+    skipped = {each.name: why for each in methods() if (why := why_missing(each.module))}
+    for name, why in skipped.items():
+        print(f"{name} was skipped: {why} (pip install -e '.[bench]')", file=sys.stderr)
+    return [each for each in methods() if each.name not in skipped]

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks import ablation, guard
+from benchmarks import ablation, cloud_rivals, guard
 from benchmarks.frame_error import LAGS, told
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
@@ -64,6 +64,16 @@ def test_a_method_that_is_not_installed_says_why():
     assert "no_such_module" in absent.missing()
     with pytest.raises(SkippedError, match="quick"):
         next(against_open3d(Settings(runs=1, quick=True)))
+
+
+def test_methods_for_clouds_that_are_not_installed_are_skipped_which_is_said(monkeypatch, capsys):
+    monkeypatch.setattr(
+        cloud_rivals, "why_missing", lambda name: "" if name == "planewise" else f"no {name}"
+    )
+    assert [each.name for each in cloud_rivals.usable()] == ["planewise"]
+    told = capsys.readouterr().err.splitlines()
+    assert len(told) == 2
+    assert told[0] == "Open3D patches was skipped: no open3d (pip install -e '.[bench]')"
 
 
 def test_points_of_a_frame_go_back_to_their_pixels():
