@@ -246,6 +246,16 @@ def test_scans_with_poses_go_into_one_world(tmp_path, caplog):
     assert seen >= 4
 
 
+@pytest.mark.parametrize("posed", [False, True])
+def test_scenes_without_poses_are_told(tmp_path, caplog, posed):
+    write = dataset_files.write_scannet if posed else dataset_files.write_generic
+    write(tmp_path / "data")
+    store = make_store(open_source(tmp_path / "data"), tmp_path / "store")
+    all_of(store, FORMATS["planercnn"], tmp_path / "out", source=StoredSource(store))
+    told = [each for each in caplog.messages if each.startswith("no pose is known of 1 scene: all")]
+    assert len(told) == (not posed)
+
+
 @pytest.mark.parametrize("bent", [0.0, 0.1])
 def test_distortion_that_scenes_cannot_state_is_told(tmp_path, caplog, bent):
     dataset_files.write_generic(tmp_path / "data", distortion=[bent, 0, 0, 0])

@@ -94,6 +94,7 @@ class PlaneRcnnExport(Form):
         self._scenes = {name: _Scene(name, count) for name, count in expected.items()}
         self._names: list[str] = []
         self._bent = 0  # frames through a lens with distortion
+        self._unposed = 0  # scenes of which no pose is known
 
     def add(self, frame: StoredFrame, seen: SourceFrame | None) -> None:
         """See `Form`."""
@@ -134,6 +135,11 @@ class PlaneRcnnExport(Form):
         for frame, (name, index) in self._places.items():
             if index in now[name]:
                 rows.writerow((name, now[name][index], frame))
+        if self._unposed:
+            _LOG.warning(
+                f"no pose is known of {counted(self._unposed, 'scene')}: all are the identity, and "
+                "losses that compare neighbouring frames mean nothing"
+            )
         if self._bent:
             _LOG.warning(
                 f"the lens of {counted(self._bent, 'frame')} has a distortion, which the format "
@@ -175,6 +181,7 @@ class PlaneRcnnExport(Form):
         text = "".join(f"{key} = {value}\n" for key, value in lines.items())
         self.path(f"{at}/{scene.name}.txt").write_text(text, encoding="ascii")
         self._names.append(scene.name)
+        self._unposed += scene.lost == count
         if 0 < scene.lost < count:
             _LOG.warning(
                 f"scene {scene.name}: the poses of {scene.lost:,} of {counted(count, 'frame')} are "
