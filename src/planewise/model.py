@@ -124,7 +124,17 @@ class Plane:
 
 @dataclass(frozen=True, kw_only=True)
 class Move:
-    """A step of a search: what it did, how many planes there were after it, and Phi then."""
+    """A step of a search: what it did, how many planes there were after it, and Phi then.
+
+    Attributes
+    ----------
+    kind : str
+        What it did, a word such as "add", "cut", "merge", "refit" or "reassign".
+    planes : int
+        Number of planes after it.
+    information : float
+        Phi in nats after it.
+    """
 
     kind: str
     planes: int
