@@ -8,6 +8,7 @@ from planewise.clouds import cells as stage
 from planewise.clouds import model
 from planewise.clouds.cells import cells_of
 from planewise.clouds.cloud import cloud_of
+from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import AREA, COUNT
 
 SIGMA = 0.03
@@ -56,6 +57,27 @@ def test_sheets_a_cube_apart_stay_two():
     )
     assert len(found) == 2
     assert [(plane.count / len(low)) for plane in found.planes] == pytest.approx([1, 1], abs=0.02)
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("count", "apart"), [(5_000, 15.0), (20_000, 12.0), (20_000, 10.0)])
+def test_sheets_side_by_side_along_an_axis_are_two(axis, count, apart):
+    """Floors are level and walls upright: there the grid must not be worse than elsewhere."""
+    rng, sigma = np.random.default_rng(axis), 0.01
+    sheet = np.repeat([0.0, 1.0], count)
+    height = sigma * (apart * sheet + rng.normal(size=2 * count))
+    points = np.roll(np.column_stack((rng.uniform(0, 3, (2 * count, 2)), height)), axis, axis=1)
+    found = pw.detect_planes_in_points(points, pw.Sensor(max_depth=10.0, noise=sigma))
+    assert len(found) == 2
+    assert (found.labels == 2 - (sheet == sheet[found.labels == 1][0])).mean() > 0.99
+
+
+def test_cubes_lie_at_all_heights_against_the_axes():
+    places = np.stack(np.meshgrid(*[np.arange(-9, 10)] * 3), axis=-1).reshape(-1, 3)
+    for normal in TURN.T:
+        heights = np.sort((places @ normal)[np.abs(places @ normal) < 0.9])
+        share = np.arange(1, heights.size + 1) / heights.size
+        assert np.abs(share - (heights + 0.9) / 1.8).max() < 0.02  # 0.185 at (2, 2, -1) / 3
 
 
 def test_thin_sheets_are_left_alone(monkeypatch):

@@ -12,8 +12,24 @@ import numpy as np
 from planewise.kernels.jit import compiled, in_order, inlined
 
 LEVELS = 21  # bits that a grid coordinate has at most
-# Rows are the axes of the grid: no axis of the cloud is near one of them.
-TURN = np.array([[2.0, 2.0, -1.0], [-1.0, 2.0, 2.0], [2.0, -1.0, 2.0]]) / 3.0
+
+
+def _turned(z, y, x):  # type: ignore[no-untyped-def]
+    """Rotation by such angles about the axes, that about x first."""
+    (a, b, c), (d, e, f) = np.cos((z, y, x)), np.sin((z, y, x))
+    return np.array(
+        [
+            [a * b, a * e * f - d * c, a * e * c + d * f],
+            [d * b, d * e * f + a * c, d * e * c - a * f],
+            [-e, b * f, b * c],
+        ]
+    )
+
+
+TURN = _turned(0.3, 0.6, 1.1)
+"""Rows are the axes of the grid. No axis of the cloud is near one of them, and cubes lie at all
+heights against floors and walls along the axes: at (2, 2, -1) / 3 and the like they lie at three,
+and two floors close to each other may share a cube wherever there is one."""
 
 
 @inlined
