@@ -1,0 +1,165 @@
+"""Rules of the spatial search, each on numbers that it alone decides."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise import scenes
+from planewise.information import plane_information
+from planewise.kernels.cells import UNIT
+from planewise.spatial import folds, labels, search, solution
+from planewise.spatial.cells import cells_of
+from planewise.spatial.frame import tame_frame
+from planewise.spatial.frame_error import FrameError
+from planewise.spatial.information import GroupData
+from planewise.workspace import Workspace
+
+
+@pytest.fixture(scope="module")
+def parts():
+    """Frame and cells of a small room."""
+    scene = scenes.room(0, size=(120, 160))
+    observation = pw.observe(scene.depth, scene.camera, scene.sensor)
+    frame = tame_frame(observation)
+    return observation, frame, cells_of(frame, observation.pixel_size)
+
+
+def with_error(cells, **sizes):
+    return replace(cells, error=replace(cells.error, **sizes))
+
+
+def test_a_reading_on_a_steep_plane_may_lie_farther_off(parts):
+    _, _, cells = parts
+    affine = np.array([[0.5, 0.3, -0.4], [0.5, 0.0, 0.0]])
+    found = labels._lateral(with_error(cells, lateral=0.7), affine)
+    assert_allclose(found, [0.7 * 0.25 / UNIT**2, 0.0])
+
+
+def test_drift_that_may_be_chance_widens_no_label(parts):
+    _, frame, cells = parts
+    size = {"white": 1.2, "near": 0.3, "local": 0.8}
+    drifts, by_chance = (
+        labels._variances(frame, with_error(cells, walk=walk, **size)) for walk in (0.4, 0.0)
+    )
+    table = frame.table
+    shared = 0.3 * (table.shared + table.step)
+    assert_allclose(by_chance[1], shared)
+    assert_allclose(drifts[1], shared + 1.5 * 0.8 * table.drift)
+    for variance, slow in (drifts, by_chance):
+        assert_allclose(variance, 1.2 * (table.white + table.step) + slow)
+
+
+def test_facets_of_smooth_surfaces_pay_for_borders_at_which_these_turn(parts):
+    _, frame, cells = parts
+    knees = []
+    for turning in (0.0, 2.5):
+        error = replace(FrameError(), drifting=0.0, turning=turning)
+        charges = search.Charges.of(replace(cells, error=error), frame.sectors, 20.0)
+        knees.append(charges.border[2])
+    assert knees[1] - knees[0] == pytest.approx(2.5)
+
+
+def test_the_farther_off_the_less_error_drifts_before_cells_are_looked_at_again(parts, monkeypatch):
+    _, frame, cells = parts
+    limits = []
+
+    def far_off(rows, drift, segment, place, planes, limit, off):
+        limits.append(limit)
+        return 0
+
+    monkeypatch.setattr(search, "loops", SimpleNamespace(far_off=far_off))
+    segments = SimpleNamespace(rows=cells.rows[:1], of_unit=np.zeros(len(cells.rows), np.int32))
+    for drifting in (1.0, 0.25):
+        search._looked_at_again(
+            with_error(cells, drifting=drifting), frame.sectors, segments, np.ones(1),
+            np.ones(1, np.bool_), 20.0, 0.0, None,
+        )  # fmt: skip
+    assert limits == [search._OFF, 4 * search._OFF]
+
+
+@pytest.fixture
+def book(monkeypatch):
+    """What `_paying` asks the ledger for: a curve that some list of planes makes least."""
+    asked = []
+
+    def book_of(groups, data, mask, range, resolution, order):
+        asked.append(order.tolist())
+        return SimpleNamespace(curve=np.array([0.0, -50.0, -90.0, -80.0, -95.0]))
+
+    monkeypatch.setattr(solution, "book_of", book_of)
+    return asked
+
+
+def test_of_planes_that_hardly_pay_those_go_without_which_phi_is_lower(book):
+    cost = plane_information(3, 10.0, 0.001)
+    worth = -cost * np.array([2.0, 3.0, 0.5, 2.5])  # the third does not pay
+    data = GroupData(0.0, worth, worth.copy(), np.zeros(5))
+    pays = solution._paying(None, data, None, 10.0, 0.001, cost)
+    # Best first, those that do not pay behind: Phi of the first two is least among these.
+    assert book == [[1, 3, 0, 2]]
+    assert_array_equal(pays, [False, True, False, True])
+
+
+def test_where_all_planes_clearly_pay_no_list_of_them_is_looked_at(book):
+    worth = np.full(3, -1e6)
+    data = GroupData(0.0, worth, worth.copy(), np.zeros(4))
+    assert solution._paying(None, data, None, 10.0, 0.001, 100.0).all()
+    assert not book
+
+
+STRIPS = {  # line, cubic and readings, with and without the pixels beside the border; what it is
+    "flat": ((1010, 1000, 1000), (805, 800, 800), (False, False)),
+    "bends": ((1500, 1020, 1000), (1100, 810, 800), (True, True)),
+    "bends beside its border": ((1500, 1020, 1000), (805, 800, 800), (True, False)),
+    "bends but beside its border": ((1010, 1000, 1000), (1100, 810, 800), (False, False)),
+    "two faces": ((3000, 1600, 1000), (2000, 1100, 800), (True, False)),
+    "too few to tell": ((40, 20, 25), (30, 14, 20), (False, False)),
+}
+
+
+@pytest.mark.parametrize("wide", [False, True])
+@pytest.mark.parametrize("strip", STRIPS)
+def test_what_readings_say_of_a_strip(strip, wide, monkeypatch):
+    *chi2, (bent, inside) = STRIPS[strip]
+    width = 0.9 * folds._WIDE
+
+    def profiles(*given):
+        out, sides = given[-2:]
+        out[0], sides[0] = chi2, (width, (2.9 if wide else 3.1) * width)
+
+    monkeypatch.setattr(folds, "kernels", SimpleNamespace(profiles=profiles))
+    image, one = np.ones((30, 100), np.uint16), np.array([[1.0] + [0.0] * 12])
+    one[0, [3, 5]] = 1.0
+    straight = SimpleNamespace(w=None, p=None, sectors=SimpleNamespace(coordinates=(None, None)))
+    found = folds._strips(
+        straight, 1.0, one, image, np.ones(1, np.bool_), np.array([0.0, 600.0]), Workspace()
+    )
+    assert found.there.tolist() == [False, not wide]
+    assert found.bent.tolist() == [False, bent and not wide]
+    assert found.inside.tolist() == [False, inside and not wide]
+
+
+def test_what_lies_amid_folds_is_one_of_them():
+    # 1 and 2 are folds; 3 and then 4 lie amid them, 5 has most of its border with what is none.
+    shared = np.zeros((7, 7), np.int64)
+    for a, b, sides in (
+        (1, 3, 9),
+        (2, 3, 9),
+        (3, 6, 2),
+        (3, 4, 9),
+        (4, 6, 5),
+        (5, 1, 4),
+        (5, 6, 9),
+    ):
+        shared[a, b] = shared[b, a] = sides
+    size = np.array([0, 100, 90, 50, 40, 30, 5000])
+    bent = np.isin(np.arange(7), (1, 2))
+    found = folds._with_pieces(bent, size, shared)
+    assert np.flatnonzero(found).tolist() == [1, 2, 3, 4]
+    # What is larger than any of them is no piece of theirs.
+    size[3] = 200
+    assert np.flatnonzero(folds._with_pieces(bent, size, shared)).tolist() == [1, 2]
