@@ -8,13 +8,14 @@ wall that lies along a face of its cubes would be cut into two sheets, and walls
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planewise.kernels.jit import compiled, in_order, inlined
 
 LEVELS = 21  # bits that a grid coordinate has at most
 
 
-def _turned(z, y, x):  # type: ignore[no-untyped-def]
+def _turned(z: float, y: float, x: float) -> NDArray[np.float64]:
     """Rotation by such angles about the axes, that about x first."""
     (a, b, c), (d, e, f) = np.cos((z, y, x)), np.sin((z, y, x))
     return np.array(
