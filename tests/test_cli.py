@@ -20,8 +20,8 @@ import planewise as pw
 from planewise.commands import terminal
 from planewise.commands.app import command_line
 from planewise.errors import MissingExtraError
+from planewise.files.result_names import FILES
 from planewise.metrics.confidence import Interval
-from planewise.results.names import FILES
 from tests.command import run, run_python
 from tests.dataset_files import write_sens, write_tum
 

@@ -24,7 +24,7 @@ from planewise.files.depth import (
     read_depth,
 )
 from planewise.files.labels import read_labels
-from planewise.results.names import CLOUD_FILES, FILES, OUTLINE_FILES
+from planewise.files.result_names import CLOUD_FILES, FILES, OUTLINE_FILES
 
 DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
 METRES = (DEPTH / 1000).astype(np.float32)

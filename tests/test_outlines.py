@@ -17,13 +17,13 @@ from shapely import Polygon as Shape
 import planewise as pw
 from planewise import scenes
 from planewise.errors import MissingExtraError
+from planewise.files.result_names import OUTLINE_FILES
 from planewise.model import Curve, Plane, PlaneModel
 from planewise.outlines.cloud import outline_points
 from planewise.outlines.image import outline_image
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, as_shapely
 from planewise.results.mesh import triangulate
-from planewise.results.names import OUTLINE_FILES
 from planewise.results.outlines import (
     OUTLINES_SCHEMA_FILE,
     describe_outlines,

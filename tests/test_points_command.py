@@ -15,7 +15,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise.drawing.cloud import draw_cloud
-from planewise.results.names import CLOUD_FILES, FILES, OUTLINE_FILES
+from planewise.files.result_names import CLOUD_FILES, FILES, OUTLINE_FILES
 from planewise.results.outlines import OUTLINES_SCHEMA_FILE
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run

@@ -13,8 +13,8 @@ from PIL import Image
 
 import planewise as pw
 from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.files.result_names import FILES
 from planewise.results.image import depth_in_metres, write_results
-from planewise.results.names import FILES
 from planewise.results.planes_json import SCHEMA_FILE, SCHEMA_VERSION
 from planewise.whole_files import output_folder, parent_folder
 

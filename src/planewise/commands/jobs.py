@@ -20,8 +20,8 @@ from planewise.errors import PlanewiseError, SetupError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
+from planewise.files.result_names import FILES, OUTLINE_FILES, stale_files
 from planewise.results.image import write_results
-from planewise.results.names import FILES, OUTLINE_FILES, stale_files
 from planewise.sensor import Sensor
 from planewise.whole_files import output_folder
 

@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING
 
 from planewise.errors import PlanewiseError
 from planewise.files.labels import (
-    PARAMETERS,
-    RESULT,
     STORE_FILE,
     LabelFile,
     Labelled,
     label_images,
 )
+from planewise.files.result_names import LABELS, PARAMETERS
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -98,13 +97,13 @@ def pair_files(predicted: Path, truth: Path) -> Pairs:
 
 def _label_image(path: Path) -> Path:
     """Label image of a folder that holds the result of one image and no others; else the path."""
-    alone = all((path / name).is_file() for name in (RESULT, PARAMETERS))
-    return path / RESULT if alone and not any(path.glob(f"*/{RESULT}")) else path
+    alone = all((path / name).is_file() for name in (LABELS, PARAMETERS))
+    return path / LABELS if alone and not any(path.glob(f"*/{LABELS}")) else path
 
 
 def _of_one_image(folder: Path) -> str:
     """What to give in place of a folder that holds the result of one image."""
-    return f", or {folder / RESULT} for one image" if (folder / RESULT).is_file() else ""
+    return f", or {folder / LABELS} for one image" if (folder / LABELS).is_file() else ""
 
 
 def _such_as(names: Sequence[str]) -> str:
@@ -112,7 +111,7 @@ def _such_as(names: Sequence[str]) -> str:
 
 
 def _stem(path: Path) -> str:
-    return path.parent.name if path.name == RESULT and path.parent.name else path.stem
+    return path.parent.name if path.name == LABELS and path.parent.name else path.stem
 
 
 @dataclass(frozen=True)

@@ -23,12 +23,12 @@ from planewise.commands.shared_options import (
 )
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_length
+from planewise.files.result_names import CLOUD_FILES, LAS_FILES, OUTLINE_FILES, stale_files
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
-from planewise.results.names import CLOUD_FILES, LAS_FILES, OUTLINE_FILES, stale_files
 from planewise.sensor import Sensor
 from planewise.threads import allowed, chosen
 from planewise.whole_files import output_folder

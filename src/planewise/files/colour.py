@@ -8,7 +8,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.errors import MissingExtraError, PlanewiseError
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.depth import opened_picture
 
 FORMATS = {
@@ -43,7 +43,7 @@ def read_colour(source: Path | IO[bytes]) -> NDArray[np.uint8]:
     try:
         with opened_picture(source, tuple(set(FORMATS.values())), "reading pictures") as image:
             return np.array(image.convert("RGB"))
-    except MissingExtraError:
+    except SetupError:
         raise
     except Exception as error:  # decoders of foreign bytes may raise anything
         detail = getattr(error, "strerror", None) or str(error) or type(error).__name__

@@ -24,6 +24,7 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
+from planewise.files.result_names import PARAMETERS, PICTURES
 from planewise.foreign_warnings import without_warnings
 
 if TYPE_CHECKING:
@@ -34,7 +35,6 @@ MAX_PIXELS = 50_000_000
 
 _LOG = logging.getLogger("planewise")
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
-_RESULTS = {"labels.png", "overlay.png", "curve.png", "preview.png"}  # beside planes.json
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
 _EXR = b"\x76\x2f\x31\x01"
 _SAMPLES = 339  # its tag that says whether numbers are signed
@@ -112,7 +112,7 @@ def is_depth_file(path: Path) -> bool:
 def without_results(paths: Iterable[Path]) -> list[Path]:
     """Of the files of a folder those that are no pictures of a run's, which has a planes.json."""
     known = list(paths)
-    written = _RESULTS if any(path.name == "planes.json" for path in known) else ()
+    written = PICTURES if any(path.name == PARAMETERS for path in known) else ()
     return [path for path in known if path.name not in written]
 
 

@@ -15,11 +15,10 @@ from numpy.typing import NDArray
 from planewise.arguments import is_finite
 from planewise.errors import PlanewiseError, naming
 from planewise.files.depth import natural_order, opened_picture, read_array
+from planewise.files.result_names import LABELS, PARAMETERS
 
 _KEYS = ("labels", "gt", "plane_instance")
 _KINDS = (".png", ".tif", ".tiff", ".npy", ".npz")
-RESULT = "labels.png"
-PARAMETERS = "planes.json"
 _MEND = "mend it, or remove it to do without the parameters of the planes"
 
 STORE_FILE = "store.json"
@@ -90,7 +89,7 @@ def read_labels(path: str | Path | Labelled, *, name: str = "labels") -> LabelFi
     with naming(f"{name}: {path.name}"):
         found = _read(path)
     beside = path.with_name(PARAMETERS)
-    if path.name != RESULT or not beside.is_file():
+    if path.name != LABELS or not beside.is_file():
         return found
     with naming(f"{name}: {PARAMETERS} beside {path.name}"):
         return replace(found, planes=_read_parameters(beside))
@@ -106,7 +105,7 @@ def label_images(folder: Path) -> dict[str, Path]:
     """
     files: dict[str, Path] = {}
     for path in sorted(folder.iterdir(), key=natural_order):
-        file = path / RESULT if path.is_dir() else path
+        file = path / LABELS if path.is_dir() else path
         stem = path.name if path.is_dir() else path.stem
         if path.name.startswith(".") or file.suffix.lower() not in _KINDS or not file.is_file():
             continue

@@ -7,7 +7,10 @@ from pathlib import Path
 PARAMETERS = "planes.json"
 """What a folder of results is known by."""
 
-FILES = ("labels.png", PARAMETERS, "overlay.png", "curve.png")
+LABELS = "labels.png"
+"""Beside it, for whoever reads labels."""
+
+FILES = (LABELS, PARAMETERS, "overlay.png", "curve.png")
 """What `planewise.results.image.write_results` writes."""
 
 CLOUD_FILES = ("labelled.ply", PARAMETERS, "preview.png", "curve.png")
@@ -18,6 +21,9 @@ LAS_FILES = ("labelled.las", "labelled.laz")
 
 OUTLINE_FILES = ("outlines.json", "planes.obj", "planes.mtl", "planes.ply")
 """What `planewise.results.outlines.write_outlines` writes."""
+
+PICTURES = frozenset(name for name in (*FILES, *CLOUD_FILES) if name.endswith(".png"))
+"""Of these, what is no depth image, though its name is that of one."""
 
 
 def stale_files(folder: Path, own: tuple[str, ...]) -> tuple[str, ...]:
