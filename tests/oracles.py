@@ -76,8 +76,11 @@ def undithered(steps, count, level):
     return 0.5**level * np.clip(2 * np.minimum(steps, count) - count, 0, None)
 
 
-def group_data(m, planes, shared, step, drift, per_metre, error, prior):
-    """Nats of groups on none and on a plane each: columns of moments and of planes with extents."""
+def group_data(m, planes, shared, step, drift, per_metre, error, prior, wavy=1.0):
+    """Nats of groups on none and on a plane each: columns of moments and of planes with extents.
+
+    wavy: what the variances that a group shares are times those of the frame.
+    """
     near, slow, bent, bend, lateral, lean = error
     slope_prior, surface, coordinate = prior
     t0, t1, t2, extent, side = planes
@@ -110,7 +113,7 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior):
     off = mean - (t0 + t1 * cx + t2 * cy)
     chi2 = square + weight * off**2 - 2 * (t1 * xw + t2 * yw)
     chi2 += t1**2 * xx + 2 * t1 * t2 * xy + t2**2 * yy
-    steep = 1 + lateral * (t1**2 + t2**2) / 100**2 * p
+    steep = wavy * (1 + lateral * (t1**2 + t2**2) / 100**2 * p)
     offset = steep * (near * (shared + step) + slow * extent * drift)
     tilt = steep * (bent * shared + bend * drift) + (lean * mean) ** 2
     offset += 0.113 * (lean * mean * side) ** 2

@@ -117,9 +117,10 @@ def test_cells_are_those_of_the_search():
     assert groups.SIDE == cells_module.SIDE
 
 
-@pytest.mark.parametrize("off", [0.0, 1e-3, 0.02])
-def test_nats_of_groups(off):
-    """Readings on their planes, a little off, and so far that they are surfaces of their own.
+@pytest.mark.parametrize("levels", [1, 4])
+@pytest.mark.parametrize("off", [0.0, 1e-3, 5e-3, 0.02])
+def test_nats_of_groups(off, levels):
+    """Readings on their planes, some way off, and so far that they are surfaces of their own.
 
     In the right half they err five times as much as told.
     """
@@ -134,24 +135,33 @@ def test_nats_of_groups(off):
     rng = np.random.default_rng(7)
     table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
     error, prior = (0.8, 0.1, 60.0, 9.0, 0.3, 0.5 * SIGMA), (0.05, 8.0, 9.0)
-    alone, data, white = np.empty((3, moments.shape[1]))
-    worth, saved, leaving = np.full((3, 4), 5.0)
+    alone, white, *data = np.empty((2 + levels, moments.shape[1]))
+    data, worth, level = np.array(data), np.empty((levels, 4)), np.empty(4, np.int64)
+    saved, leaving = np.full((2, 4), 5.0)
     arguments = (*table, 120.0, error, prior)
     total = group_data.group_data(
-        moments, label, first, planes, *arguments, alone, data, white, worth, saved, leaving
+        moments, label, first, planes, *arguments, alone, white, data, level, worth, saved, leaving
     )
     there = np.flatnonzero(moments[COUNT, :end] > 0)
     m, name = moments[:, there], label[there]
-    expected_alone, expected = oracles.group_data(m, planes[:, name], *arguments)
-    expected = np.where(name > 0, expected, expected_alone)
+    on_plane, each = np.array([0, 1, 1, 1]), []
+    for k in range(levels):
+        expected_alone, expected = oracles.group_data(m, planes[:, name], *arguments, 4.0**k)
+        each.append(np.where(name > 0, expected, expected_alone))
+    # The probability of a level is 2^-(k + 1), where there are several.
+    told = np.log(2) * np.arange(1, levels + 1) if levels > 1 else np.zeros(1)
+    shorter = np.array([np.bincount(name, nats - expected_alone, 4) for nats in each])
+    shorter = (shorter + told[:, None]) * on_plane
+    assert_allclose(worth, shorter, rtol=1e-9)
+    assert (level == shorter.argmin(axis=0)).all()
+    assert level.any() == (levels > 1 and off > 1e-3)
+    expected, told = np.array(each)[level[name], np.arange(len(name))], told[level] * on_plane
     assert_allclose(alone[there], expected_alone, rtol=1e-9)
-    assert_allclose(data[there], expected, rtol=1e-9)
-    assert total == pytest.approx(expected.sum(), rel=1e-12)
+    assert_allclose(data[0, there], expected, rtol=1e-9)
+    assert total == pytest.approx(expected.sum() + told.sum(), rel=1e-12)
     assert set(white[there]) >= {1.0, 0.125}
-    shorter = np.bincount(name, expected - expected_alone, 4) * [0, 1, 1, 1]
-    assert_allclose(worth, 5 + shorter, rtol=1e-9)
-    shorter = np.bincount(name, expected - m[COUNT] * prior[2], 4) * [0, 1, 1, 1]
-    assert_allclose(saved, 5 + shorter, rtol=1e-9)
+    shorter = np.bincount(name, expected - m[COUNT] * prior[2], 4) * on_plane
+    assert_allclose(saved, 5 + shorter + told, rtol=1e-9)
     whole = there < first[0]
-    lost = np.bincount(name[whole], (expected_alone - expected)[whole], 4) * [0, 1, 1, 1]
-    assert_allclose(leaving, 5 + lost, rtol=1e-9)
+    lost = np.bincount(name[whole], (expected_alone - expected)[whole], 4) * on_plane
+    assert_allclose(leaving, 5 + lost - told, rtol=1e-9)

@@ -58,6 +58,25 @@ def test_stereo_with_a_smooth_error(corner, noise):
         assert found(model.labels, truth) == 1
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("more", "width"), [(4, 9.0), (5, 6.0), (7, 4.0)])
+def test_a_wall_of_which_a_sensor_errs_more_than_of_others(more, width, seed):
+    """As stereo does where there is little to see: many times as much, smooth over pixels."""
+    camera, shape = pw.PinholeCamera(fx=420, fy=420, cx=319.5, cy=239.5), (480, 640)
+    walls = np.array([[0, -1, 0, 1.1], [-0.7071, 0, -0.7071, 2], [0.7071, 0, -0.7071, 2]])
+    z, truth = render(walls, camera, shape)
+    errors = exact(z, seed)
+    waves = np.where(truth == 2, more, 1) * errors.smooth(width)
+    z = z + z**2 * (0.002 * waves + errors.rng.normal(0, 0.0008, shape))
+    depth, sensor = (1000 * z).astype(np.uint16), pw.Sensor(noise="auto")
+    model = pw.detect_planes(depth, camera, sensor)
+    assert len(model) == 3
+    assert found(model.labels, truth) == 1
+    seen = pw.observe(depth, camera, sensor)
+    phi = pw.information(seen, model.planes, model.labels, objective="spatial")
+    assert phi == pytest.approx(model.information, rel=1e-9)
+
+
 @pytest.mark.parametrize("width", [3.4, 6.0, 8.5])
 def test_walls_at_a_right_angle_stay_apart_where_the_error_is_smooth(width):
     """However long the edge where they meet: each large face has most of a plane of its own."""

@@ -97,8 +97,8 @@ def book(monkeypatch):
 def test_of_planes_that_hardly_pay_those_go_without_which_phi_is_lower(book):
     cost = plane_information(3, 10.0, 0.001)
     worth = -cost * np.array([2.0, 3.0, 0.5, 2.5])  # the third does not pay
-    data = GroupData(0.0, worth, worth.copy(), np.zeros(5))
-    pays = solution._paying(None, data, None, 10.0, 0.001, cost)
+    data = GroupData(0.0, worth, worth, worth, np.zeros(5))
+    pays = solution._paying(None, data, None, 10.0, 0.001, cost, cost)
     # Best first, those that do not pay behind: Phi of the first two is least among these.
     assert book == [[1, 3, 0, 2]]
     assert_array_equal(pays, [False, True, False, True])
@@ -106,8 +106,8 @@ def test_of_planes_that_hardly_pay_those_go_without_which_phi_is_lower(book):
 
 def test_where_all_planes_clearly_pay_no_list_of_them_is_looked_at(book):
     worth = np.full(3, -1e6)
-    data = GroupData(0.0, worth, worth.copy(), np.zeros(4))
-    assert solution._paying(None, data, None, 10.0, 0.001, 100.0).all()
+    data = GroupData(0.0, worth, worth, worth, np.zeros(4))
+    assert solution._paying(None, data, None, 10.0, 0.001, 100.0, 100.0).all()
     assert not book
 
 
@@ -163,3 +163,10 @@ def test_what_lies_amid_folds_is_one_of_them():
     # What is larger than any of them is no piece of theirs.
     size[3] = 200
     assert np.flatnonzero(folds._with_pieces(bent, size, shared)).tolist() == [1, 2]
+
+
+def test_planes_that_err_by_more_than_their_frame_have_to_save_more(book):
+    worth, even = -np.array([1e6, 1e6, 1e3, 1e3]), -np.array([200.0, 50.0, 200.0, 50.0])
+    data = GroupData(0.0, worth, even, worth, np.zeros(5))
+    pays = solution._paying(None, data, None, 10.0, 0.001, 100.0, 2e3)
+    assert_array_equal(pays, [True, True, True, False])

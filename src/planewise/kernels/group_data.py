@@ -3,6 +3,9 @@
 The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, which takes
 (k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
 
+So are, where there are levels for them, the variances of what the groups of a plane share: 4^k
+times the frame's, the best k for all of the plane's groups. A sensor errs more on some surfaces.
+
 Where steps are coarser than the noise readings only tell which one a surface is in: chi^2 about any
 is not below what undithered quantisation makes of it. Else terraces, which it makes of a plane,
 would be shorter as surfaces of their own.
@@ -24,7 +27,7 @@ from planewise.kernels.walk import PLANE_RESIDUAL
 
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
 _LN2 = math.log(2.0)
-_BATCH = 200  # groups at once; columns a power of 2 apart share lines of the cache
+_BATCH = 120  # groups at once: all fit the fastest cache, where powers of 2 share lines
 
 
 @inlined
@@ -79,8 +82,8 @@ def _on_none(smooth, count, prior):  # type: ignore[no-untyped-def]
 
 @compiled
 def group_data(  # type: ignore[no-untyped-def]
-    moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, data,
-    white, worth, saved, leaving,
+    moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, white,
+    data, level, worth, saved, leaving,
 ):  # fmt: skip
     """Nats of every group on none and as labelled.
 
@@ -90,22 +93,26 @@ def group_data(  # type: ignore[no-untyped-def]
     between. error: factors of shared and of slow variance of a group's offset, of both of its tilt,
     the lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
 
-    Writes alone and data (.), and white (.): its readings' precision, times the frame's. Adds to
-    worth (N + 1,) data - alone, to saved (N + 1,) data less what readings take that may be anything
-    at all, and to leaving (N + 1,) what blocks that are all on a plane have more without it.
-    Returns the sum of data.
+    Writes alone (.), white (.): its readings' precision, times the frame's, and level (N + 1,): k
+    of every label, best of as many as data (levels, .) and worth (levels, N + 1) have rows; to the
+    first row of data what the group takes under it, and to each of worth what all of the label's
+    take more than on none. Adds to saved (N + 1,) data less what readings take that may be anything
+    at all, and to leaving (N + 1,) what blocks that are all on a plane have more without it. Where
+    there are several levels, (k + 1) ln 2 is added to all of these. Returns the sum of data.
     """
-    blocks, groups = first[0], first[-1]
+    blocks, groups, levels = first[0], first[-1], data.shape[0]
     near, slow, bent, bend, lateral, lean = error
     last = np.float64(shared.size - 2)
+    for k in range(levels):
+        for j in range(level.size):
+            worth[k, j] = _LN2 * (k + 1.0) if levels > 1 and j > 0 else 0.0
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
-    work = np.empty((25, _BATCH))
+    work = np.empty((27, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
     m6, m7, m8, m9, count, norm = work[6], work[7], work[8], work[9], work[10], work[11]
     t0, t1, t2, extent, common, fine = work[12], work[13], work[14], work[15], work[16], work[17]
     wander, smooth, spread, fitted, turned = work[18], work[19], work[20], work[21], work[22]
-    precision, side = work[23], work[24]
-    total = 0.0
+    precision, side, flat, least = work[23], work[24], work[25], work[26]
     for start in range(0, groups, _BATCH):
         stop = min(start + _BATCH, groups)
         n = stop - start
@@ -128,48 +135,83 @@ def group_data(  # type: ignore[no-untyped-def]
             xw, yw = m7[k] - cx * m6[k], m8[k] - cy * m6[k]
             square = m9[k] - mean * m6[k]
             slopes = prior[0] * mean * mean
-            level, smooth[k], spread[k] = _about_surface(
+            loud, smooth[k], spread[k] = _about_surface(
                 slopes, square, xx, xy, yy, xw, yw, count[k]
             )
-            precision[k] = own = power_of_two(-level)
-            least = own * _undithered(m0[k] * fine[k], count[k])
-            smooth[k] = max(smooth[k], least)
-            norm[k] += _level_nats(level, count[k])
+            precision[k] = own = power_of_two(-loud)
+            least[k] = own * _undithered(m0[k] * fine[k], count[k])
+            smooth[k] = max(smooth[k], least[k])
+            norm[k] += _level_nats(loud, count[k])
 
+            # About the plane: variances of offset and tilt, and moments, in place of what they are
+            # made of.
             a, b = t1[k], t2[k]
             off = mean - (t0[k] + a * cx + b * cy)
             steep = 1.0 + lateral * (a * a + b * b) / (UNIT * UNIT) * m0[k] / count[k]
             leaning = lean * lean * mean * mean
             offset = steep * (near * (common[k] + fine[k]) + slow * extent[k] * wander[k])
-            offset += PLANE_RESIDUAL * leaning * side[k] * side[k]
-            tilt = steep * (bent * common[k] + bend * wander[k]) + leaning
-            # chi^2 about the plane: the part that an offset explains apart
+            tilt = steep * (bent * common[k] + bend * wander[k])
+            common[k], wander[k], flat[k] = offset, tilt, leaning
+            side[k] = PLANE_RESIDUAL * leaning * side[k] * side[k]
             square += a * a * xx + 2.0 * a * b * xy + b * b * yy - 2.0 * (a * xw + b * yw)
-            xw, yw = own * (xw - a * xx - b * xy), own * (yw - a * xy - b * yy)
-            square, xx, xy, yy = own * square, own * xx, own * xy, own * yy
-            chi2, determinant = _without_slopes(tilt, square, xx, xy, yy, xw, yw)
-            wide = 1.0 + offset * own * m0[k]
-            fitted[k] = max(chi2 + own * m0[k] * off * off / wide, least)
-            turned[k] = determinant * wide
+            m7[k], m8[k] = own * (xw - a * xx - b * xy), own * (yw - a * xy - b * yy)
+            m9[k], m3[k], m4[k], m5[k] = own * square, own * xx, own * xy, own * yy
+            m0[k] *= own
+            m6[k] = m0[k] * off * off
         for k in range(n):
             smooth[k] = 0.5 * (smooth[k] + logarithm(spread[k])) + norm[k]
-            fitted[k] = 0.5 * (fitted[k] + logarithm(turned[k])) + norm[k]
         for k in range(n):
-            g, j = start + k, label[start + k]
+            g = start + k
             white[g] = precision[k]
-            if not count[k] > 0.0:
-                alone[g] = data[g] = 0.0
-                continue
-            nats = _on_none(smooth[k], count[k], prior)
-            alone[g] = nats
-            if j > 0:
-                nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
-                worth[j] += nats - alone[g]
-                saved[j] += nats - count[k] * prior[2]
-                if g < blocks:
-                    leaving[j] += alone[g] - nats
-            data[g] = nats
-            total += nats
+            alone[g] = _on_none(smooth[k], count[k], prior) if count[k] > 0.0 else 0.0
+        for v in range(levels):
+            wavy = power_of_two(np.int64(2 * v))
+            for k in range(n):
+                # chi^2 about the plane: the part that an offset explains apart
+                chi2, determinant = _without_slopes(
+                    wavy * wander[k] + flat[k], m9[k], m3[k], m4[k], m5[k], m7[k], m8[k]
+                )
+                wide = 1.0 + (wavy * common[k] + side[k]) * m0[k]
+                fitted[k] = max(chi2 + m6[k] / wide, least[k])
+                turned[k] = determinant * wide
+            for k in range(n):
+                fitted[k] = 0.5 * (fitted[k] + logarithm(turned[k])) + norm[k]
+            for k in range(n):
+                g, j = start + k, label[start + k]
+                nats = alone[g]
+                if j > 0 and count[k] > 0.0:
+                    nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
+                    worth[v, j] += nats - alone[g]
+                data[v, g] = nats
+    return _chosen(moments, label, blocks, groups, prior, alone, data, level, worth, saved, leaving)
+
+
+@internal
+def _chosen(  # type: ignore[no-untyped-def]
+    moments, label, blocks, groups, prior, alone, data, level, worth, saved, leaving
+):
+    """The rest of `group_data`: levels, and what follows from them."""
+    total = 0.0
+    for j in range(level.size):
+        best = 0
+        for v in range(1, data.shape[0]):
+            if worth[v, j] < worth[best, j]:
+                best = v
+        level[j] = best
+        if j > 0 and data.shape[0] > 1:
+            paid = _LN2 * (level[j] + 1.0)
+            saved[j] += paid
+            leaving[j] -= paid
+            total += paid
+    for g in range(groups):
+        j, count = label[g], moments[COUNT, g]
+        nats = data[level[j], g]
+        data[0, g] = nats
+        total += nats
+        if j > 0 and count > 0.0:
+            saved[j] += nats - count * prior[2]
+            if g < blocks:
+                leaving[j] += alone[g] - nats
     return total
 
 

@@ -16,7 +16,7 @@ _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
 
 @compiled
 def refit_sums(  # type: ignore[no-untyped-def]
-    moments, label, planes, shared, step, drift, per_metre, error, anything, alone, data, white,
+    moments, label, planes, shared, step, drift, per_metre, error, anything, alone, white, data,
     sums,
 ):  # fmt: skip
     """Information of the groups of every label on its plane, random effects integrated out.

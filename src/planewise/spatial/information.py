@@ -7,7 +7,8 @@ data are normal with the white variance of each reading, times a power of two th
 own (`kernels.group_data`), chi^2 not below what undithered quantisation makes of it, and
 
 - on a plane, with a random offset and tilt that the whole group shares: the marginal likelihood
-  with these integrated out, their variances those at the group's mean inverse depth,
+  with these integrated out, their variances those at the group's mean inverse depth and, where
+  the error drifts, times 4^k, k = 0 ... 3, which is the plane's own and takes (k + 1) ln 2 nats,
 - on none, on a smooth surface whose depth there takes ln(R / eps) nats and whose slopes are drawn
   from a broad prior,
 - in either case anything at all where that is shorter, ln(R / eps) nats a reading; ln 2 says which.
@@ -22,7 +23,7 @@ Both are closed forms of the group's moments. The mask is the adaptive code of `
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -46,6 +47,8 @@ Array = NDArray[np.float64]
 
 _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _FEW = 4  # groups of a block with several, as a rule
+_LEVELS = 4  # of what the groups of a plane share
+_DRIFTING = 0.5  # of frames whose planes have several
 MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
 
@@ -79,20 +82,22 @@ class GroupData:
     ----------
     total : float
         All of them.
-    worth, saved : ndarray, shape (N,)
-        By plane: what its groups take on it less what on none, and less what as anything at all.
+    worth, even, saved : ndarray, shape (N,)
+        By plane: what its groups take on it less what on none, as it is and if k were 0 for all
+        planes, and less what as anything at all.
     leaving : ndarray, shape (N K + 1,)
         By label: what groups in blocks with that label alone take more without it.
     """
 
     total: float
     worth: Array
+    even: Array
     saved: Array
     leaving: Array
 
     def copy(self) -> GroupData:
         """One more of the same, to be used up."""
-        return GroupData(self.total, self.worth, self.saved, self.leaving.copy())
+        return replace(self, leaving=self.leaving.copy())
 
 
 @dataclass(frozen=True)
@@ -117,9 +122,11 @@ class Groups:
         Readings of a plane whose drift is twice as large, as in `FrameError`.
     wild : float
         Nats of readings that are in no group, as in `Frame`.
-    nats : ndarray, shape (3, groups)
-        Room for the nats of every group on none and as labelled, and for the precision of its
-        readings, times the frame's.
+    levels : int
+        Of what the groups of a plane share, in Phi.
+    nats : ndarray, shape (2 + levels, groups)
+        Room for the nats of every group on none, for the precision of its readings, times the
+        frame's, and for its nats as labelled, of every level.
     """
 
     moments: Array
@@ -132,6 +139,7 @@ class Groups:
     prior: tuple[float, ...]
     distorted: float
     wild: float
+    levels: int
     nats: Array
 
     def planes(self, affine: Array) -> Array:
@@ -151,17 +159,23 @@ class Groups:
         widths[0, 1:] = widths[1, 1:] * (1.0 + count / self.distorted)
         return widths
 
-    def data(self, affine: Array) -> GroupData:
-        """What the groups take on planes, shape (N K, 3); overwrites `nats`."""
-        worth, saved, leaving = np.zeros((3, len(affine) + 1))
+    def data(self, affine: Array, levels: int = 1) -> GroupData:
+        """What the groups take on planes, shape (N K, 3); overwrites `nats`.
+
+        levels: of what the groups of a plane share, the best one for each.
+        """
+        saved, leaving = np.zeros((2, len(affine) + 1))
         shared, step, drift, per_metre = self.table
-        alone, data, white = self.nats
+        alone, white, data = self.nats[0], self.nats[1], self.nats[2 : 2 + levels]
+        worth, level = np.empty((levels, len(saved))), np.empty(len(saved), np.int64)
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
-            per_metre, self.sizes, self.prior, alone, data, white, worth, saved, leaving,
+            per_metre, self.sizes, self.prior, alone, white, data, level, worth, saved, leaving,
         )  # fmt: skip
         by_plane = self.sectors.summed
-        return GroupData(total, by_plane(worth[1:]), by_plane(saved[1:]), leaving)
+        even = by_plane(worth[0, 1:])
+        mine = even if levels == 1 else worth.min(axis=0)[1:]  # in one sector
+        return GroupData(total, mine, even, by_plane(saved[1:]), leaving)
 
 
 def ledger(
@@ -199,7 +213,8 @@ def ledger(
     """
     mask = np.ascontiguousarray(labels, np.uint16)
     groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
-    return book_of(groups, groups.data(affine), mask_of(frame, mask), range, resolution)
+    data = groups.data(affine, groups.levels)
+    return book_of(groups, data, mask_of(frame, mask), range, resolution)
 
 
 def information_of_rows(
@@ -246,7 +261,7 @@ def book_of(
     _, step, _, per_metre = groups.table
     loops.groups_left(
         groups.moments, groups.label, groups.first, place, step, per_metre, groups.prior,
-        groups.nats[1], leaving,
+        groups.nats[2], leaving,
     )  # fmt: skip
     curve = np.full(planes + 1, data.total + groups.wild)
     # Planes are taken away from the last on.
@@ -345,6 +360,7 @@ def groups_of(
     # Of a surface about which nothing is known, inclined by about 1.
     slopes = kernels.UNIT**2 * pixel_size[0] * pixel_size[1]
     table = frame.table
+    levels = _LEVELS if error.drifting > _DRIFTING and frame.sectors.count == 1 else 1
     return Groups(
         moments=moments,
         label=label,
@@ -356,7 +372,8 @@ def groups_of(
         prior=(slopes, _SURFACE * coordinate, coordinate),
         distorted=error.distorted,
         wild=frame.wild,
-        nats=workspace.empty((3, moments.shape[1])),
+        levels=levels,
+        nats=workspace.empty((2 + levels, moments.shape[1])),
     )
 
 

@@ -38,10 +38,10 @@ def refitted(groups: Groups, affine: Array, before: GroupData) -> tuple[Array, G
     """
     sums = np.empty((len(affine) + 1, 9))
     shared, step, drift, per_metre = groups.table
-    alone, nats, white = groups.nats
+    alone, white, nats = groups.nats[:3]
     refit_sums(
         groups.moments, groups.label[: groups.first[-1]], groups.planes(affine), shared, step,
-        drift, per_metre, groups.sizes, groups.prior[2], alone, nats, white, sums,
+        drift, per_metre, groups.sizes, groups.prior[2], alone, white, nats, sums,
     )  # fmt: skip
     rows = groups.sectors.together(sums[1:])
     told = _told(rows)

@@ -198,6 +198,8 @@ def judged(
         affine = found.affine
         if not paid:
             affine, data = refitted(groups, affine, data)
+        if groups.levels > 1:
+            data = groups.data(affine, groups.levels)
     mask = masks[0]
     if place is not None:
         mask = mask.renamed(place)
@@ -212,7 +214,7 @@ def judged(
     with threads.beside(correlate):
         error = FrameError() if cells is None else cells.error
         least = price_of_planes(_PAID if paid else _LEAST, error, frame.sectors, cost)
-        pays = _paying(groups, data, mask, *limits, least)
+        pays = _paying(groups, data, mask, *limits, least, least if paid else _SURE * least)
         order = np.lexsort((data.saved, ~pays))
         book = book_of(groups, data, mask, *limits, order)
     if correlation:
@@ -232,12 +234,14 @@ def _paying(
     range: float,
     resolution: float,
     least: float,
+    own: float,
 ) -> NDArray[np.bool_]:
     """Which planes have readings that are clearly shorter on them, and a lower Phi with them.
 
-    least: nats that the readings of each have to be shorter by.
+    least: nats that the readings of each have to be shorter by; own: the same of a plane that
+    errs by more than its frame, as small pieces of what is curved would.
     """
-    pays = np.asarray(data.worth < -least)
+    pays = (data.even < -least) | (data.worth < -own)
     if (data.worth[pays] > -_SURE * least).any():
         # Phi is lower without some of these, maybe: the last of them by worth.
         order = np.lexsort((data.worth, ~pays))
