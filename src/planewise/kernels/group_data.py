@@ -83,7 +83,7 @@ def _on_none(smooth, count, prior):  # type: ignore[no-untyped-def]
 @compiled
 def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, white,
-    data, level, worth, saved, leaving,
+    data, worth, saved, leaving,
 ):  # fmt: skip
     """Nats of every group on none and as labelled.
 
@@ -93,19 +93,19 @@ def group_data(  # type: ignore[no-untyped-def]
     between. error: factors of shared and of slow variance of a group's offset, of both of its tilt,
     the lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
 
-    Writes alone (.), white (.): its readings' precision, times the frame's, and level (N + 1,): k
-    of every label, best of as many as data (levels, .) and worth (levels, N + 1) have rows; to the
-    first row of data what the group takes under it, and to each of worth what all of the label's
-    take more than on none. Adds to saved (N + 1,) data less what readings take that may be anything
-    at all, and to leaving (N + 1,) what blocks that are all on a plane have more without it. Where
-    there are several levels, (k + 1) ln 2 is added to all of these. Returns the sum of data.
+    Writes alone (.), white (.): its readings' precision, times the frame's, and to the first row of
+    data (levels, .) what the group takes as labelled, with the best level of its label; to every
+    row of worth (levels, N + 1) what all groups of a label take more than on none with that level.
+    Adds to saved (N + 1,) data less what readings take that may be anything at all, and to leaving
+    (N + 1,) what blocks that are all on a plane have more without it. Where there are several
+    levels, what the level takes is part of all these. Returns the sum of data.
     """
     blocks, groups, levels = first[0], first[-1], data.shape[0]
     near, slow, bent, bend, lateral, lean = error
     last = np.float64(shared.size - 2)
-    for k in range(levels):
-        for j in range(level.size):
-            worth[k, j] = _LN2 * (k + 1.0) if levels > 1 and j > 0 else 0.0
+    for v in range(levels):
+        for j in range(worth.shape[1]):
+            worth[v, j] = _LN2 * (v + 1.0) if levels > 1 and j > 0 else 0.0
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
     work = np.empty((27, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
@@ -183,15 +183,15 @@ def group_data(  # type: ignore[no-untyped-def]
                     nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
                     worth[v, j] += nats - alone[g]
                 data[v, g] = nats
-    return _chosen(moments, label, blocks, groups, prior, alone, data, level, worth, saved, leaving)
+    return _chosen(moments, label, blocks, groups, prior, alone, data, worth, saved, leaving)
 
 
 @internal
 def _chosen(  # type: ignore[no-untyped-def]
-    moments, label, blocks, groups, prior, alone, data, level, worth, saved, leaving
+    moments, label, blocks, groups, prior, alone, data, worth, saved, leaving
 ):
     """The rest of `group_data`: levels, and what follows from them."""
-    total = 0.0
+    total, level = 0.0, np.empty(worth.shape[1], np.int64)
     for j in range(level.size):
         best = 0
         for v in range(1, data.shape[0]):

@@ -167,10 +167,10 @@ class Groups:
         saved, leaving = np.zeros((2, len(affine) + 1))
         shared, step, drift, per_metre = self.table
         alone, white, data = self.nats[0], self.nats[1], self.nats[2 : 2 + levels]
-        worth, level = np.empty((levels, len(saved))), np.empty(len(saved), np.int64)
+        worth = np.empty((levels, len(saved)))
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
-            per_metre, self.sizes, self.prior, alone, white, data, level, worth, saved, leaving,
+            per_metre, self.sizes, self.prior, alone, white, data, worth, saved, leaving,
         )  # fmt: skip
         by_plane = self.sectors.summed
         even = by_plane(worth[0, 1:])
