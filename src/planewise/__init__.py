@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from planewise.detect_in_cloud import detect_planes_in_cloud
     from planewise.files.cloud import open_cloud, read_cloud
     from planewise.options import Options
+    from planewise.organised import image_of_points
     from planewise.outlines.cloud import outline_points
     from planewise.outlines.image import outline_image
     from planewise.paper.reassign import NormalReassignment
@@ -72,6 +73,7 @@ __all__ = [
     "estimate_cloud_noise",
     "estimate_noise",
     "find",
+    "image_of_points",
     "information",
     "metrics",
     "noise",
@@ -97,6 +99,7 @@ _LAZY = {
     **dict.fromkeys(("CloudNoise", "estimate_cloud_noise"), "clouds.noise"),
     "PointCloud": "point_cloud",
     **dict.fromkeys(("open_cloud", "read_cloud"), "files.cloud"),
+    "image_of_points": "organised",
     "outline_image": "outlines.image",
     "outline_points": "outlines.cloud",
     "detect_planes_in_cloud": "detect_in_cloud",

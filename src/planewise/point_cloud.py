@@ -161,6 +161,9 @@ class CloudFile:
         Where the scanner stood, relative to `offset`.
     unit : str
         What its coordinates are in, where it says so and that is not metres throughout; else empty.
+    shape : (height, width), optional
+        Of the image whose pixels its points are, row by row (`planewise.image_of_points`); ``None``
+        where the file states none.
     """
 
     path: Path
@@ -170,6 +173,7 @@ class CloudFile:
     bounds: Array | None = None
     origins: Array | None = None
     unit: str = ""
+    shape: tuple[int, int] | None = None
 
     def chunks(self, size: int = BLOCK) -> Iterator[PointCloud]:
         """Read the file in blocks; no more than one is held in memory.

@@ -51,7 +51,8 @@ def detect(
         typer.Argument(
             metavar="DEPTH",
             show_default=False,
-            help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them.",
+            help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them; or "
+            "organised points (PCD), which tell their camera.",
         ),
     ],
     output: Output,

@@ -27,6 +27,7 @@ from planewise.files.result_names import CLOUD_FILES, LAS_FILES, OUTLINE_FILES, 
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
+from planewise.organised import image_of_points
 from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
 from planewise.sensor import Sensor
@@ -183,6 +184,20 @@ def points(
                 "which was taken instead; volumes of points, such as crowns, look like this, too"
             )
         terminal.show_summary(model, seconds, output)
+        if file.shape and not tile_points and _is_image(read, file.shape):
+            terminal.say(
+                f"{cloud.name} holds the points of one depth image: 'planewise detect' takes it "
+                "as that image, and tells its planes better"
+            )
+
+
+def _is_image(cloud: PointCloud, shape: tuple[int, int]) -> bool:
+    """Whether organised points lie on the rays of a pinhole camera."""
+    try:
+        image_of_points(cloud.coordinates.reshape(*shape, 3))
+    except ValueError:
+        return False
+    return True
 
 
 def _noise(text: str) -> float | Auto:

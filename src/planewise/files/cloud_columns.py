@@ -58,6 +58,7 @@ def cloud_file(
     count: int | None,
     tables: Callable[[int], Iterator[Mapping[str, Column]]],
     origin: Array | None = None,
+    shape: tuple[int, int] | None = None,
 ) -> CloudFile:
     """Make a cloud file of named columns; its first points tell its offset and range of colours.
 
@@ -71,6 +72,8 @@ def cloud_file(
         Reads the file from its beginning in blocks of so many points.
     origin : ndarray, shape (3,), optional
         Where the scanner stood.
+    shape : (height, width), optional
+        Of the image that the points are of.
     """
     offset, full = np.zeros(3), None
     head = None if count == 0 else next(tables(LOOK), None)
@@ -84,7 +87,9 @@ def cloud_file(
         for columns in tables(size):
             yield cloud_of(columns, offset, origins, full)
 
-    return CloudFile(path=path, count=count, offset=offset, origins=origins, blocks=blocks)
+    return CloudFile(
+        path=path, count=count, offset=offset, origins=origins, blocks=blocks, shape=shape
+    )
 
 
 def cloud_of(

@@ -1,4 +1,4 @@
-"""Read depth images from files: PNG, TIFF, PGM, NumPy and OpenEXR.
+"""Read depth images from files: PNG, TIFF, PGM, NumPy, OpenEXR and organised PCD.
 
 Integer depth stays integer (its unit is a matter of the sensor); floating-point depth is in metres.
 Files are not trusted: what they claim to hold is checked before it is unpacked, and nothing in them
@@ -24,8 +24,10 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
+from planewise.files.pcd import open_pcd
 from planewise.files.result_names import PARAMETERS, PICTURES
 from planewise.foreign_warnings import without_warnings
+from planewise.organised import image_of_points
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PILImage
@@ -79,7 +81,8 @@ def read_depth(path: str | Path) -> DepthFile:
         A 16-bit or floating-point image (``.png``, ``.tif``, ``.tiff``, ``.pgm``, ``.exr``),
         an array (``.npy``), or an archive (``.npz``) with the key ``depth``, or with one array
         only. An archive may also hold ``depth_scale`` (metres per unit), ``K`` (fx, fy, cx, cy or a
-        3 x 3 matrix) and ``rgb``.
+        3 x 3 matrix) and ``rgb``. Or organised points (``.pcd`` with a HEIGHT), whose camera they
+        tell (`planewise.image_of_points`).
 
     Returns
     -------
@@ -89,7 +92,8 @@ def read_depth(path: str | Path) -> DepthFile:
     Raises
     ------
     PlanewiseError
-        If the file is missing, damaged, too large, 8-bit, in colour, or not a depth image.
+        If the file is missing, damaged, too large, 8-bit, in colour, or not a depth image; or
+        points that are not organised, or lie on the rays of no pinhole camera.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
@@ -105,8 +109,8 @@ def read_depth(path: str | Path) -> DepthFile:
 
 
 def is_depth_file(path: Path) -> bool:
-    """Whether the name is that of a file `read_depth` can open."""
-    return path.suffix.lower() in _READERS and not path.name.startswith(".")
+    """Whether the name is that of a depth image in a folder of them."""
+    return path.suffix.lower() in _IMAGES and not path.name.startswith(".")
 
 
 def without_results(paths: Iterable[Path]) -> list[Path]:
@@ -132,7 +136,7 @@ def list_depth_files(folder: str | Path) -> list[Path]:
     paths = without_results(folder.iterdir())
     files = [path for path in paths if is_depth_file(path) and not path.is_dir()]
     if not files:
-        known = ", ".join(sorted(_READERS))
+        known = ", ".join(sorted(_IMAGES))
         raise PlanewiseError(f"depth: the folder {folder} holds no depth files ({known})")
     return sorted(files, key=natural_order)
 
@@ -329,7 +333,24 @@ def _read_exr(path: Path) -> DepthFile:
     return DepthFile(depth=_check_array(depth.astype(np.float32)))
 
 
-_READERS: dict[str, Callable[[Path], DepthFile]] = {
+def _read_pcd(path: Path) -> DepthFile:
+    file = open_pcd(path)
+    if file.shape is None:
+        raise PlanewiseError(
+            "holds points that are no image: its HEIGHT or WIDTH is 1; 'planewise points' takes it"
+        )
+    pixels = math.prod(file.shape)
+    check_size(pixels)
+    (cloud,) = file.blocks(pixels)
+    try:
+        image = image_of_points(cloud.coordinates.reshape(*file.shape, 3))
+    except ValueError as error:
+        raise PlanewiseError(f"is no depth image; {error}") from None
+    rgb = None if cloud.colour is None else cloud.colour.reshape(*file.shape, 3)
+    return DepthFile(depth=image.depth, camera=image.camera, rgb=rgb)
+
+
+_IMAGES: dict[str, Callable[[Path], DepthFile]] = {
     ".png": _read_picture,
     ".tif": _read_picture,
     ".tiff": _read_picture,
@@ -338,3 +359,5 @@ _READERS: dict[str, Callable[[Path], DepthFile]] = {
     ".npz": _read_npz,
     ".exr": _read_exr,
 }
+# Clouds lie beside the depth images they were made of, and would be frames once more.
+_READERS = {**_IMAGES, ".pcd": _read_pcd}

@@ -23,12 +23,16 @@ _LARGEST_RATIO = 132  # LZF writes at most 264 bytes for two
 
 @dataclass(frozen=True, kw_only=True)
 class _Header:
-    """Field names (some ``_``, padding), their types and counts; points and where they begin."""
+    """Field names (some ``_``, padding), their types and counts; points and where they begin.
+
+    Organised points have the shape of their image.
+    """
 
     fields: list[str]
     kinds: list[str]
     counts: list[int]
     points: int
+    shape: tuple[int, int] | None
     encoding: str
     start: int
     origin: Array | None
@@ -61,7 +65,7 @@ def open_pcd(path: Path) -> CloudFile:
     width = 2 * sum(header.counts) if header.encoding == "ascii" else header.row.itemsize
     if header.encoding != "binary_compressed":
         check_length(path, header.start, header.points, width)
-    return cloud_file(path, header.points, tables, header.origin)
+    return cloud_file(path, header.points, tables, header.origin, header.shape)
 
 
 def _columns(header: _Header, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
@@ -178,6 +182,7 @@ def _read_header(path: Path) -> _Header:
         kinds=[t.lower() + str(size) for t, size in zip(types, sizes, strict=True)],
         counts=counts,
         points=points,
+        shape=(height, width) if min(height, width) > 1 else None,
         encoding=encoding,
         start=start,
         origin=_origin(found.get("VIEWPOINT", [])),
