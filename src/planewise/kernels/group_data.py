@@ -3,8 +3,8 @@
 The white variance of a group is its own: 2^k times the frame's, k = 0 ... 20, which takes
 (k + 1) ln 2 nats. k is the best for a smooth surface, whatever the label says.
 
-So are, where there are levels for them, the variances of what the groups of a plane share: 4^k
-times the frame's, the best k for all of the plane's groups. A sensor errs more on some surfaces.
+So are, where there are levels of them, the variances of what the groups of a plane share: 4^k times
+the frame's. A sensor errs more on some surfaces.
 
 Where steps are coarser than the noise readings only tell which one a surface is in: chi^2 about any
 is not below what undithered quantisation makes of it. Else terraces, which it makes of a plane,
@@ -85,7 +85,7 @@ def group_data(  # type: ignore[no-untyped-def]
     moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, white,
     data, worth, saved, leaving,
 ):  # fmt: skip
-    """Nats of every group on none and as labelled.
+    """Nats of every group on none, and as labelled at levels k = 0, 1 ... of its plane.
 
     moments (12, .), label (.), first (.): `kernels.groups`; planes (5, N + 1): t0, t1, t2 of every
     label, the side of a square as large as the plane, in units of 100 pixels, longer by distortion,
@@ -93,26 +93,21 @@ def group_data(  # type: ignore[no-untyped-def]
     between. error: factors of shared and of slow variance of a group's offset, of both of its tilt,
     the lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
 
-    Writes alone (.), white (.): its readings' precision, times the frame's, and to the first row of
-    data (levels, .) what the group takes as labelled, with the best level of its label; to every
-    row of worth (levels, N + 1) what all groups of a label take more than on none with that level.
-    Adds to saved (N + 1,) data less what readings take that may be anything at all, and to leaving
-    (N + 1,) what blocks that are all on a plane have more without it. Where there are several
-    levels, what the level takes is part of all these. Returns the sum of data.
+    Writes alone (.), white (.): its readings' precision, times the frame's, and data (levels, .).
+    Adds to worth (levels, N + 1) data - alone and, of the first level, to saved (N + 1,) data less
+    what readings take that may be anything at all, and to leaving (N + 1,) what blocks that are all
+    on a plane have more without it. Returns the sum of data of the first level.
     """
     blocks, groups, levels = first[0], first[-1], data.shape[0]
     near, slow, bent, bend, lateral, lean = error
-    last = np.float64(shared.size - 2)
-    for v in range(levels):
-        for j in range(worth.shape[1]):
-            worth[v, j] = _LN2 * (v + 1.0) if levels > 1 and j > 0 else 0.0
+    last, total = np.float64(shared.size - 2), 0.0
     # One piece of memory: then no row of it can hide behind another, and loops are vector code.
-    work = np.empty((27, _BATCH))
+    work = np.empty((26, _BATCH))
     m0, m1, m2, m3, m4, m5 = work[0], work[1], work[2], work[3], work[4], work[5]
     m6, m7, m8, m9, count, norm = work[6], work[7], work[8], work[9], work[10], work[11]
     t0, t1, t2, extent, common, fine = work[12], work[13], work[14], work[15], work[16], work[17]
-    wander, smooth, spread, fitted, turned = work[18], work[19], work[20], work[21], work[22]
-    precision, side, flat, least = work[23], work[24], work[25], work[26]
+    wander, smooth, spread, fitted, precision = work[18], work[19], work[20], work[21], work[22]
+    side, flat, least = work[23], work[24], work[25]
     for start in range(0, groups, _BATCH):
         stop = min(start + _BATCH, groups)
         n = stop - start
@@ -159,10 +154,9 @@ def group_data(  # type: ignore[no-untyped-def]
             m0[k] *= own
             m6[k] = m0[k] * off * off
         for k in range(n):
-            smooth[k] = 0.5 * (smooth[k] + logarithm(spread[k])) + norm[k]
-        for k in range(n):
             g = start + k
             white[g] = precision[k]
+            smooth[k] = 0.5 * (smooth[k] + logarithm(spread[k])) + norm[k]
             alone[g] = _on_none(smooth[k], count[k], prior) if count[k] > 0.0 else 0.0
         for v in range(levels):
             wavy = power_of_two(np.int64(2 * v))
@@ -172,46 +166,21 @@ def group_data(  # type: ignore[no-untyped-def]
                     wavy * wander[k] + flat[k], m9[k], m3[k], m4[k], m5[k], m7[k], m8[k]
                 )
                 wide = 1.0 + (wavy * common[k] + side[k]) * m0[k]
-                fitted[k] = max(chi2 + m6[k] / wide, least[k])
-                turned[k] = determinant * wide
-            for k in range(n):
-                fitted[k] = 0.5 * (fitted[k] + logarithm(turned[k])) + norm[k]
+                chi2 = max(chi2 + m6[k] / wide, least[k])
+                fitted[k] = 0.5 * (chi2 + logarithm(determinant * wide)) + norm[k]
             for k in range(n):
                 g, j = start + k, label[start + k]
                 nats = alone[g]
                 if j > 0 and count[k] > 0.0:
                     nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
                     worth[v, j] += nats - alone[g]
+                    if v == 0:
+                        saved[j] += nats - count[k] * prior[2]
+                        if g < blocks:
+                            leaving[j] += alone[g] - nats
                 data[v, g] = nats
-    return _chosen(moments, label, blocks, groups, prior, alone, data, worth, saved, leaving)
-
-
-@internal
-def _chosen(  # type: ignore[no-untyped-def]
-    moments, label, blocks, groups, prior, alone, data, worth, saved, leaving
-):
-    """The rest of `group_data`: levels, and what follows from them."""
-    total, level = 0.0, np.empty(worth.shape[1], np.int64)
-    for j in range(level.size):
-        best = 0
-        for v in range(1, data.shape[0]):
-            if worth[v, j] < worth[best, j]:
-                best = v
-        level[j] = best
-        if j > 0 and data.shape[0] > 1:
-            paid = _LN2 * (level[j] + 1.0)
-            saved[j] += paid
-            leaving[j] -= paid
-            total += paid
-    for g in range(groups):
-        j, count = label[g], moments[COUNT, g]
-        nats = data[level[j], g]
-        data[0, g] = nats
-        total += nats
-        if j > 0 and count > 0.0:
-            saved[j] += nats - count * prior[2]
-            if g < blocks:
-                leaving[j] += alone[g] - nats
+                if v == 0:
+                    total += nats
     return total
 
 

@@ -23,6 +23,7 @@ Both are closed forms of the group's moments. The mask is the adaptive code of `
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -49,6 +50,7 @@ _SURFACE = 1.0  # times ln(R / eps): what the depth of a smooth surface takes
 _FEW = 4  # groups of a block with several, as a rule
 _LEVELS = 4  # of what the groups of a plane share
 _DRIFTING = 0.5  # of frames whose planes have several
+_LN2 = math.log(2)
 MOST_LABELS = np.iinfo(np.uint16).max - 1  # the last one stands for no reading (`kernels`)
 
 
@@ -167,15 +169,28 @@ class Groups:
         saved, leaving = np.zeros((2, len(affine) + 1))
         shared, step, drift, per_metre = self.table
         alone, white, data = self.nats[0], self.nats[1], self.nats[2 : 2 + levels]
-        worth = np.empty((levels, len(saved)))
+        worth = np.zeros((levels, len(saved)))
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
             per_metre, self.sizes, self.prior, alone, white, data, worth, saved, leaving,
         )  # fmt: skip
+        even = best = worth[0]
+        if levels > 1:
+            told = np.zeros_like(worth)  # the probability of a level is 2^-(k + 1)
+            told[:, 1:] = _LN2 * np.arange(1, levels + 1)[:, None]
+            level = (worth + told).argmin(axis=0), np.arange(len(saved))
+            told, best = told[level], (worth + told)[level]
+            label, blocks = self.label[: self.first[-1]], self.first[0]
+            groups = np.arange(len(label))
+            more = data[level[0][label], groups] - data[0, groups]
+            data[0, groups] += more
+            total += more.sum() + told.sum()
+            saved += np.bincount(label, more, len(saved)) + told
+            leaving -= np.bincount(label[:blocks], more[:blocks], len(saved)) + told
         by_plane = self.sectors.summed
-        even = by_plane(worth[0, 1:])
-        mine = even if levels == 1 else worth.min(axis=0)[1:]  # in one sector
-        return GroupData(total, mine, even, by_plane(saved[1:]), leaving)
+        return GroupData(
+            float(total), by_plane(best[1:]), by_plane(even[1:]), by_plane(saved[1:]), leaving
+        )
 
 
 def ledger(
