@@ -179,18 +179,18 @@ def _normals_of(observation: RayObservation, how: NormalReassignment) -> Array:
 
 
 def _tangent(points: Array, seen: Mask, size: int, axis: int) -> Array:
-    """Slope of the points per pixel along an axis: least squares over those seen in the kernel.
+    """Along the slope of the points on an axis: least squares over those seen in the kernel.
 
-    Its weights sum to zero whatever is missing, so on a plane it lies in the plane. NaN where fewer
-    than two are seen.
+    Its weights sum to zero whatever is missing, so on a plane it lies in the plane. How long it is
+    says nothing; zero where fewer than two are seen.
     """
     there = seen[..., None].astype(np.float64)
     step = np.arange(size, dtype=np.float64) - size // 2
-    box = np.ones(size)
-    count, first, second = (_convolve(there, w, axis) for w in (box, step, step**2))
-    total, moment = (_convolve(points, w, axis) for w in (box, step))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray((moment - total * (first / count)) / (second - first * (first / count)))
+    (count, total), (first, moment) = (
+        [_convolve(image, weights, axis) for image in (there, points)]
+        for weights in (np.ones(size), step)
+    )
+    return np.asarray(count * moment - first * total)
 
 
 def _convolve(image: Array, weights: Array, axis: int) -> Array:
