@@ -133,12 +133,15 @@ def wall(size: tuple[int, int]) -> tuple[Array, Array]:
     return _DISTANCE * x, _DISTANCE * y
 
 
-def found(relief: Array, sigma: float, seed: int = 0) -> pw.PlaneModel:
+def found(
+    relief: Array, sigma: float, seed: int = 0, *, significance: float = 0.0
+) -> pw.PlaneModel:
     """Planes of a relief (H, W) in metres: where it is affine, depth is that of a plane."""
     depth = 1 / (1 / _DISTANCE + relief / _DISTANCE**2)
     depth = depth + np.random.default_rng(seed).normal(0, sigma, depth.shape)
     sensor = pw.Sensor(max_depth=5.0, resolution=1e-4, noise=sigma)
-    return pw.detect_planes(depth, camera((depth.shape[0], depth.shape[1])), sensor)
+    view = camera((depth.shape[0], depth.shape[1]))
+    return pw.detect_planes(depth, view, sensor, significance=significance)
 
 
 def wrong(labels: NDArray[np.uint16], truth: Array) -> float:

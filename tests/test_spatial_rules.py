@@ -170,3 +170,19 @@ def test_planes_that_err_by_more_than_their_frame_have_to_save_more(book):
     data = GroupData(0.0, worth, even, worth, np.zeros(5))
     pays = solution._paying(None, data, None, 10.0, 0.001, 100.0, 2e3)
     assert_array_equal(pays, [True, True, True, False])
+
+
+@pytest.mark.parametrize("pays", [True, False])
+def test_what_is_round_is_no_plane_and_saves_nothing(monkeypatch, pays):
+    """The second of two segments; a third is split off, which pays or else is round, too."""
+    parts, curved = SimpleNamespace(), np.array([False, True, not pays])
+    saved, accepted = np.array([50.0, 40.0, 20.0]), np.array([True, True, pays])
+    monkeypatch.setattr(search, "split", lambda *_: (parts, curved))
+    monkeypatch.setattr(search, "_accept", lambda *_: (saved, accepted))
+    charges, before = SimpleNamespace(plane=30.0), np.array([90.0, 80.0])
+    found, worth, planes = search._without_bends(
+        None, None, None, SimpleNamespace(), before, np.ones(2, np.bool_), charges, 0.0, None
+    )
+    assert (found is parts) == pays
+    assert worth.tolist() == ([50.0, 0.0, 20.0] if pays else [90.0, 0.0])
+    assert planes.tolist() == ([True, False, True] if pays else [True, False])

@@ -148,6 +148,18 @@ def test_phi_is_lower_once_they_are_split(name):
     assert min(plane.significance for plane in after.planes) > 1000
 
 
+@pytest.mark.parametrize(
+    ("at", "significance", "count"), [(0.0, 8e3, 2), (0.0, 12e3, 1), (0.4, 5e3, 2), (0.4, 8e3, 1)]
+)
+def test_a_segment_stays_whole_where_no_more_planes_are_significant(at, significance, count):
+    """Of two walls at one degree, one or both are not, but what both are together is."""
+    size = (240, 320)
+    relief, _ = flat_edges.edge(flat_edges.wall(size)[0] - at, np.zeros(size), 1.0)
+    model = flat_edges.found(relief, 0.002, significance=significance)
+    assert len(model) == count
+    assert (model.labels > 0).all()
+
+
 @pytest.mark.parametrize("sigma", [0.0005, 0.001, 0.004])
 @pytest.mark.parametrize("name", flat_edges.SMOOTH)
 def test_smooth_surfaces_are_not_split(name, sigma):
