@@ -13,9 +13,10 @@ from planewise.information import plane_information
 from planewise.kernels.cells import UNIT
 from planewise.spatial import folds, labels, search, solution
 from planewise.spatial.cells import cells_of
-from planewise.spatial.frame import tame_frame
+from planewise.spatial.frame import frame_of, tame_frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import GroupData
+from planewise.spatial.marks import Marks
 from planewise.workspace import Workspace
 
 
@@ -51,6 +52,62 @@ def test_drift_that_may_be_chance_widens_no_label(parts):
     assert_allclose(drifts[1], shared + 1.5 * 0.8 * table.drift)
     for variance, slow in (drifts, by_chance):
         assert_allclose(variance, 1.2 * (table.white + table.step) + slow)
+
+
+NULL, WHITE = 9.0, 0.25  # nats of no plane, and the size of the error
+
+
+@pytest.fixture
+def wall():
+    """Frame and cells of a wall, twice the row of its plane, variances of readings, and marks."""
+    camera = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=15)
+    observation = pw.observe(np.full((30, 45), 2.0), camera, pw.Sensor(noise=0.01))
+    frame = frame_of(observation)
+    cells = with_error(cells_of(frame, observation.pixel_size), white=WHITE, lateral=0.0)
+    rows = cells.rows.sum(axis=0)[None].repeat(2, axis=0)
+    variance = np.full(frame.table.white.size, WHITE / frame.p[0, 0])
+    return frame, cells, rows, variance, Marks.of(frame.w.shape, Workspace())
+
+
+def set_off(frame, where, nats):
+    """Move readings off their wall, by so many nats."""
+    frame.w[where] += np.sqrt(2 * nats * WHITE / frame.p[where])
+
+
+@pytest.mark.parametrize(("nats", "label"), [(NULL + 9, 1), (NULL + 13, 0)])
+def test_a_pixel_off_its_plane_gets_a_look_beside_a_border(wall, nats, label):
+    """One in the middle of a cell: no plane takes the nats of its border, too, 10.9."""
+    frame, cells, rows, variance, marks = wall
+    number = np.where(np.arange(len(cells.rows)) == cells.grid[6, 8], 2, 1).astype(np.int16)
+    there = np.argwhere(number[cells.grid] == 2).min(axis=0)
+    near = 3 * there[0] - 2, 3 * there[1] + 1
+    set_off(frame, near, nats)
+    labels._label_pixels(frame, cells, number, rows, variance, NULL, marks, Workspace())
+    assert marks.label[near[0] + 1, near[1] + 1] == label
+
+
+@pytest.mark.parametrize(("nats", "label"), [(0.0, 2), (8.0, 0)])
+def test_what_lies_about_a_second_face_is_on_it_if_its_plane_is_there(wall, nats, label):
+    frame, cells, rows, variance, marks = wall
+    found = np.ones(frame.w.shape, np.uint16)
+    face, hole = np.s_[9:21, 20:40], np.s_[12:18, 24:36]
+    marks.label[:], marks.state[:], marks.seen[:] = -1, 0, False
+    marks.label[1:31, 1:46], marks.seen[3, 0] = 1, True
+    rows[0, 6:9] *= 1.5  # the face is on the wall, its neighbours are on a plane far off
+    frame.w[:] *= 1.5
+    frame.w[face] /= 1.5
+    set_off(frame, hole, nats)
+    found[face] = 2
+    found[hole] = marks.label[13:19, 25:37] = 0
+    pixels = np.flatnonzero(found == 2).astype(np.int32)
+    labels._look_again(frame, cells, rows, variance, NULL, marks, found, pixels)
+    changed = marks.label[1:31, 1:46]
+    assert_array_equal(changed[hole], label)
+    found[hole] = label
+    assert_array_equal(changed, found)
+    # Borders are looked for where labels changed before, and where they did now.
+    assert marks.seen[3, 0]
+    assert marks.seen[10:22, 21 // 16 : 40 // 16 + 1].all()
 
 
 def test_facets_of_smooth_surfaces_pay_for_borders_at_which_these_turn(parts):
@@ -186,3 +243,17 @@ def test_what_is_round_is_no_plane_and_saves_nothing(monkeypatch, pays):
     assert (found is parts) == pays
     assert worth.tolist() == ([50.0, 0.0, 20.0] if pays else [90.0, 0.0])
     assert planes.tolist() == ([True, False, True] if pays else [True, False])
+
+
+@pytest.mark.parametrize(("beyond", "label"), [(1, 0), (2, 2)])
+def test_a_border_leaves_the_line_of_intersection_where_readings_clearly_say_so(beyond, label):
+    """A wall that goes on for so many columns before another, from where both planes meet."""
+    size, sigma = (120, 160), 0.002
+    column = np.arange(size[1]) - 79.5
+    w = 0.5 + 2e-4 * np.where(column > beyond, column, -column)
+    depth = 1 / w + sigma * np.random.default_rng(0).standard_normal(size)
+    camera = pw.PinholeCamera(fx=140, fy=140, cx=79.5, cy=59.5)
+    model = pw.detect_planes(depth, camera, pw.Sensor(noise=sigma))
+    assert len(model) == 2
+    border = (model.labels == model.labels[:, :1]).sum(axis=1) - 80
+    assert_array_equal(border, label)

@@ -30,7 +30,6 @@ Labels = NDArray[np.uint16]
 _DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
-_SURE = 0.99  # of the cost of no plane: a pixel that costs less among its own kind needs no look
 _CREASE_REACH = 5, 15  # pixels beside a border where the two planes are compared, at least and most
 _CREASE_BAND = 4  # pixels about a border whose readings say where it lies
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
@@ -164,7 +163,7 @@ def _label_pixels(
     coarse = workspace.empty((rows + 2, columns + 2), np.int16)
     apart = workspace.empty((rows, columns), np.bool_)
     affine = planes_by_label(planes)
-    bound = _SURE * cells.error.white * null
+    bound = cells.error.white * null  # a pixel that costs less among its own kind needs no look
     x, y = frame.sectors.coordinates
 
     def lay_out(first: int, last: int) -> None:
