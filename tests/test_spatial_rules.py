@@ -168,6 +168,67 @@ def test_where_all_planes_clearly_pay_no_list_of_them_is_looked_at(book):
     assert not book
 
 
+LOOKS = {  # how much of the price of a plane both save, which bend; whether a search is made again
+    "nothing bends": ((9.0, 9.0), (False, False), False),
+    "the wide one bends": ((9.0, 9.0), (True, False), True),
+    "the wide one bends and hardly pays": ((0.9, 9.0), (True, False), False),
+    "the narrow one bends": ((9.0, 9.0), (False, True), False),
+    "both bend and the wide one hardly pays": ((0.9, 9.0), (True, True), False),
+}
+CLOSER = {  # Phi, what both save and which bend then; whether that is taken
+    "lower": (99.0, (9.0, 9.0), (False, False), True),
+    "higher": (101.0, (9.0, 9.0), (False, False), False),
+    "lower, and one bends": (99.0, (9.0, 9.0), (False, True), False),
+    "lower, and what bends hardly pays": (99.0, (9.0, 0.9), (False, True), True),
+}
+
+
+@pytest.fixture
+def solved(parts, monkeypatch):
+    """How often `solve` searches for given solutions, a wide and a narrow plane, and its choice."""
+    observation, frame, cells = parts
+    told = 0.5 * cells.drift
+    mask = np.ones(frame.w.shape, np.uint16)
+    mask[:3, :3] = 2
+    price = solution._SURE * solution.prices.LEAST
+    price *= plane_information(3, observation.range, observation.resolution)
+
+    def solve(*given):
+        drifts, left = [], list(given)
+
+        def judged(*_, **__):
+            information, saved, bent = left.pop(0)
+            found = SimpleNamespace(
+                labels=mask, affine=np.zeros((2, 3)), significance=price * np.array(saved)
+            )
+            return SimpleNamespace(information=information, bent=np.array(bent), found=found)
+
+        monkeypatch.setattr(solution, "segment", lambda _, __, cells, **___: drifts.append(cells))
+        monkeypatch.setattr(solution, "judged", judged)
+        chosen = solution.solve(
+            observation, frame, replace(cells, told_drift=told), significance=0.0,
+            workspace=Workspace(),
+        )  # fmt: skip
+        assert_array_equal([each.drift for each in drifts], [cells.drift, told][: len(drifts)])
+        return len(drifts), chosen.information
+
+    return solve
+
+
+@pytest.mark.parametrize("name", LOOKS)
+def test_a_search_is_made_again_where_a_wide_plane_that_clearly_pays_bends(solved, name):
+    saved, bent, again = LOOKS[name]
+    closer = 90.0, (9.0, 9.0), (False, False)
+    assert solved((100.0, saved, bent), closer) == ((2, 90.0) if again else (1, 100.0))
+
+
+@pytest.mark.parametrize("name", CLOSER)
+def test_readings_are_taken_at_their_word_if_phi_is_lower_and_nothing_bends(solved, name):
+    *closer, taken = CLOSER[name]
+    first = 100.0, (9.0, 9.0), (True, False)
+    assert solved(first, closer) == (2, closer[0] if taken else 100.0)
+
+
 STRIPS = {  # line, cubic and readings, with and without the pixels beside the border; what it is
     "flat": ((1010, 1000, 1000), (805, 800, 800), (False, False)),
     "bends": ((1500, 1020, 1000), (1100, 810, 800), (True, True)),

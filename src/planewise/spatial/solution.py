@@ -90,13 +90,13 @@ def solve(
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
-    """Search, and search again closer where a plane turns out not to pay, or to bend.
+    """Search, and search again closer where a plane turns out to bend.
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
-    sake of mixed pixels and surfaces that are nearly flat. What was joined only for that, such as
-    two walls at 175 degrees, is shorter on none, or its residuals are correlated. Then readings are
-    taken at their word, if that makes Phi lower and residuals white; surfaces that bend all the way
-    would fall into as many planes as the noise lets one see.
+    sake of mixed pixels and surfaces that are nearly flat. Of what was joined only for that, such
+    as two walls at 175 degrees, residuals are correlated. Then readings are taken at their word, if
+    that makes Phi lower and residuals white; surfaces that bend all the way would fall into as many
+    planes as the noise lets one see.
 
     Parameters
     ----------
@@ -138,12 +138,9 @@ def solve(
     first = look(cells)
     if cells is None or not white:
         return first
-    # Of planes that hardly pay, neither is telling.
+    # Of planes that hardly pay, bends say nothing.
     sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
-    clear = first.found.significance > sure
-    cut = np.ones_like(clear)
-    cut[first.book.order[: first.best]] = False
-    telling = clear & (first.bent | cut)
+    telling = first.bent & (first.found.significance > sure)
     if not telling.any() or not (telling & _wide(frame, first.found)).any():
         return first
     closer = look(replace(cells, drift=cells.told_drift))
