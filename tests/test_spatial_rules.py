@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise import scenes
 from planewise.information import plane_information
-from planewise.kernels.cells import UNIT
-from planewise.spatial import folds, labels, search, solution
+from planewise.kernels.cells import FREE, UNIT
+from planewise.spatial import folds, labels, search, solution, splitting
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of, tame_frame
 from planewise.spatial.frame_error import FrameError
@@ -318,3 +318,94 @@ def test_a_border_leaves_the_line_of_intersection_where_readings_clearly_say_so(
     assert len(model) == 2
     border = (model.labels == model.labels[:, :1]).sum(axis=1) - 80
     assert_array_equal(border, label)
+
+
+def test_what_bends_clearly_differs_from_its_plane_is_wide_and_correlated(monkeypatch):
+    price = 30.0
+    cases = np.array(
+        [  # excess of chi^2, units, correlation, whether it is a plane; whether it bends
+            (61.0, 100, 0.6, True, True),
+            (61.0, 48, 0.6, True, True),
+            (59.0, 100, 0.6, True, False),
+            (61.0, 47, 0.6, True, False),
+            (61.0, 100, 0.5, True, False),
+            (61.0, 100, np.nan, True, False),
+            (61.0, 100, 0.6, False, False),
+        ]
+    )
+    excess, count, correlation, accepted, expected = cases.T
+
+    def residual_squares(rows, of_unit, planes, off):
+        off[:, 0], off[:, 1] = count + excess, count
+
+    monkeypatch.setattr(splitting, "kernels", SimpleNamespace(residual_squares=residual_squares))
+    monkeypatch.setattr(splitting, "residual_correlation", lambda *_: correlation)
+    segments = SimpleNamespace(rows=np.eye(13)[[0] * len(cases)] + 1, of_unit=np.zeros(1, np.int32))
+    monkeypatch.setattr(splitting, "affine_planes", lambda rows: rows[:, :3])
+    cells = SimpleNamespace(rows=None)
+    bent, _, found = splitting._bends(cells, segments, accepted > 0, None, price)
+    assert_array_equal(bent, expected > 0)
+    assert_allclose(found, excess)
+
+
+ROUND = {  # chi^2 of a plane, a cubic and two planes, of 100 units, and radians; whether it is round
+    "round": ((1100, 100, 600), 1.0, True),
+    "hardly worse as a plane": ((150, 95, 140), 1.0, False),
+    "no smooth surface": ((1100, 260, 1000), 1.0, False),
+    "as flat as walls": ((1100, 100, 600), 0.5, False),
+    "an edge": ((1100, 100, 600), 2.0, False),
+    "hardly worse as two planes": ((1100, 150, 250), 1.0, False),
+    "better as two planes": ((1100, 95, 92), 1.0, False),
+}
+
+
+@pytest.mark.parametrize("name", ROUND)
+def test_what_is_round(name, monkeypatch):
+    (flat, smooth, two), turn, expected = ROUND[name]
+    points = np.tile([0.0, 0.0, 1.0, flat / 100], (100, 1))
+    for function, value in (("chi2_of_cubic", smooth), ("_turn", turn), ("_chi2_of_two", two)):
+        monkeypatch.setattr(splitting, function, lambda *_, value=value: value)
+    assert splitting._is_round(points, None, None, None, 30.0) == expected
+
+
+def test_too_few_points_are_not_on_two_planes():
+    points = np.random.default_rng(0).random((30, 4))
+    assert np.isfinite(splitting._chi2_of_two(points))
+    assert splitting._chi2_of_two(points[:20]) == np.inf
+
+
+@pytest.mark.parametrize("steps", [False, True])
+def test_which_segments_are_split(monkeypatch, steps):
+    """Three bend: one too little to be split, one that is not split for what that would save."""
+    price, segments = 30.0, SimpleNamespace(rows=np.zeros((3, 13)), of_unit=np.arange(3))
+    whole, out = SimpleNamespace(rows=np.zeros((5, 13)), of_unit=np.arange(5)), object()
+    whole.rows[3, FREE] = 100.0  # a plane off a step, and the units across the step
+    excess = np.array([19.0, 21.0, 21.0, 21.0, 0.0]) * price
+    judged = []
+
+    def bends(cells, given, accepted, sectors, price):
+        judged.append(accepted.tolist())
+        return accepted.copy(), np.zeros((len(accepted), 3)), excess[: len(accepted)]
+
+    def points(cells, given, planes, bent, sides):
+        assert given is (whole if steps else segments)
+        return [(s, [0], s, sides) for s in np.flatnonzero(bent).tolist()]
+
+    def divided(given, s, *_):
+        return out if s == 1 else None
+
+    for name, function in (
+        ("_bends", bends),
+        ("sides_within", lambda *_: None),
+        ("at_steps", lambda *_: whole if steps else segments),
+        ("points_of_segments", points),
+        ("_parts", lambda points, *_: None if points == 3 else np.zeros(1, np.intp)),
+        ("_is_round", lambda points, *_: True),
+        ("divided", divided),
+    ):
+        monkeypatch.setattr(splitting, name, function)
+    cells = SimpleNamespace(rows=np.zeros((5, 13)))
+    found, curved = splitting.split(cells, segments, np.ones(3, np.bool_), None, price)
+    assert found is out
+    assert judged == [[True] * 3] + [[True] * 4 + [False]] * steps
+    assert curved.tolist() == [True, False, False] + [True, False] * steps
