@@ -10,13 +10,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise import scenes
 from planewise.information import plane_information
-from planewise.kernels.cells import FREE, UNIT
+from planewise.kernels.cells import COUNT, FREE, UNIT
 from planewise.spatial import folds, labels, search, solution, splitting
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of, tame_frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import GroupData
 from planewise.spatial.marks import Marks
+from planewise.spatial.parts import divided
+from planewise.spatial.segments import Segments
 from planewise.workspace import Workspace
 
 
@@ -348,7 +350,7 @@ def test_what_bends_clearly_differs_from_its_plane_is_wide_and_correlated(monkey
     assert_allclose(found, excess)
 
 
-ROUND = {  # chi^2 of a plane, a cubic and two planes, of 100 units, and radians; whether it is round
+ROUND = {  # chi^2 of a plane, a cubic and two planes, of 100 units; radians; whether it is round
     "round": ((1100, 100, 600), 1.0, True),
     "hardly worse as a plane": ((150, 95, 140), 1.0, False),
     "no smooth surface": ((1100, 260, 1000), 1.0, False),
@@ -409,3 +411,36 @@ def test_which_segments_are_split(monkeypatch, steps):
     assert found is out
     assert judged == [[True] * 3] + [[True] * 4 + [False]] * steps
     assert curved.tolist() == [True, False, False] + [True, False] * steps
+
+
+@pytest.mark.parametrize(
+    ("saved", "small", "told"), [(301, 0, True), (299, 0, False), (299, 1, True)]
+)
+def test_a_segment_is_divided_if_every_plane_of_it_clearly_saves_something(saved, small, told):
+    """Parts of four units and of one, which may be no plane, at a price of 30."""
+    rows = np.zeros((5, 13))
+    rows[:, [0, 3, 5, COUNT]] = 1.0
+    whole = rows.sum(axis=0)[None]
+    whole[0, FREE] = 5.0 * saved
+    one = np.ones(1)
+    segments = Segments(whole, one, one, one, np.zeros(1, np.int32), np.zeros(5, np.int32))
+    part, cells = np.array([0, 0, 0, 0, 1]), SimpleNamespace(rows=rows)
+    found = divided(segments, 0, part, np.array([False, small == 1]), cells, 30.0)
+    assert (found is not None) == told
+    if found is not None:
+        assert_allclose(found.rows[:, FREE], [4 * saved, 0 if small else saved])
+        assert_array_equal(found.of_unit, part)
+
+
+@pytest.mark.parametrize(("columns", "parts"), [(2, None), (8, 2)])
+def test_a_segment_without_a_few_units_is_no_part_of_it(columns, parts):
+    """Those may lie across an edge: at most 24 units that stand off a plane leave it whole."""
+    number = np.arange(660).reshape(11, 60)
+    row, column = np.divmod(np.arange(660), 60)
+    off = column >= 60 - columns
+    height = off + 0.01 * np.random.default_rng(0).standard_normal(660)
+    points = np.stack((0.05 * column + 0.5 * off, 0.05 * row, height, np.full(660, 1e4)), axis=1)
+    across, down = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
+    sides = np.concatenate([np.stack(pair, axis=2).reshape(-1, 2) for pair in (across, down)])
+    part = splitting._parts(points, sides, 30.0)
+    assert (None if part is None else part.max() + 1) == parts

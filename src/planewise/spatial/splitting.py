@@ -31,7 +31,6 @@ from planewise.spatial.parts import (
     polynomial,
     side_by_side,
     sides_within,
-    widths,
 )
 from planewise.spatial.segments import Segments, affine_planes
 from planewise.spatial.steps import at_steps
@@ -44,8 +43,7 @@ _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviati
 _FEWEST = 12  # units of a part
 _MANY = 2000  # of which some can stand for all
 _FEWEST_BENT = 48  # units of a segment that bends
-_NARROW = 7.0  # units across: strips of rounded edges are as flat as planes ...
-_SHARP = 0.5  # ... unless a smooth surface fits worse by so many times the price at their border
+_SHARP = 0.5  # times the price: how much worse a smooth surface fits at the border of two planes
 _ALL_BUT = 0.95  # of the points of a part: its reach
 _MOST = 12  # parts of a segment
 _SMOOTH = 0.85, 0.7  # of the misfit of a plane and of two, but for noise: what is round has less
@@ -165,17 +163,16 @@ def _has_edges(points: Array, part: Index, sides: Index, sums: Array, price: flo
     A strip of a rounded edge and the wall beside it are no smooth surface, but are one near where
     they meet.
     """
-    chi2, narrow, small = chi2_of(sums), widths(points, sides, sums) < _NARROW, is_small(part)
+    chi2, small = chi2_of(sums), is_small(part)
     for a, b in side_by_side(part, sides).tolist():
         if small[a] or small[b]:
             continue
         if chi2_of_cubic(points[(part == a) | (part == b)]) <= chi2[a] + chi2[b]:
             return False
-        if narrow[a] or narrow[b]:
-            one, other = _about_border(points, part, sides, a, b)
-            planes = polynomial(one, 3)[0] + polynomial(other, 3)[0]
-            if chi2_of_cubic(np.concatenate((one, other))) - planes <= _SHARP * price:
-                return False
+        one, other = _about_border(points, part, sides, a, b)
+        planes = polynomial(one, 3)[0] + polynomial(other, 3)[0]
+        if chi2_of_cubic(np.concatenate((one, other))) - planes <= _SHARP * price:
+            return False
     return True
 
 
