@@ -118,6 +118,9 @@ def test_policies_by_hand():
 def test_the_k_largest_are_kept_the_lower_label_first():
     table = contingency_table(image("1223344445"), image("1111111112"))
     assert table.k_best().tolist() == [[0, 0, 0], [3, 4, 2], [1, 0, 0]]
+    # Sizes are those over the whole frame; of no plane there were some before.
+    table = contingency_table(image("1111220033"), image("0001111111"))
+    assert table.k_best().tolist() == [[0, 3], [6, 1]]
 
 
 def test_losing_a_plane_shows_in_the_frame_only():
@@ -171,11 +174,20 @@ def test_a_plane_matches_above_the_overlap_only():
         ("0000022222", "1111100000", (0, 0, 0, 1, 1)),
         ("1111222233", "1111111100", (0, 1, 0, 0, 1)),
         ("1111111120", "1111111111", (0, 1, 0, 0, 0)),  # both parts measure more than the one
+        ("01111", "11111", (1, 0, 0, 0, 0)),  # the tolerance itself
+        ("01", "11", (0, 0, 0, 1, 1)),  # inside it, but half of it only
+        ("11111", "12222", (0, 0, 1, 0, 0)),  # both together measure more than the larger one
+        ("111111111", "001111222", (0, 0, 0, 2, 1)),  # 7 of 9 pixels are too few
     ],
 )
 def test_hoover_by_hand(predicted, truth, expected):
     counts = hoover_counts(contingency_table(image(predicted), image(truth)).counts)
     assert tuple(getattr(counts, name) for name in COUNTS) == expected
+
+
+def test_regions_without_a_pixel_correspond_to_nothing():
+    counts = hoover_counts([[3, 0, 0], [0, 0, 0], [0, 9, 0]])
+    assert tuple(getattr(counts, name) for name in COUNTS) == (1, 0, 0, 0, 0)
 
 
 def test_normal_and_distance_errors():
@@ -190,6 +202,17 @@ def test_normal_and_distance_errors():
     assert (errors.truth_labels.tolist(), errors.predicted_labels.tolist()) == ([1], [5])
     assert errors.normals == pytest.approx([3])
     assert errors.mean_distance == pytest.approx(0.1)
+
+
+def test_errors_are_of_the_planes_that_count_at_the_first_overlap():
+    truth, predicted = image("1111111123"), image("0111111124")  # 7 of 8 pixels; one pixel each
+    planes = [(0, 0, 1, -2), (0, 0, 1, -3), (0, 0, 1, -4), (0, 0, 1, -5)]
+    given = {"predicted_planes": planes, "truth_planes": planes}
+    found = evaluate(predicted, truth, iou=(0.8, 0.9), minimum_pixels=2, **given)
+    assert [each.hits for each in found.detections] == [1, 0]
+    assert found.errors.truth_labels.tolist() == [1]
+    none = evaluate(predicted, truth, iou=(0.9, 0.8), minimum_pixels=2, **given)
+    assert none.errors.truth_labels.size == 0
 
 
 def test_planes_of_a_model_will_do():
@@ -380,6 +403,7 @@ def test_bad_images_are_refused(name, bad):
         ("valid", np.ones((2, 2), int)),
         ("valid", np.ones((2, 1), bool)),
         ("iou", (0.3,)),
+        ("iou", (1.0,)),
         ("iou", ()),
         ("iou", 0.5),
         ("iou", ("half",)),
@@ -404,6 +428,8 @@ def test_bad_parameters_are_refused(planes):
     labels = np.ones((2, 2), int)
     with pytest.raises(ValueError, match="predicted_planes"):
         evaluate(labels, labels, predicted_planes=planes, truth_planes=[(0, 0, 1, 1)])
+    with pytest.raises(ValueError, match=r"truth_planes must have shape \(3, 4\), got \(2, 4\)"):
+        evaluate(labels, 3 * labels, predicted_planes=[(0, 0, 1, 1)], truth_planes=np.ones((2, 4)))
 
 
 def test_other_bad_input_is_refused():
@@ -455,11 +481,16 @@ def test_summary_leaves_out_what_is_not_defined():
     assert (summary["a"].mean, summary["a"].count) == (2, 2)
     assert (summary["b"].mean, summary["b"].count) == (5, 1)
     assert np.isnan([summary["b"].low, summary["b"].high]).all()
+    summary = summarise([{"a": 1.0}, {"a": 3.0, "valid": 5.0}])
+    assert (summary["valid"].mean, summary["valid"].count) == (5, 1)
 
 
 def test_intervals_end_where_scores_do():
-    summary = summarise([{"ri_frame": 0.9, "voi_frame": 0.1}, {"ri_frame": 1.0, "voi_frame": 2.0}])
-    assert 0 < summary["ri_frame"].low < summary["ri_frame"].high == 1
+    shares = "ri_frame", "sc_frame", "precision@0.5", "recall@0.5", "f1@0.5"
+    rows = (dict.fromkeys(shares, 0.9) | {"voi_frame": 0.1}, dict.fromkeys(shares, 1.0))
+    summary = summarise([rows[0], rows[1] | {"voi_frame": 2.0}])
+    for name in shares:
+        assert 0 < summary[name].low < summary[name].high == 1
     assert summary["voi_frame"].low == 0
     assert summary["voi_frame"].high > 2
 
