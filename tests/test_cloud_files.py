@@ -239,6 +239,15 @@ def test_scans_one_after_the_other(tmp_path, points):
         in_blocks(path)
 
 
+def test_the_first_of_several_scans_may_hold_no_points(tmp_path):
+    path = tmp_path / "scans.pts"
+    path.write_text("0\n2\n1 2 3\n4 5 6\n1\n7 8 9\n")
+    assert_array_equal(in_blocks(path).points, [[1, 2, 3], [4, 5, 6], [7, 8, 9]])
+    path.write_text("2\n2\n1 2 3\n4 5 6\n")
+    with pytest.raises(PlanewiseError, match="has 1 number a line; a point has at least three"):
+        read_cloud(path)
+
+
 @pytest.mark.parametrize("full", [1.0, 255, 65535])
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_dark_points_have_the_colours_of_their_file(tmp_path, full, suffix):

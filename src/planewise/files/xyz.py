@@ -102,7 +102,7 @@ def _layout(path: Path) -> _Layout:
             if _have_positions(remark := _names(bare)):
                 names, remarked = remark, True
         elif not any(map(_is_text, words)):
-            if len(words) == 1 and words[0].isdecimal() and count is None:
+            if len(words) == 1 and words[0].isdecimal() and not count:
                 count = int(words[0])
                 continue
             break
