@@ -72,14 +72,14 @@ def _columns(header: _Header, rows: NDArray[Any]) -> dict[str, NDArray[Any]]:
     out = {}
     for k, name in enumerate(header.fields):
         column = rows[f"{k} {name}"]
-        if column.ndim > 1 or name == "_":
+        if column.ndim > 1:
             continue
         if name in ("rgb", "rgba") and column.dtype.itemsize == 4:
             packed = np.ascontiguousarray(column).view(np.uint32)
             for colour, shift in zip(COLOUR, (16, 8, 0), strict=True):
                 out[colour] = (packed >> shift & 255).astype(np.uint8)
         else:
-            out[name.lower()] = column
+            out[name] = column
     return out
 
 
@@ -96,8 +96,8 @@ def _ascii(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDAr
                     if name in ("rgb", "rgba") and header.counts[k] == 1:
                         # Three bytes, written as the number that their bits are.
                         rows[f"{k} {name}"] = column
-                    elif header.counts[k] == 1 and name != "_":
-                        out[name.lower()] = column
+                    elif header.counts[k] == 1:
+                        out[name] = column
                 packed = [name for name in header.fields if name in ("rgb", "rgba")]
                 colours = _columns(header, rows) if packed else {}
                 yield out | {name: colours[name] for name in COLOUR if name in colours}
