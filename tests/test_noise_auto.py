@@ -278,7 +278,8 @@ def test_without_a_depth_image_there_is_no_estimate():
         AUTO.sigma([1.0])
     with pytest.raises(ValueError, match="or 'auto', got 'automatic'"):
         pw.Sensor(noise="automatic")
-    assert AUTO.describe()["noise"] == "auto"
+    said = AUTO.describe()
+    assert (said["noise"], said["parts"]) == ("auto", "estimated with the noise")
 
 
 @pytest.mark.parametrize("shape", [(2, 2), (5, 7), (48, 65), (3, 200)])

@@ -109,7 +109,9 @@ NO_PARTS = pw.noise.ErrorParts(**dict.fromkeys(("white", "shared", "drift"), pw.
         ({"max_depth": np.nan}, "max_depth must be a positive"),
         ({"resolution": -0.001}, "resolution must be a positive"),
         ({"resolution": 10, "max_depth": 5}, "resolution must be smaller than the range"),
+        ({"resolution": 0.5, "depth_range": 0.3}, "resolution must be smaller than the range"),
         ({"min_depth": 7, "max_depth": 5}, "min_depth must lie in"),
+        ({"min_depth": 5, "max_depth": 5}, "min_depth must lie in"),
         ({"max_depth": None}, "max_depth must be a positive number of metres, got None"),
         ({"max_depth": "10"}, "max_depth must be a positive number of metres, got '10'"),
         ({"min_depth": None}, "min_depth must lie in"),
@@ -148,6 +150,24 @@ def test_bad_sensors_are_refused(kwargs, message):
 def test_bad_noise_is_refused_when_it_shows(camera, noise, message):
     with pytest.raises(ValueError, match=message):
         pw.observe(np.full((48, 64), 2.0), camera, pw.Sensor(noise=noise))
+
+
+def test_the_first_noise_that_is_none_is_told():
+    with pytest.raises(ValueError, match=r"got sigma = -1.0 at z = 2.0 m"):
+        pw.Sensor(noise=lambda z: z - 3).sigma([4.0, 2.0, 1.0])
+    with pytest.raises(ValueError, match=r"per depth: expected shape \(2,\), got \(1,\)"):
+        pw.Sensor(noise=lambda z: np.ones(1)).sigma([4.0, 2.0])
+
+
+def test_noise_is_held_against_the_depth_of_its_reading():
+    """At least a millionth of a millionth of it, of strays beyond the range against that."""
+    sensor = pw.Sensor(max_depth=1e6, resolution=1e-7, noise=1e-8)
+    assert_array_equal(sensor.sigma([1.0, 9e3]), 1e-8)
+    with pytest.raises(ValueError, match=r"sigma = 1e-08 at z = 11000"):
+        sensor.sigma([1.0, 1.1e4])
+    near = pw.Sensor(max_depth=10, noise=lambda z: np.where(z < 1, 1e-12, 1e-3))
+    assert_array_equal(near.sigma([0.5, 1e12]), [1e-12, 1e-3])
+    assert pw.Sensor(max_depth=1e9).sigma([2.0]) == 0.02
 
 
 def test_a_noise_that_returns_one_number_is_constant(camera):
@@ -194,6 +214,18 @@ def test_noise_models_say_what_they_are():
         pw.noise.stereo(focal=500, baseline=0)
     with pytest.raises(ValueError, match="focal and baseline are those of no camera"):
         pw.noise.stereo(focal=1e-200, baseline=1e-200)
+    with pytest.raises(ValueError, match="sigma must be positive"):
+        pw.noise.Polynomial(constant=0.01, linear=-0.001)
+
+
+def test_a_noise_may_be_scaled():
+    curve = pw.noise.Polynomial(0.001, 0.002, 0.003, 0.4)
+    assert_allclose(curve.scaled(2.5)([0.2, 1.4]), [2.5 * 0.0014, 2.5 * 0.0068])
+
+
+@pytest.mark.parametrize("part", ["constant", "linear", "quadratic"])
+def test_only_a_constant_is_the_same_at_every_depth(part):
+    assert pw.noise.is_constant(pw.noise.Polynomial(**{part: 0.01})) == (part == "constant")
 
 
 def test_parts_and_sums_take_numbers():
@@ -211,6 +243,12 @@ def test_parts_that_are_no_noise_are_refused(wrong):
         pw.noise.RootSum((0.001, wrong))
     with pytest.raises(ValueError, match="a sum is of a tuple of parts, got 3"):
         pw.noise.RootSum(3)
+
+
+@pytest.mark.parametrize("given", [None, 4.0])
+def test_the_range_is_the_largest_depth_unless_given(given):
+    sensor = pw.Sensor(max_depth=10.0, depth_range=given)
+    assert sensor.range == sensor.describe()["range_m"] == (given or 10.0)
 
 
 @pytest.mark.parametrize("name", pw.sensors.PRESETS)
