@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import planewise as pw
+from planewise import lens
 
 SHAPE = (48, 64)
 # Of an Azure Kinect: corners of the image are up to 162 pixels from where a pinhole has them.
@@ -16,6 +17,7 @@ def test_ray_of_the_principal_point_is_the_axis():
     rays = camera.rays(SHAPE)
     assert_allclose(rays[20, 10], [0, 0, 1])
     assert_allclose(rays[20 + 6, 10 + 5], [0.1, 0.1, 1])
+    assert_allclose(camera.pixel_size, (1 / 50, 1 / 60))
 
 
 @settings(max_examples=30)
@@ -98,6 +100,19 @@ def test_lenses_are_those_of_opencv(fx, distortion):
     assert_allclose(pixels[:, 0], np.stack((x, y), axis=-1).reshape(-1, 2), atol=1e-5)
 
 
+@pytest.mark.parametrize("distortion", [AZURE, (-0.3, 0.1, 0.01, -0.02, 0.05)])
+def test_a_lens_stretches_as_differences_say(distortion):
+    u, v = np.random.default_rng(0).uniform(-0.8, 0.8, (2, 50))
+    step = 1e-6
+
+    def slope(du, dv):
+        further, before = (lens.distort(distortion, u + k * du, v + k * dv) for k in (1, -1))
+        return (np.array(further) - before) / (2 * step)
+
+    (along_u, across), (_, along_v) = slope(step, 0), slope(0, step)
+    assert_allclose(lens._stretch(distortion, u, v), (along_u, along_v, across), atol=1e-8)
+
+
 def test_distortion_that_folds_the_image_is_refused():
     camera = pw.PinholeCamera(fx=30, fy=30, cx=31, cy=23, distortion=(-2.0, 0, 0, 0))
     with pytest.raises(ValueError, match="cannot be undone"):
@@ -105,9 +120,9 @@ def test_distortion_that_folds_the_image_is_refused():
 
 
 def test_pixel_areas_sum_to_the_field():
-    camera = pw.PinholeCamera(fx=60, fy=60, cx=31.5, cy=23.5)
-    assert_allclose(camera.pixel_area(SHAPE).sum(), 64 * 48 / 60 / 60)
-    bent = pw.PinholeCamera(fx=60, fy=60, cx=31.5, cy=23.5, distortion=(1e-6, 0, 0, 0))
+    camera = pw.PinholeCamera(fx=60, fy=50, cx=31.5, cy=23.5)
+    assert_allclose(camera.pixel_area(SHAPE).sum(), 64 * 48 / 60 / 50)
+    bent = pw.PinholeCamera(fx=60, fy=50, cx=31.5, cy=23.5, distortion=(1e-6, 0, 0, 0))
     assert_allclose(bent.pixel_area(SHAPE), camera.pixel_area(SHAPE), rtol=1e-4)
 
 
@@ -118,6 +133,8 @@ def test_crop_and_scale_keep_the_rays():
     half = camera.scaled(0.5).rays((240, 320))
     full = camera.rays((480, 640))
     assert_allclose(half[3, 5], (full[6:8, 10:12]).mean(axis=(0, 1)))
+    smaller = camera.scaled(0.57)  # 364.8 x 273.6 pixels
+    assert (smaller.width, smaller.height) == (365, 274)
     lens = pw.PinholeCamera(fx=504, fy=504, cx=332, cy=326, distortion=AZURE)
     crop = lens.cropped(76, 40, (400, 500)).rays((400, 500))
     assert_allclose(crop, lens.rays((576, 640))[76:476, 40:540], atol=1e-8)
@@ -216,6 +233,30 @@ def test_intrinsics_of_the_wrong_order_of_magnitude_are_refused(factor):
         pw.observe(depth, wrong, pw.Sensor())
 
 
+@pytest.mark.parametrize("axis", ["x", "y"])
+def test_a_camera_sees_8_to_150_degrees_from_within_an_image_of_its_own(axis):
+    size = {"x": 640, "y": 480}[axis]
+    usual = {"fx": 500, "fy": 500, "cx": 320, "cy": 240}
+
+    def check(shape=(480, 640), **given):
+        pw.PinholeCamera(**usual | given).check(shape)
+
+    widest, narrowest = (size / 2 / np.tan(np.radians(angle / 2)) for angle in (150, 8))
+    for focal in (1.01 * widest, 0.97 * narrowest):
+        check(**{f"f{axis}": focal})
+    for focal in (0.98 * widest, 1.01 * narrowest):
+        with pytest.raises(ValueError, match=f"f{axis} = .* which no depth camera does"):
+            check(**{f"f{axis}": focal})
+    for centre in (-size, 2 * size):
+        check(**{f"c{axis}": centre})
+        with pytest.raises(ValueError, match=f"c{axis} = .* far outside an image of {size} pixels"):
+            check(**{f"c{axis}": centre + np.sign(centre)})
+    small = {"cx": 20, "cy": 20, "shape": (40, 40)}  # a crop of a long lens
+    check(**small, **{f"f{axis}": 2500})
+    with pytest.raises(ValueError, match="which no depth camera does"):
+        check(**small, **{f"f{axis}": 2501})
+
+
 @pytest.mark.parametrize(
     ("camera", "shape"),
     [
@@ -230,6 +271,7 @@ def test_small_crops_of_ordinary_cameras_are_accepted(camera, shape):
 def test_field_of_view():
     camera = pw.cameras.from_field_of_view(640, 480, 90)
     assert camera.fx == pytest.approx(320)
+    assert_allclose(camera.unproject([[-0.5, 239.5], [639.5, 239.5]]), [[-1, 0, 1], [1, 0, 1]])
     with pytest.raises(ValueError, match="between 0 and 180"):
         pw.cameras.from_field_of_view(640, 480, 180)
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise import cameras
+from planewise import angles, cameras
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera
 
@@ -29,6 +29,7 @@ def test_rays_are_those_of_the_angles():
     assert_allclose(rays[1, 7], expected, rtol=1e-12)
     assert_allclose(CAMERA.ray_rows(CAMERA.shape)[:, 41 + 7], expected, rtol=1e-12)
     assert not CAMERA.wraps
+    assert_allclose(CAMERA.pixel_size, np.radians([5, 8]))  # means: rows are uneven
 
 
 def test_places_between_pixels():
@@ -47,6 +48,12 @@ def test_pixels_cover_the_band_between_the_outermost_beams():
     area = camera.pixel_area(camera.shape)
     assert area.sum() == pytest.approx(2 * np.pi * 2 * np.sin(np.radians(30.5)), rel=1e-9)
     assert_allclose(camera.pixel_size, np.radians([1, 1]))
+
+
+@pytest.mark.parametrize("columns", [2, 3, 4, 5, 6])
+def test_the_usual_step_is_the_median(columns):
+    azimuth = -np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, columns))
+    assert angles.usual_step(azimuth) == pytest.approx(np.median(-np.diff(azimuth)))
 
 
 def test_azimuth_may_jump_by_a_turn():
@@ -84,8 +91,22 @@ def test_points_come_back_to_their_pixels(seed, wraps, upward):
 def test_points_outside_are_left_out():
     points = [[0, 0, 0], [np.nan, 1, 1], [np.inf, 1, 1], [1, 0, 1], [-1, 0, 0], [1, 0, 0]]
     assert_array_equal(CAMERA.pixels(points)[:, 0], [-1, -1, -1, -1, -1, 3])
+    assert_array_equal(CAMERA.pixels(points)[:5], np.full((5, 2), -1))
     assert (CAMERA.from_points(points) > 0).sum() == 1
     assert not CAMERA.from_points(np.empty((0, 3))).any()
+
+
+def test_the_outermost_rows_reach_as_far_beyond_as_to_their_neighbours():
+    """Half of 9 degrees above 20, and half of 12 below -20."""
+    up = np.radians([24.4, 24.6, -25.9, -26.1])
+    points = np.stack((np.cos(up), np.zeros(4), np.sin(up)), axis=-1)
+    assert_array_equal(CAMERA.pixels(points)[:, 0], [0, -1, 5, -1])
+
+
+@pytest.mark.parametrize(("columns", "wraps"), [(360, True), (359, False)])
+def test_a_turn_without_some_of_its_columns_is_none(columns, wraps):
+    camera = pw.SphericalCamera(elevation=[1, 0], azimuth=180.0 - np.arange(columns))
+    assert camera.wraps == wraps
 
 
 def test_presets_have_their_beams():
@@ -121,6 +142,10 @@ BAD = {
         {"elevation": [1, 0], "azimuth": [0, 1], "azimuth_offset": [1]},
         "one angle for each of 2",
     ),
+    "offsets of columns": (
+        {"elevation": [1, 0], "azimuth": [0, 1, 2], "azimuth_offset": [0, 0, 0]},
+        "one angle for each of 2 rows, got 3",
+    ),
     "offsets of all": (
         {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [90, 90]},
         "within 20 degrees",
@@ -134,9 +159,9 @@ BAD = {
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_angles_are_refused(case):
-    angles, message = BAD[case]
+    given, message = BAD[case]
     with pytest.raises(ValueError, match=message):
-        pw.SphericalCamera(**angles)
+        pw.SphericalCamera(**given)
 
 
 def test_bad_images_and_points_are_refused():
@@ -172,6 +197,12 @@ def test_what_a_camera_describes_can_be_read_back(tmp_path, camera):
     path = tmp_path / "lidar.json"
     path.write_text(json.dumps(camera.describe()))
     assert read_camera(str(path)) == camera
+
+
+def test_what_spins_is_described_by_its_columns():
+    camera = pw.SphericalCamera.spinning([2, 0, -3], 90, start=10, clockwise=False)
+    described = {"columns": 90, "start": 10, "clockwise": False}
+    assert camera.describe() == {"model": "spherical", "elevation": [2, 0, -3]} | described
 
 
 def test_a_short_file_will_do(tmp_path):

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_FULL_TURN = 1.5  # columns that may be missing from one
+_FULL_TURN = 1.5  # columns from the last of one to the first, at most
 _FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
 _RADIANS = 2.7  # what all elevations there can be span in radians
 
