@@ -5,6 +5,7 @@ import sys
 import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import laspy
 import numpy as np
@@ -23,6 +24,7 @@ from planewise.errors import MissingExtraError, PlanewiseError
 from planewise.files.cloud import KINDS, open_cloud, read_cloud
 from planewise.files.cloud_records import read_words
 from planewise.files.depth import read_depth
+from planewise.files.e57 import _colour, _limit, _middle
 from planewise.files.las import copy_with_planes, write_las
 from planewise.files.ply import write_ply
 from planewise.kernels.lzf import unpack
@@ -92,6 +94,8 @@ def test_ply_of_ours_is_read_by_another_reader(tmp_path, points, colour):
     assert_array_equal(np.stack([vertex[name] for name in "xyz"], axis=1), far)
     assert_array_equal(vertex["plane"], np.arange(500))
     assert_array_equal(vertex["red"], colour[:, 0])
+    with pytest.raises(PlanewiseError, match="2 points came where 3 were announced"):
+        write_ply(tmp_path / "b.ply", 3, [dict(zip("xyz", np.eye(3)[:, :2], strict=True))], [])
     write_ply(tmp_path / "none.ply", 0, [], [])
     assert len(read_cloud(tmp_path / "none.ply")) == 0
 
@@ -103,12 +107,70 @@ def test_ply_with_a_camera_and_elements_before_the_points(tmp_path, points):
     elements = [
         first,
         plyfile.PlyElement.describe(rows, "vertex"),
+        plyfile.PlyElement.describe(np.zeros(5, [("c", "f8")]), "more"),
         plyfile.PlyElement.describe(camera, "camera"),
     ]
     plyfile.PlyData(elements).write(str(tmp_path / "a.ply"))
     cloud = in_blocks(tmp_path / "a.ply")
     assert_array_equal(cloud.points, points)
     assert_array_equal(cloud.origins, [[1, 2, 3]])
+
+
+def test_the_place_of_a_scanner_is_relative_to_the_offset(tmp_path, points):
+    place = np.add(UTM, (1.0, 2.0, 3.0))
+    rows = np.array([tuple(row) for row in points + UTM], [(name, "f8") for name in "xyz"])
+    camera = np.array([tuple(place)], [(f"view_p{axis}", "f8") for axis in "xyz"])
+    elements = [
+        plyfile.PlyElement.describe(rows, "vertex"),
+        plyfile.PlyElement.describe(camera, "camera"),
+    ]
+    plyfile.PlyData(elements).write(str(tmp_path / "a.ply"))
+    cloud = in_blocks(tmp_path / "a.ply")
+    assert cloud.offset.any()
+    assert_allclose(cloud.origins + cloud.offset, [place], atol=1e-9)
+
+
+def test_labels_of_a_text_ply_may_be_missing(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 2\n"
+    kinds = "".join(f"property {kind}\n" for kind in ("float x", "float y", "float z", "int label"))
+    (tmp_path / "a.ply").write_text(head + kinds + "end_header\n1 2 3 nan\n4 5 6 7\n")
+    assert_array_equal(read_cloud(tmp_path / "a.ply").labels, [0, 7])
+
+
+def test_lists_before_the_points_of_a_binary_ply_are_refused(tmp_path, points):
+    rows = np.array([tuple(row) for row in points], [(name, "f8") for name in "xyz"])
+    faces = np.array([([0, 1, 2],)], [("vertex_indices", "i4", (3,))])
+    elements = [
+        plyfile.PlyElement.describe(faces, "face"),
+        plyfile.PlyElement.describe(rows, "vertex"),
+    ]
+    plyfile.PlyData(elements).write(str(tmp_path / "a.ply"))
+    with pytest.raises(PlanewiseError, match="lists before its points; write the element vertex"):
+        open_cloud(tmp_path / "a.ply")
+    plyfile.PlyData(elements, text=True).write(str(tmp_path / "b.ply"))
+    assert_array_equal(in_blocks(tmp_path / "b.ply").points, points)  # a line each
+
+
+@pytest.mark.parametrize("case", ["none", "not finite", "behind lists", "cut short"])
+def test_ply_with_a_camera_that_says_nothing(tmp_path, points, case):
+    rows = np.array([tuple(row) for row in points], [(name, "f8") for name in "xyz"])
+    place = (np.nan if case == "not finite" else 1.0, 2.0, 3.0)
+    camera = np.array([place] * (case != "none"), [(f"view_p{axis}", "f4") for axis in "xyz"])
+    faces = np.array([([0, 1, 2],)], [("vertex_indices", "i4", (3,))])
+    between = [plyfile.PlyElement.describe(faces, "face")] * (case == "behind lists")
+    elements = [
+        plyfile.PlyElement.describe(rows, "vertex"),
+        *between,
+        plyfile.PlyElement.describe(camera, "camera"),
+        plyfile.PlyElement.describe(np.ones(9, [("c", "f8")]), "more"),
+    ]
+    plyfile.PlyData(elements).write(str(tmp_path / "a.ply"))
+    if case == "cut short":
+        whole = (tmp_path / "a.ply").read_bytes()
+        (tmp_path / "a.ply").write_bytes(whole[: -9 * 8 - 4])  # in the camera
+    cloud = in_blocks(tmp_path / "a.ply")
+    assert_array_equal(cloud.points, points)
+    assert cloud.origins is None
 
 
 @pytest.mark.parametrize("encoding", [Encoding.ASCII, Encoding.BINARY, Encoding.BINARY_COMPRESSED])
@@ -131,12 +193,12 @@ def test_pcd_of_another_writer(tmp_path, points, colour, encoding):
     assert_array_equal(ours.origins, [[1, 2, 3]])
 
 
-@pytest.mark.parametrize("kind", ["F", "U"])
-def test_pcd_colours_as_the_point_cloud_library_writes_them(tmp_path, kind):
+@pytest.mark.parametrize(("name", "kind"), [("rgb", "F"), ("rgb", "U"), ("rgba", "U")])
+def test_pcd_colours_as_the_point_cloud_library_writes_them(tmp_path, name, kind):
     packed = np.array([200 << 16 | 3 << 8 | 9], np.uint32)
     value = repr(float(packed.view(np.float32)[0])) if kind == "F" else str(packed[0])
     (tmp_path / "a.pcd").write_text(
-        f"FIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F {kind}\nWIDTH 1\nHEIGHT 1\nDATA ascii\n"
+        f"FIELDS x y z {name}\nSIZE 4 4 4 4\nTYPE F F F {kind}\nWIDTH 1\nHEIGHT 1\nDATA ascii\n"
         f"1 2 3 {value}\n"
     )
     assert_array_equal(read_cloud(tmp_path / "a.pcd").colour, [[200, 3, 9]])
@@ -153,8 +215,30 @@ def test_pcd_with_padding_counts_and_nan(tmp_path):
     assert_array_equal(in_blocks(path).points, [[1, 2, 3]] * 2)
     path.write_text(head + "ascii\n1 9 9 9 9 2 3 7 8 9\nnan 9 9 9 9 nan nan 7 8 9\n")
     cloud = in_blocks(path)
-    assert_array_equal(np.isfinite(cloud.points).all(axis=1), [True, False])
+    assert_array_equal(cloud.points, [[1, 2, 3], [np.nan] * 3])
     assert cloud.origins is None
+
+
+def test_pcd_of_old_versions_has_columns_of_four_bytes(tmp_path, points):
+    rows = points.astype("<f4")
+    head = f"COLUMNS x y z\nPOINTS {len(rows)}\nDATA binary\n".encode()
+    (tmp_path / "a.pcd").write_bytes(head + rows.tobytes())
+    assert_array_equal(in_blocks(tmp_path / "a.pcd").points, rows)
+
+
+def test_packed_pcd_has_one_field_after_the_other(tmp_path):
+    """In files of many blocks, too, and with fields of several numbers a point."""
+    import lzf
+
+    rng = np.random.default_rng(0)
+    normals, columns = rng.normal(size=(500, 3)).astype("<f4"), rng.integers(0, 9, (3, 500))
+    data = normals.tobytes() + columns.astype("<f4").tobytes()
+    packed = lzf.compress(data)
+    head = "COLUMNS normal x y z\nSIZE 4 4 4 4\nTYPE F F F F\nCOUNT 3 1 1 1\nWIDTH 500\n"
+    path = tmp_path / "a.pcd"
+    lengths = struct.pack("<II", len(packed), len(data))
+    path.write_bytes(head.encode() + b"DATA binary_compressed\n" + lengths + packed)
+    assert_array_equal(in_blocks(path).points, columns.T)
 
 
 def test_unpacking_equals_a_plain_reading_of_the_format():
@@ -200,6 +284,9 @@ TEXTS = {
     "ends.csv": ("x,y,z,Intensity,\n", ",", ",7,"),
     "ends.txt": ("", "; ", ";"),
     "normals.xyz": ("", " ", " 0.1 0.2 0.3"),
+    "five.xyz": ("", " ", " 0.5 0.25"),
+    "heights.csv": ("x,y,z,height\n", ",", ",5"),
+    "whole numbers.xyz": ("", " ", " 1 2 300"),
     "units.csv": ("X [m],Y [m],Z [m],Intensity\n", ",", ",7"),
     "more units.txt": ("X (metres) Y (metres) Z (metres)\n", " ", ""),
     "map.csv": ("Easting,Northing,Elevation\n", ",", ""),
@@ -209,6 +296,7 @@ TEXTS = {
     "text of any.csv": ("x,y,z,code,i\n", ",", ',"a, ""b""",7'),
     "text without names.csv": ("", ",", ",WALL"),
     "text and more.txt": ("", " ", " WALL 7"),
+    "commas in text.csv": ("x;y;z;code;i\n", ";", ";WALL, old;7"),
     "quotes.csv": ("", ",", ',"7"'),
     "more quotes.txt": ('"x" "y" "z" "i"\n', " ", ' "7"'),
 }
@@ -273,10 +361,24 @@ def test_colours_after_many_dark_points_are_no_brighter_for_it(tmp_path):
     assert_array_equal(open_cloud(tmp_path / "a.npz").read().colour[10_000:], 100)
 
 
+def test_whole_numbers_are_no_shares_of_full_colour(tmp_path):
+    """However dark; of 16 bits the nearest of 8."""
+    for colour, expected in (([1, 0, 1], [1, 0, 1]), ([65_535, 1000, 0], [255, 4, 0])):
+        np.savez(tmp_path / "a.npz", points=np.ones((1, 3)), rgb=np.array([colour], np.uint16))
+        assert_array_equal(read_cloud(tmp_path / "a.npz").colour, [expected])
+
+
 def test_colours_that_are_missing_tell_nothing_of_the_others(tmp_path):
     (tmp_path / "a.csv").write_text("x,y,z,red,green,blue\n0,0,0,nan,nan,7\n0,0,1,nan,200,7\n")
     colour = open_cloud(tmp_path / "a.csv").read().colour
     assert_array_equal(colour, [[0, 0, 7], [0, 200, 7]])
+
+
+def test_numbers_of_planes_that_are_none(tmp_path):
+    """What no integer of 32 bits holds is the nearest of them; what is no number, no plane."""
+    planes = ["7", "nan", "inf", "-inf", "1e10"]
+    (tmp_path / "a.csv").write_text("x,y,z,plane\n" + "".join(f"1,2,3,{k}\n" for k in planes))
+    assert read_cloud(tmp_path / "a.csv").labels.tolist() == [7, 0, 0, 0, 2**31 - 1]
 
 
 def test_columns_of_a_cloud_are_of_one_kind():
@@ -321,9 +423,11 @@ def test_empty_cells_are_missing_and_their_rows_stay(tmp_path, points, first):
     assert_array_equal(np.flatnonzero(np.isnan(cloud.intensity)), [first, 7])
 
 
-def test_points_may_have_names(tmp_path, points):
+@pytest.mark.parametrize("name", ["P", "1_"])  # 1_000 is a number of Python's alone
+def test_points_may_have_names(tmp_path, points, name):
     rows = enumerate(points.tolist())
-    (tmp_path / "a.txt").write_text("".join(f"P{k} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in rows))
+    lines = (f"{name}{k} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in rows)
+    (tmp_path / "a.txt").write_text("".join(lines))
     assert_array_equal(in_blocks(tmp_path / "a.txt").points, points)
 
 
@@ -333,6 +437,7 @@ def test_points_may_have_names(tmp_path, points):
         ("X [mm],Y [mm],Z [mm]\n1,2,3\n", r"one column x; its columns are X \[mm\]"),
         ("lat,lon,h\n1,2,3\n", "one column x; its columns are lat, lon"),
         ("x,y,elevation,height\n1,2,3,4\n", "one column z"),
+        ("x,y,z,X\n1,2,3,4\n", "one column x; its columns are x, y, z, X"),
         ("x,y,z\nmade,by,hand\n1,2,3\n", "second line that is no point: 'made,by,hand'"),
         ("x,y,z,code\n1,2,3,A\n1,two,3,A\n", "number 2: expected 4 numbers, got '1,two,3,A'"),
         ("x,y,z,code\n1,2,3,A\n1,2,A\n", "number 2: expected 4 numbers, got '1,2,A'"),
@@ -378,7 +483,17 @@ def test_numbers_of_the_points_are_no_coordinates(tmp_path, points, numbers, cod
     assert (cloud.intensity is not None) == bool(code)
 
 
-@pytest.mark.parametrize("case", ["whole", "one row", "with gaps", "two scans"])
+@pytest.mark.parametrize("count", [9, 10])
+def test_a_few_points_may_be_counted_by_chance(tmp_path, points, count):
+    rows = enumerate(points[:count].tolist())
+    (tmp_path / "a.xyz").write_text("".join(f"{k} {x!r} {y!r} {z!r}\n" for k, (x, y, z) in rows))
+    cloud = read_cloud(tmp_path / "a.xyz")
+    first = points[:count, 0] if count == 10 else np.arange(count)
+    assert_array_equal(cloud.points[:, 0], first)
+    assert (cloud.intensity is not None) == (count == 9)
+
+
+@pytest.mark.parametrize("case", ["whole", "one row", "its first row", "with gaps", "two scans"])
 def test_a_column_that_may_be_x_or_numbers_is_refused(tmp_path, points, case):
     """Unless names say which it is."""
     whole = (points * 1000).astype(int)
@@ -386,6 +501,7 @@ def test_a_column_that_may_be_x_or_numbers_is_refused(tmp_path, points, case):
     table = {
         "whole": np.column_stack((k + 5001, whole)),
         "one row": np.column_stack((k + 592_000, np.full(500, 5_740_000), whole[:, :2])),
+        "its first row": np.column_stack((k, np.full(500, 5_740_000), whole[:, :2])),
         "with gaps": np.column_stack((k + k // 7, whole)),
         "two scans": np.column_stack((k % 250, points)),
     }[case]
@@ -537,6 +653,13 @@ def test_las_keeps_what_its_whole_numbers_say(tmp_path, points, colour, ending):
     assert_allclose(bounds, [cloud.coordinates.min(0), cloud.coordinates.max(0)], atol=2e-3)
 
 
+def test_points_behind_a_short_header_are_no_numbers_of_records(tmp_path, points, colour):
+    """In LAS 1.3 the height of the first point is where 1.4 counts the records at the end."""
+    points[0, 2] += 4000
+    las_file(tmp_path / "a.las", points, colour, "1.3", 3)
+    assert_allclose(read_cloud(tmp_path / "a.las").coordinates, points, atol=6e-4)
+
+
 @pytest.mark.parametrize("ending", [".las", ".laz"])
 @pytest.mark.parametrize(("version", "point_format"), [("1.2", 3), ("1.4", 7)])
 def test_las_copies_keep_every_field(tmp_path, points, colour, ending, version, point_format):
@@ -609,9 +732,12 @@ def test_a_dimension_that_cannot_hold_labels_is_replaced(tmp_path, points, colou
     assert_array_equal(laspy.read(target)["plane"], labels)
 
 
-def test_bounds_that_were_never_filled_in_do_not_say_where_points_are(tmp_path, points, colour):
+@pytest.mark.parametrize("north", [5_000_000, 1_000_000])  # the first is beyond 32 bits of 1 mm
+def test_bounds_that_were_never_filled_in_do_not_say_where_points_are(
+    tmp_path, points, colour, north
+):
     path = tmp_path / "a.las"
-    las_file(path, points + np.array([500_000, 5_000_000, 0]), colour).write(path)
+    las_file(path, points + np.array([500_000, north, 0]), colour).write(path)
     before = read_cloud(path)
     data = bytearray(path.read_bytes())
     struct.pack_into("<6d", data, 179, *[0.0] * 6)
@@ -621,6 +747,22 @@ def test_bounds_that_were_never_filled_in_do_not_say_where_points_are(tmp_path, 
     assert np.abs(after.offset - before.offset).max() <= 100
     after = after.read()
     assert_allclose(after.points + after.offset, before.points + before.offset, atol=1e-9)
+
+
+def test_the_offset_of_a_las_file_is_near_the_middle_of_its_bounds(tmp_path):
+    """However much of what is read first lies at one end."""
+    points = np.repeat([[500_010.0, 7.0, 3.0], [502_030.0, 7.0, 3.0]], [10_001, 9], axis=0)
+    las_file(tmp_path / "a.las", points, np.zeros((len(points), 3), np.uint8))
+    assert_array_equal(open_cloud(tmp_path / "a.las").offset, [501_000, 0, 0])
+
+
+def test_a_file_without_points_has_no_bounds(tmp_path):
+    las_file(tmp_path / "a.las", np.ones((1, 3)), np.zeros((1, 3), np.uint8))
+    whole = laspy.read(tmp_path / "a.las")
+    whole.points = whole.points[:0]
+    whole.write(tmp_path / "a.las")
+    file = open_cloud(tmp_path / "a.las")
+    assert (file.count, file.bounds, len(file.read())) == (0, None, 0)
 
 
 @pytest.mark.parametrize("wrong", [1e300, -1e300, np.nan, np.inf])
@@ -636,11 +778,12 @@ def test_bounds_that_no_point_can_have_do_not_move_the_points(tmp_path, points, 
     assert_allclose(after.points + after.offset, before.points + before.offset, atol=1e-9)
 
 
-def test_scales_that_are_none_are_refused(tmp_path, points, colour):
+@pytest.mark.parametrize("scale", [1e300, 0.0, -0.001, np.nan])
+def test_scales_that_are_none_are_refused(tmp_path, points, colour, scale):
     path = tmp_path / "a.las"
     las_file(path, points, colour).write(path)
     data = bytearray(path.read_bytes())
-    struct.pack_into("<3d", data, 131, *[1e300] * 3)
+    struct.pack_into("<3d", data, 131, *[scale] * 3)
     path.write_bytes(data)
     with pytest.raises(PlanewiseError, match="that are none"):
         read_cloud(path)
@@ -694,9 +837,22 @@ def test_las_of_ours(tmp_path, points, colour, ending):
     write_las(path, [(cloud, labels, colour)], bounds)
     data = laspy.read(path)
     assert_allclose(data.xyz, cloud.coordinates[keep], atol=1e-5)
+    assert_array_equal(data.header.scales, 1e-5)  # finer steps are no measurement
     assert_array_equal(data["plane"], labels[keep])
     assert_array_equal(data.green, colour[keep, 1].astype(int) * 257)
     assert int(data.intensity.max()) == 65535
+
+
+def test_laz_of_a_stream_has_its_table_at_the_end(tmp_path, points, colour):
+    """A writer that cannot go back leaves -1 where the place of the table belongs."""
+    path = tmp_path / "a.laz"
+    las_file(path, points, colour)
+    before, data = read_cloud(path), bytearray(path.read_bytes())
+    (start,) = struct.unpack_from("<I", data, 96)
+    place = data[start : start + 8]
+    data[start : start + 8] = struct.pack("<q", -1)
+    path.write_bytes(data + place)
+    assert_array_equal(read_cloud(path).points, before.points)
 
 
 def e57_file(path, scans):
@@ -800,6 +956,37 @@ def test_e57_of_range_and_angles(tmp_path, points):
     assert_allclose(in_blocks(path).points, points, atol=5e-6)
 
 
+def e57_node(file, values):
+    node = libe57.StructureNode(file.image_file)
+    for name, value in values.items():
+        node.set(name, libe57.FloatNode(file.image_file, float(value)))
+    return node
+
+
+@pytest.mark.parametrize("limits", [{"colorRedMaximum": 1023}, {"colorRedMaximum": 0}, {}])
+def test_e57_colours_go_up_to_the_limit_of_their_scan(tmp_path, limits):
+    header = type("Header", (dict,), {"scan_fields": ["colorLimits"]})()
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        header["colorLimits"] = e57_node(file, limits)
+        limit = _limit(header)
+    most = limits.get("colorRedMaximum", 255) or 255  # of a limit of 0 colours are as they are
+    columns = [np.array([0.0, most / 3, most])] * 3
+    assert_array_equal(_colour(columns, limit), [[0] * 3, [85] * 3, [255] * 3])
+
+
+@pytest.mark.parametrize("moved", [False, True])
+def test_e57_bounds_may_be_those_of_the_scan_or_of_the_file(tmp_path, moved):
+    """The offset is near the middle of the points either way."""
+    low = np.array([-3.0, 2, 0]) + moved * UTM
+    bounds = {f"{axis}Minimum": value for axis, value in zip("xyz", low, strict=True)}
+    bounds |= {f"{axis}Maximum": value for axis, value in zip("xyz", low + 4, strict=True)}
+    header = SimpleNamespace(has_pose=lambda: True, rotation_matrix=np.eye(3), translation=UTM)
+    header.scan_fields = ["cartesianBounds"]
+    with pye57.E57(str(tmp_path / "a.e57"), mode="w") as file:
+        header.cartesianBounds = e57_node(file, bounds)
+        assert_allclose(_middle(header), np.add(UTM, (-1, 4, 2)))
+
+
 @pytest.mark.parametrize("ending", [".ply", ".xyz", ".npy"])
 def test_coordinates_of_a_map_grid_lose_nothing(tmp_path, points, ending):
     far = points + UTM
@@ -869,17 +1056,24 @@ def write_bad(folder, name):
         "no format.ply": b"ply\nelement vertex 1\nend_header\n",
         "no end.ply": b"ply\nformat ascii 1.0\n",
         "bomb.pcd": pcd.format(10**12, "binary").encode() + few.tobytes(),
+        "bomb ascii.pcd": pcd.format(10**12, "ascii").encode() + b"1 2 3\n",
         "bomb packed.pcd": pcd.format(10**8, "binary_compressed").encode()
         + struct.pack("<II", 9, 12 * 10**8) + bytes(9),
         "short packed.pcd": pcd.format(4, "binary_compressed").encode()
         + struct.pack("<II", 50, 48) + bytes(9),
         "damaged packed.pcd": pcd.format(4, "binary_compressed").encode()
         + struct.pack("<II", 9, 48) + b"\xff" * 9,
+        "short unpacked.pcd": pcd.format(4, "binary_compressed").encode()
+        + struct.pack("<II", 9, 48) + b"\x07" + bytes(8),
+        "other packed.pcd": pcd.format(4, "binary_compressed").encode()
+        + struct.pack("<II", 9, 47) + b"\x07" + bytes(8),
         "short.pcd": pcd.format(5, "binary").encode() + few.tobytes(),
         "sizes.pcd": pcd.format(4, "binary").replace("SIZE 4 4 4", "SIZE 4 4").encode(),
         "count.pcd": pcd.format(4, "binary").replace("POINTS 4", "POINTS 3").encode() + bytes(99),
         "kind.pcd": pcd.format(4, "zip").encode() + bytes(99),
         "fields.pcd": pcd.format(4, "ascii").replace("x y z", "a b c").encode() + bytes(99),
+        "counts.pcd": pcd.format(4, "binary").replace("COUNT 1 1 1", "COUNT 1 1 0").encode()
+        + bytes(99),
         "type.pcd": pcd.format(4, "binary").replace("TYPE F", "TYPE Q").encode() + bytes(99),
         "two.xyz": b"1 2\n3 4\n",
         "ragged.xyz": b"1 2 3\n1 2\n",
@@ -904,6 +1098,8 @@ def write_bad(folder, name):
         np.save(path, np.array([[{}] * 3]), allow_pickle=True)
     elif name == "flat.npy":
         np.save(path, np.ones(9))
+    elif name == "two.npy":
+        np.save(path, np.ones((9, 2)))
     elif name == "image.npy":
         np.save(path, np.ones((48, 64), np.uint16))
     elif name == "text.npy":
@@ -928,7 +1124,9 @@ def write_bad(folder, name):
             las_file(source, points, np.zeros((3000, 3), np.uint8))
         data = bytearray(source.read_bytes())
         source.unlink()
-        if "records" in name:
+        if "records behind" in name:
+            data[243:247] = struct.pack("<I", 4 * 10**9)
+        elif "records" in name:
             data[100:104] = struct.pack("<I", 4 * 10**9)
         elif "bomb" in name:
             data[247:255] = struct.pack("<Q", 10**12)
@@ -942,11 +1140,13 @@ BAD = [
     "bomb ascii.ply", "bomb before.ply", "short.ply", "short ascii.ply", "words.ply", "no z.ply",
     "twice.ply",
     "unknown type.ply", "list.ply", "no vertex.ply", "no format.ply", "no end.ply", "bomb.pcd",
-    "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd", "short.pcd", "sizes.pcd",
+    "bomb ascii.pcd", "bomb packed.pcd", "short packed.pcd", "damaged packed.pcd",
+    "short unpacked.pcd", "other packed.pcd", "counts.pcd", "short.pcd", "sizes.pcd",
     "count.pcd", "kind.pcd", "fields.pcd", "type.pcd", "two.xyz", "ragged.xyz", "words.xyz",
     "names.csv", "no z.csv", "few.pts", "many.pts", "line.xyz", "bomb.npy", "pickle.npy",
     "flat.npy", "image.npy", "text.npy", "other.npz", "uneven.npz", "swollen.npz",
-    "short.las", "bomb.las", "records.las", "records.laz", "short.laz", "bomb.laz", "short.e57",
+    "short.las", "bomb.las", "records.las", "records.laz",
+    "records behind.las", "short.laz", "bomb.laz", "short.e57",
 ]  # fmt: skip
 
 
@@ -1001,6 +1201,28 @@ def test_changed_bytes_are_read_or_refused(tmp_path, points, colour, name):
             messages.append(str(error))
     assert messages
     assert all(message.isprintable() and len(message) < 400 for message in messages)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("short.ply", "it claims 5 points, there is room for 4"),
+        ("short.pcd", "it claims 5 points, there is room for 4"),
+        ("list.ply", "has lists in its points"),
+        ("two.npy", r"must hold points of shape \(k, 3\), got float64 of shape \(9, 2\)"),
+        ("short packed.pcd", "is cut short: 9 of 50 packed bytes"),
+        ("other packed.pcd", "it claims 4 points, 48 bytes, where its packed .* states 47"),
+        ("counts.pcd", "has a COUNT that is none: 1 1 0"),
+        ("bomb ascii.pcd", "it claims 1,000,000,000,000 points, there is room for 1"),
+        ("bomb packed.pcd", "it claims 100,000,000 points, 1,200,000,000 bytes, where its packed "),
+        ("records.las", "it claims 4,000,000,000 records before and after its points"),
+        ("records behind.las", "it claims 4,000,000,000 records before and after its points"),
+        ("bomb.npy", "it claims 120,000,000,000 bytes of an array, 48 are there"),
+    ],
+)
+def test_what_a_header_claims_is_held_against_the_size_of_the_file(tmp_path, name, said):
+    with pytest.raises(PlanewiseError, match=said):
+        open_cloud(write_bad(tmp_path, name))
 
 
 def test_what_cannot_be_opened(tmp_path):
