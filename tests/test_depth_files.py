@@ -15,6 +15,7 @@ from PIL import Image
 
 from planewise.datasets.paths import listed
 from planewise.errors import PlanewiseError
+from planewise.files import depth as depth_files
 from planewise.files.colour import read_colour
 from planewise.files.depth import (
     MAX_PIXELS,
@@ -23,17 +24,17 @@ from planewise.files.depth import (
     natural_order,
     read_depth,
 )
-from planewise.files.labels import read_labels
+from planewise.files.labels import label_images, read_labels
 from planewise.files.result_names import CLOUD_FILES, FILES, OUTLINE_FILES
 
 DEPTH = np.random.default_rng(0).integers(500, 9000, (12, 16)).astype(np.uint16)
 METRES = (DEPTH / 1000).astype(np.float32)
 
 
-def write_exr(path, channels):
+def write_exr(path, channels, **more):
     import OpenEXR
 
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **more}
     with OpenEXR.File(header, channels) as image:
         image.write(str(path))
 
@@ -58,7 +59,7 @@ def test_floating_point_tiff(tmp_path):
     assert np.array_equal(read_depth(tmp_path / "depth.tiff").depth, METRES)
 
 
-@pytest.mark.parametrize("largest", [65535, 10000])
+@pytest.mark.parametrize("largest", [65535, 10000, 256])  # 256 takes two bytes, too
 def test_pgm_keeps_its_values(tmp_path, largest):
     write_pgm(tmp_path / "depth.pgm", DEPTH, largest, b"# made by hand\n")
     assert np.array_equal(read_depth(tmp_path / "depth.pgm").depth, DEPTH)
@@ -88,6 +89,16 @@ def test_npz_states_camera_scale_and_picture(tmp_path):
     assert frame.rgb.shape == (12, 16, 3)
 
 
+def test_pictures_may_have_as_many_pixels_as_their_depth(tmp_path, monkeypatch):
+    path = tmp_path / "frame.npz"
+    np.savez(path, depth=DEPTH, rgb=np.zeros((12, 16, 3), np.uint8))
+    monkeypatch.setattr(depth_files, "MAX_PIXELS", 12 * 16)
+    assert read_depth(path).rgb.shape == (12, 16, 3)
+    monkeypatch.setattr(depth_files, "MAX_PIXELS", 12 * 16 - 1)
+    with pytest.raises(PlanewiseError, match="claims 192 values; at most 191 are read"):
+        read_depth(path)
+
+
 def test_npz_with_one_array_of_any_name_and_a_matrix(tmp_path):
     np.savez(tmp_path / "one.npz", anything=METRES)
     assert np.array_equal(read_depth(tmp_path / "one.npz").depth, METRES)
@@ -101,6 +112,12 @@ def test_npz_with_one_array_of_any_name_and_a_matrix(tmp_path):
 @pytest.mark.parametrize("channel", ["Z", "depth", "Y"])
 def test_exr(tmp_path, channel):
     write_exr(tmp_path / "depth.exr", {channel: METRES})
+    assert np.array_equal(read_depth(tmp_path / "depth.exr").depth, METRES)
+
+
+def test_exr_may_be_a_window_of_a_larger_picture(tmp_path):
+    corners = [np.array(each, np.int32) for each in ((90_000, 90_000), (90_015, 90_011))]
+    write_exr(tmp_path / "depth.exr", {"Z": METRES}, dataWindow=tuple(corners))
     assert np.array_equal(read_depth(tmp_path / "depth.exr").depth, METRES)
 
 
@@ -164,6 +181,12 @@ def test_damaged_files_are_refused(tmp_path, name, damage, capfd):
     broken = {"truncated": data[: len(data) * 2 // 3], "junk": b"junk" * 50, "empty": b""}
     path.write_bytes(broken[damage])
     refused(path, "d\\.")
+
+
+def test_several_images_in_a_file_are_refused(tmp_path):
+    first, second = Image.fromarray(DEPTH), Image.fromarray(DEPTH + 1)
+    first.save(tmp_path / "d.tiff", save_all=True, append_images=[second])
+    refused(tmp_path / "d.tiff", "holds several images; export one frame a file")
 
 
 def test_other_refusals(tmp_path):
@@ -319,13 +342,46 @@ def test_damaged_tags_that_do_not_matter_are_not_warned_of(tmp_path, read):
     assert_array_equal(read(tmp_path / "damaged.tif"), read(tmp_path / "whole.tif"))
 
 
+def test_parameters_are_those_of_labels_that_a_run_wrote(tmp_path):
+    (tmp_path / "planes.json").write_text('{"planes": [{"normal": [0, 0, -1], "distance": 2}]}')
+    for name in ("labels.png", "mine.png"):
+        Image.fromarray(np.ones((4, 5), np.uint8)).save(tmp_path / name)
+    assert read_labels(tmp_path / "labels.png").planes.tolist() == [[0, 0, -1, 2]]
+    assert read_labels(tmp_path / "mine.png").planes is None
+
+
+def test_archives_of_labels_say_where_there_are_readings(tmp_path):
+    labels, path = np.array([[1, 2, 0, 1]]), tmp_path / "a.npz"
+    np.savez(path, labels=labels, depth=[[0.0, np.nan, np.inf, 2.0]])
+    assert read_labels(path).valid.tolist() == [[False, False, False, True]]
+    np.savez(path, gt=labels * 7, plane_instance=labels)
+    assert np.array_equal(read_labels(path).labels, labels * 7)
+    for wrong, said in (
+        ({"labels": labels / 2}, "must hold integer labels, got float64"),
+        ({"labels": labels[0]}, r"must hold an image of shape \(H, W\), got shape \(4,\)"),
+        ({"labels": labels, "depth": [[1.0, 2.0]]}, "has depth of float64"),
+        ({"labels": labels, "planes": np.ones((2, 3))}, "has planes of shape"),
+    ):
+        np.savez(path, **wrong)
+        with pytest.raises(PlanewiseError, match=said):
+            read_labels(path)
+
+
+def test_a_folder_of_one_frame_has_the_name_of_the_frame(tmp_path):
+    (tmp_path / "room 1.5").mkdir()
+    np.save(tmp_path / "room 2.5.npy", np.ones((4, 5), int))
+    (tmp_path / "._room 2.5.npy").write_bytes(b"what some systems put beside files")
+    Image.fromarray(np.ones((4, 5), np.uint8)).save(tmp_path / "room 1.5" / "labels.png")
+    assert list(label_images(tmp_path)) == ["room 1.5", "room 2.5"]
+
+
 @pytest.mark.parametrize("kind", [np.uint32, np.int32])
 def test_tiffs_of_32_bits(tmp_path, kind):
     units = np.array([[0, 2000], [3000, np.iinfo(kind).max]], kind)
     write_tiff(tmp_path / "depth.tif", units)
     found = read_depth(tmp_path / "depth.tif").depth
+    assert found.dtype == kind
     assert np.array_equal(found, units)
-    assert found.min() >= 0
 
 
 def test_a_picture_of_another_size_is_left_out_and_told(tmp_path, caplog):

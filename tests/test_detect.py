@@ -183,6 +183,7 @@ def test_statistics_of_each_plane_match_its_readings(roof, camera):
         assert plane.rms == pytest.approx(np.sqrt(np.mean(residual**2)), rel=1e-6)
         assert_allclose(plane.centroid, observation.positions()[mine].mean(axis=0))
         assert plane.mean_information == pytest.approx(plane.information / plane.count)
+        assert replace(plane, count=0).mean_information == 0
         assert np.linalg.norm(plane.normal) == pytest.approx(1)
         assert plane.distance >= 0
         rows, columns = np.nonzero(model.labels == j)
@@ -393,6 +394,7 @@ def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera
         ({"max_planes": 2.5}, "max_planes must lie in 1 ... 65535, a whole number, got 2.5"),
         ({"threads": 0}, "threads must be a whole number of at least 1, got 0"),
         ({"threads": 1.5}, "threads must be a whole number of at least 1, got 1.5"),
+        ({"significance": -0.5}, "significance must be a number of nats, not negative, got -0.5"),
         ({"significance": "5"}, "significance must be a number of nats, not negative, got '5'"),
         ({"confidence": "x", "search": "sequential"}, "confidence must lie between 0 and 1"),
         ({"rng": "a"}, "rng must be a seed, not negative, or a numpy.random.Generator, got 'a'"),
@@ -436,6 +438,8 @@ def test_of_regions_too_small_a_share_is_named_before_a_frame_is_there(roof, cam
         with pytest.raises(ValueError, match=f"^{name} is too small, got 0.0001"):
             pw.Detector(camera, SENSOR, **(options | search))
     assert len(pw.Detector(camera, SENSOR, **options)(roof[0])) > 0  # draws none
+    few = PartitionOptions(**{name: 0.005}, confidence=0.5)  # a seventh of the samples of 0.99
+    pw.Detector(camera, SENSOR, **(options | PAPER | {"partition_options": few}))
 
 
 @pytest.mark.parametrize("scale", [0, -0.001, np.nan, np.inf, "1mm", True])
@@ -669,7 +673,8 @@ def test_what_holds_arrays_is_the_same_only_as_itself(kind):
 @pytest.mark.parametrize(
     ("options", "most"),
     [({}, None), ({"objective": "spatial", "max_planes": 5}, 5), ({"objective": "paper"}, 64),
-     ({"search": "sequential"}, 8), ({"search": "sequential", "partition": "blocks"}, None)],
+     ({"search": "sequential"}, 8), ({"search": "sequential", "partition": "blocks"}, None),
+     ({"objective": "paper", "max_planes": 65_534}, 65_534), ({"max_planes": 65_535}, None)],
 )  # fmt: skip
 def test_the_largest_number_of_planes_is_recorded_as_it_is(options, most):
     assert pw.Options(**options).describe()["max_planes"] == most
