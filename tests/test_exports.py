@@ -4,17 +4,20 @@ import csv
 import json
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from PIL import Image
 
 from planewise.batch import Store
+from planewise.batch.label_png import png_of_labels
 from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
 from planewise.errors import PlanewiseError
 from planewise.exports import FORMATS, CocoExport, NpzExport, PngExport, export
-from planewise.exports.planercnn import nearest_points
+from planewise.exports.planercnn import _colours, _scene_of, nearest_points
 from planewise.files.coco_rle import decode_mask
 from planewise.files.labels import read_labels
 from tests import dataset_files
@@ -153,6 +156,28 @@ def test_archives_hold_labels_planes_and_camera(store, tmp_path):
         assert np.array_equal(read.planes, frame.planes)
 
 
+def test_a_covariance_that_is_not_known_is_nan(made, tmp_path):
+    store = Store(made / "png")
+    frame = store["room 0"]
+    table = frame.plane_table
+    at, kind = table.schema.get_field_index("covariance"), table.schema.field("covariance")
+    table = table.set_column(at, kind, pa.nulls(len(table), kind.type))
+    NpzExport(tmp_path, store, store.ids).add(replace(frame, plane_table=table), None)
+    with np.load(tmp_path / "room%200.npz") as arrays:
+        assert arrays["covariance"].shape == (len(table), 4, 4)
+        assert np.isnan(arrays["covariance"]).all()
+
+
+@pytest.mark.parametrize("time", [None, 0.0, 2.5])
+def test_archives_state_a_time_that_is_known(made, tmp_path, time):
+    store = Store(made / "png")
+    frame = store["room 0"]
+    form = NpzExport(tmp_path, store, store.ids)
+    form.add(replace(frame, row={**frame.row, "timestamp": time}), None)
+    with np.load(tmp_path / "room%200.npz") as arrays:
+        assert arrays.get("timestamp") == time
+
+
 def _as_the_training_reads(scene, index):
     """Labels, planes and depth of a frame, by the equations of PlaneRCNN's loader."""
     lines = (scene / f"{scene.name}.txt").read_text().splitlines()
@@ -204,6 +229,13 @@ def test_scenes_as_planercnn_reads_them(made, tmp_path):
             assert info[of_it[0]] + [7] == [(of_it[0], 41, 41), 7]  # lists, to which is added
             seen += 1
     assert seen == len(info) == len(planes)
+
+
+def test_colours_number_all_planes_of_a_scene():
+    """As its reader has it: (red 65536 + green 256 + blue) / 100 - 1, black is none."""
+    colours = _colours(np.array([[0, 1, 60]], np.uint16), 100_000)
+    number = colours.astype(int) @ (65536, 256, 1)
+    assert number.tolist() == [[0, 100 * 100_001, 100 * 100_060]]
 
 
 def test_planes_in_the_world_come_back_by_the_pose():
@@ -276,6 +308,7 @@ def test_pictures_of_a_camera_beside_the_depth_camera_are_told(tmp_path, caplog,
         source = StoredSource(store)
         output = tmp_path / f"{form}{len(options)}"
         assert not all_of(store, FORMATS[form], output, source=source, **options)
+        assert not any("are not known" in each for each in caplog.messages)
         warned = any("of a camera beside" in each for each in caplog.messages)
         assert warned == (kind == "7_scenes" and (form == "planercnn" or "pictures" in options))
 
@@ -293,6 +326,80 @@ def test_long_scenes_are_cut(made, tmp_path, monkeypatch):
         assert indices == list(range(len(indices)))
         number = _as_the_training_reads(scene, indices[-1])[1]
         assert number.max() == len(np.load(scene / "annotation/planes.npy")) - 1
+
+
+def test_a_scene_has_one_camera(made, tmp_path):
+    store = Store(made / "png")
+    source, (one, other) = StoredSource(store), (store["room 0"], store["room 1"])
+    form = FORMATS["planercnn"](tmp_path, store, store.ids)
+    form.add(one, source[one])
+    moved = replace(other, row={**other.row, "cx": other.row["cx"] + 1})
+    with pytest.raises(PlanewiseError, match="frame room 1: it has another camera than its scene"):
+        form.add(moved, source[other])
+    form.add(other, source[other])
+    form.close()
+
+
+def test_a_scene_states_its_camera_and_depth_in_millimetres(made, tmp_path, monkeypatch):
+    store = Store(made / "png")
+    frame = store["room 0"]
+    camera = {"fx": 101.0, "fy": 102.0, "cx": 31.0, "cy": 22.5}
+    frame = replace(frame, row={**frame.row, **camera})
+    depth = np.ones(frame.labels.shape)
+    depth[0, :5] = 1.2344, 1.2346, 65.535, 70.0, np.nan
+    monkeypatch.setattr("planewise.exports.planercnn.metres", lambda *_: depth)
+    form = FORMATS["planercnn"](tmp_path, store, ["room 0"])
+    form.add(frame, StoredSource(store)[frame])
+    form.close()
+    with Image.open(tmp_path / "scans/frames/frames/depth/0.png") as image:
+        assert np.asarray(image)[0, :5].tolist() == [1234, 1235, 65_535, 0, 0]
+    lines = (tmp_path / "scans/frames/frames.txt").read_text().splitlines()
+    height, width = depth.shape
+    assert dict(line.split(" = ") for line in lines) == {
+        "fx_depth": "101.0", "fy_depth": "102.0", "mx_depth": "31.0", "my_depth": "22.5",
+        "colorWidth": str(width), "colorHeight": str(height), "numColorFrames": "1",
+        "depthWidth": str(width), "depthHeight": str(height), "numDepthFrames": "1",
+    }  # fmt: skip
+
+
+def test_a_scene_has_no_more_planes_than_colours(made, tmp_path, monkeypatch):
+    store = Store(made / "png")
+    counts = [len(store[each].planes) for each in store.ids]
+    monkeypatch.setattr("planewise.exports.planercnn._MOST_PLANES", sum(counts) - 1)
+    left_out = all_of(store, FORMATS["planercnn"], tmp_path / "out", source=StoredSource(store))
+    last = max(k for k, count in enumerate(counts) if count)
+    assert [each.frame for each in left_out] == [store.ids[last]]
+    assert left_out[0].reason.endswith("its scene has too many planes")
+    planes = np.load(tmp_path / "out/scans/frames/annotation/planes.npy")
+    assert len(planes) == sum(counts) - counts[last]
+
+
+def test_frames_of_a_scene_may_come_in_any_order(made, tmp_path):
+    store = Store(made / "png")
+    source = StoredSource(store)
+    form = FORMATS["planercnn"](tmp_path, store, store.ids)
+    for each in reversed(store.ids):
+        if each == "room 1":
+            form.left_out(store[each])
+        else:
+            form.add(store[each], source[store[each]])
+    form.finish()
+    form.close()
+    with (tmp_path / "frames.csv").open(newline="") as file:
+        frames = list(csv.DictReader(file))
+    assert [each["frame"] for each in frames] == [each for each in store.ids if each != "room 1"]
+    for each in frames:
+        frame = store[each["frame"]]
+        _, number, _, _, _ = _as_the_training_reads(tmp_path / "scans/frames", each["index"])
+        assert np.array_equal(number >= 0, frame.labels > 0)
+
+
+@pytest.mark.parametrize(
+    ("frame", "scene"),
+    [("a--b/c", "a"), ("a/b/c", "a%2Fb"), ("a", "whole"), ("two words--c", "two%20words")],
+)
+def test_a_scene_is_the_folder_of_its_frames(frame, scene):
+    assert _scene_of(frame, "whole") == scene
 
 
 def test_scenes_follow_the_parts_of_a_collection(made, tmp_path, monkeypatch):
@@ -361,6 +468,27 @@ def test_a_damaged_label_file_costs_its_frame_only(own, tmp_path):
     assert "room 1" not in [each["frame"] for each in coco["images"]]
     scene = tmp_path / "planercnn/scans/frames"
     assert (scene / "annotation/planes.npy").exists()
+
+
+def test_where_nothing_can_be_exported_the_first_reason_is_told(own, tmp_path):
+    store = Store(own)
+    for each in store.ids:
+        store.label_file(each).write_bytes(b"")
+    with pytest.raises(PlanewiseError, match=f"the first: store: frame {store.ids[0]}:"):
+        all_of(store, PngExport, tmp_path / "out")
+
+
+def test_a_plane_without_a_pixel_has_no_mask(own, tmp_path):
+    store = Store(own)
+    frame = store["room 0"]
+    labels = np.where(frame.labels == 1, 0, frame.labels)
+    store.label_file("room 0").write_bytes(png_of_labels(labels))
+    assert not all_of(store, CocoExport, tmp_path / "out")
+    coco = json.loads((tmp_path / "out" / "annotations.json").read_text())
+    (image,) = (each["id"] for each in coco["images"] if each["frame"] == "room 0")
+    found = [each for each in coco["annotations"] if each["image_id"] == image]
+    assert [each["plane"] for each in found] == frame.planes[1:].tolist()
+    assert [each["area"] for each in found] == np.bincount(labels.ravel())[2:].tolist()
 
 
 def test_what_is_left_out_of_a_scene_leaves_no_gap(own, tmp_path):
