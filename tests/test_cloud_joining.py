@@ -1,5 +1,7 @@
 """Planes of a cloud that turn out to be one, and rings of a LiDAR that pay only together."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from benchmarks import scanned_clouds
@@ -7,16 +9,33 @@ from benchmarks.scanned_clouds import turning
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.clouds import gaps, model
+from planewise import prices
+from planewise.clouds import gaps, joining, model, weighing
 from planewise.detect_in_cloud import detect_planes_in_cloud
+from planewise.information import plane_information
 from planewise.kernels import cloud_planes
-from planewise.kernels.cloud_rows import COUNT, CX, CZ, NX, NZ, ROW, WEIGHT, XX, ZZ
+from planewise.kernels.cloud_rows import (
+    AREA,
+    CELLS,
+    COUNT,
+    CX,
+    CZ,
+    MISFIT,
+    NX,
+    NZ,
+    ROW,
+    WEIGHT,
+    XX,
+    YY,
+    ZZ,
+)
 
 from .conftest import SHARED
 
 SENSOR = pw.Sensor(max_depth=100.0, resolution=0.001, noise=0.005)
 SCAN = SHARED / "lidar" / "balm_realworld_000.npz"
 LEAN = np.deg2rad(2.5)
+LIMITS = 10.0, 0.001  # range and resolution
 
 
 RINGS = pw.cameras.VELODYNE_VLP16.rays(pw.cameras.VELODYNE_VLP16.shape).reshape(-1, 3)
@@ -139,6 +158,51 @@ def test_the_nearest_of_the_larger_planes():
     assert np.isinf(far[[1, 3]]).all()
 
 
+def larger(monkeypatch, nearest, more, *, far=0.0, fresh=True, named=()):
+    """What each plane is part of, by what it takes more on its nearest one, in parameters.
+
+    named: planes whose names would cost more than that.
+    """
+    n, price = len(nearest), plane_information(3, *LIMITS)
+
+    def nearest_larger(rows, first, last, out, distance):
+        out[:], distance[:] = (
+            nearest,
+            np.where(np.equal(nearest, np.arange(n)), np.inf, far * price),
+        )
+
+    def more_of(cloud, groups, rows, small, *_):
+        return np.array(more)[small] * price, np.zeros(0, bool)
+
+    left_out = []
+    loops = SimpleNamespace(nearest_larger=nearest_larger, leave_out=None)
+    names = SimpleNamespace(save=lambda nats, into, small: small in named)
+    for name, value in {
+        "kernels": loops,
+        "groups_of": lambda *_: None,
+        "_more": more_of,
+        "_Names": lambda *_: names,
+    }.items():
+        monkeypatch.setattr(joining, name, value)
+    cloud = SimpleNamespace(workers=1, over_cubes=left_out.append)
+    into = joining._larger(cloud, None, np.zeros((n, 1)), np.full(n, fresh), None, LIMITS)
+    assert bool(left_out) == (into != np.arange(n)).any()
+    return into.tolist()
+
+
+def test_a_plane_that_does_not_save_its_parameters_is_part_of_its_nearest(monkeypatch):
+    assert larger(monkeypatch, [2, 2, 2], [0.9, 1.1, 0]) == [2, 1, 2]
+    assert larger(monkeypatch, [2, 2, 2], [0.9, 1.1, 0], named=[1]) == [2, 2, 2]
+    assert larger(monkeypatch, [2, 2, 2], [0.9, 0.9, 0], far=1.01 * prices.FAR) == [0, 1, 2]
+    assert larger(monkeypatch, [2, 2, 2], [0.9, 0.9, 0], fresh=False) == [0, 1, 2]
+
+
+def test_what_planes_become_part_of_becomes_part_of_none_at_once(monkeypatch):
+    """The one that takes least is first; the plane of both together is looked at again."""
+    assert larger(monkeypatch, [1, 2, 2], [0.1, 0.2, 0]) == [1, 1, 2]
+    assert larger(monkeypatch, [1, 2, 2], [0.2, 0.1, 0]) == [0, 2, 2]
+
+
 def test_rows_together_are_those_of_all_points():
     rng = np.random.default_rng(1)
     sheets = [rng.normal(0, (1, 1, 0.01), (n, 3)) for n in (7, 30, 20)]
@@ -168,6 +232,12 @@ def test_points_in_cubes_of_the_nearest_plane_are_together():
     assert_array_equal(mixed, [3, 0, 3 + 2])
 
 
+def test_planes_of_small_clouds_and_images_cost_less():
+    """Than those of 131,072 readings, in proportion; above, all cost the same."""
+    assert [prices.fineness(n) for n in (1 << 16, 1 << 17, 307_200)] == [0.5, 1.0, 1.0]
+    assert prices.price(prices.LEAST, 28.0, 1.0) == 5 * 28.0
+
+
 def test_what_pays_together_saves_its_parameters_once(monkeypatch):
     """A few pieces that lie on one plane by chance are none."""
     few = ring_by_ring(0.01, 2)
@@ -193,6 +263,81 @@ def test_what_pays_together_saves_its_parameters_once(monkeypatch):
     assert (owner == -1).all()
 
 
+def patches(*places, sigma=1e-4):
+    """Rows of level squares of one metre at (x, z), whose height is known to sigma."""
+    rows = np.zeros((len(places), ROW))
+    for row, (x, z) in zip(rows, places, strict=True):
+        row[[WEIGHT, COUNT, AREA, CELLS]] = sigma**-2, 100, 1.0, 1
+        row[CX], row[CZ], row[NZ] = x, z, 1.0
+        row[[XX, YY]] = sigma**-2 / 12
+    return rows
+
+
+def through_gaps(rows, worth, accepted=(), least=0.0):
+    mask = np.isin(np.arange(len(rows)), accepted)
+    return gaps.joined_through_gaps(rows, np.array(worth), mask, 30.0, least, (0.0, 0.0), 10.0)
+
+
+def test_what_lies_on_an_accepted_plane_becomes_part_of_it():
+    """Not what lies off it, nor what is worth nothing."""
+    rows = patches((0, 0), (3, 0), (6, 0.5), (9, 0))
+    planes, owner, saved = through_gaps(rows, [900.0, 50, 40, -5], [0])
+    assert_array_equal(owner, [0, 0, -1, -1])
+    assert_array_equal(saved, [950])
+    assert_array_equal(planes, rows[:1])
+
+
+def test_a_piece_that_may_lie_on_two_planes_is_on_the_nearer_one():
+    rows = np.vstack((patches((0, 0), (3, 0.05)), patches((6, 0.015), (9, 0.035), sigma=0.03)))
+    _, owner, saved = through_gaps(rows, [900.0, 800, 9, 8], [0, 1])
+    assert_array_equal(owner, [0, 1, 0, 1])
+    assert_array_equal(saved, [909, 808])
+
+
+@pytest.mark.parametrize(("others", "joins"), [(0, True), (10, True), (300, False)])
+def test_the_more_segments_there_are_the_longer_it_takes_to_say_which_one(others, joins):
+    """Here a piece tells 4 nats: enough to say which of fifty."""
+    rows = np.vstack((patches((0, 0)), patches((1.5, 0), sigma=0.1), patches(*[(9, 9)] * others)))
+    rows[2:, [NX, NZ]] = 1.0, 0.0
+    _, owner, _ = through_gaps(rows, [900.0, 9] + [-1.0] * others, [0])
+    assert owner[1] == (0 if joins else -1)
+
+
+@pytest.mark.parametrize(
+    ("worth", "least", "pays"),
+    [((40, 30), 0, True), ((32, 25), 0, False), ((40, 30), 15, False), ((900,), 0, False)],
+)
+def test_pieces_pay_together_if_clearly(worth, least, pays):
+    """Their parameters, 30 nats, once, and as much again; one by itself is none."""
+    rows = patches(*[(3 * k, 0) for k in range(len(worth))])
+    planes, owner, saved = through_gaps(rows, worth, least=least)
+    assert len(planes) == len(saved) == pays
+    assert (owner == (0 if pays else -1)).all()
+    assert saved.sum() == pays * (sum(worth) - 30)
+
+
+def test_pieces_that_disagree_pay_for_that(monkeypatch):
+    rows = patches((0, 0), (3, 5e-4), (6, 0.5), (9, 0))
+    planes, owner, saved = through_gaps(rows, [60.0, 50, 40, 5])
+    assert_array_equal(owner, [0, 0, -1, 0])
+    assert planes[0, MISFIT] > 1
+    assert_allclose(saved, 60 + 50 + 5 - 30 - 0.5 * planes[0, MISFIT])
+    for height, pays in ((0.0, True), (5e-4, False)):  # 30.2 nats less what they disagree
+        assert len(through_gaps(patches((0, 0), (3, height)), [40.0, 20.2])[0]) == pays
+    monkeypatch.setattr(gaps, "_MOST_TOGETHER", 2)  # of which the last is none, then
+    planes, owner, saved = through_gaps(rows, [60.0, 50, 40, 5])
+    assert_array_equal(owner, [0, 0, -1, 0])
+    assert_allclose(saved, 60 + 50 + 5 - 30 - 0.5 * planes[0, MISFIT])
+
+
+def test_all_pairs_are_looked_at_however_many():
+    rows = patches(*[(k, 0) for k in range(12)], (0, 2), (1, 2))
+    every = gaps._Gaps((0.0, 0.0), (0.0, 0.1, 0.25), 1.0)
+    ends, _ = every._pairs(rows, len(rows))
+    of_one = [(i, j) for j in range(12) for i in range(j)] + [(12, 13)]
+    assert sorted(map(tuple, ends.tolist())) == sorted(of_one)
+
+
 def test_points_of_groups_that_are_off_are_on_none():
     labels = np.array([1, 2, 1, 0, 2, 2, 1], np.uint16)
     starts, places = np.array([0, 4, 7]), np.array([0, 3, 5])
@@ -201,6 +346,46 @@ def test_points_of_groups_that_are_off_are_on_none():
     assert_array_equal(labels, [1, 0, 1, 0, 2, 2, 0])
     cloud_planes.leave_out(label, places, ~off, np.array([True, False, True]), starts, 0, 2, labels)
     assert_array_equal(labels, [1, 0, 1, 0, 0, 0, 0])
+
+
+def ranked(monkeypatch, points, worth, saved, curves):
+    """Order and curve of planes of such worth; what Phi is for each list of them is told."""
+
+    def ledger(*given):
+        order = given[8] if len(given) > 8 else np.argsort(worth)
+        curve = np.array(curves[tuple(order.tolist())], float)
+        return SimpleNamespace(order=order, worth=worth, saved=saved, curve=curve)
+
+    monkeypatch.setattr(weighing, "ledger", ledger)
+    cloud = SimpleNamespace(local=np.empty((points, 3)))
+    found, curve = weighing._ranked(cloud, None, None, None, None, len(worth), LIMITS)
+    return found.order.tolist(), curve.tolist()
+
+
+WORTH = np.array([-300.0, -100, -500, -200])  # parameters take 28 nats
+SAVED = np.array([-900.0, -100, -800, -50])
+
+
+@pytest.mark.parametrize(("points", "third"), [(1 << 17, []), (1 << 13, [-790])])
+def test_planes_pay_clearly_and_with_those_that_are_worth_more(monkeypatch, points, third):
+    """Five times their parameters, in small clouds once: the last as worth has them, but there.
+
+    The third raises Phi and is cut. Those that pay are in the order of what they save.
+    """
+    curves = {(2, 0, 3, 1): [0, -480, -770, -760, -790]}
+    curves |= {(0, 2, 1, 3): [0, -500, -770, -790, -700]}
+    order, curve = ranked(monkeypatch, points, WORTH, SAVED, curves)
+    assert order == [0, 2, 1, 3]
+    assert curve == [0, -500, -770, *third]
+
+
+def test_planes_that_pay_only_together_with_those_that_are_cut_are_kept(monkeypatch):
+    curves = {(2, 0, 3, 1): [0, -480, -470, -770, -700]}
+    curves |= {(2, 3, 0, 1): [0, -400, -600, -700, -650]}  # without what raises Phi
+    curves |= {(0, 2, 3, 1): [0, -490, -500, -770, -700]}
+    order, curve = ranked(monkeypatch, 1 << 17, WORTH, SAVED, curves)
+    assert order == [0, 2, 3, 1]
+    assert curve == [0, -490, -500, -770]
 
 
 @pytest.mark.skipif(not SCAN.exists(), reason="real scans are not part of the project")
