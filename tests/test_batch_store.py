@@ -347,20 +347,49 @@ def test_cameras_that_are_no_pinholes_are_kept_in_words():
 def test_pictures_of_another_view_are_no_regions(registered):
     seen = []
 
-    def regions(view):
-        seen.append(view.rgb)
-        return np.ones(view.depth.shape, int)
+    class Regions:
+        def __call__(self, view):
+            seen.append(view.rgb)
+            return np.ones(view.depth.shape, int)
+
+        def describe(self):
+            return "all of it"
 
     room = scenes.room(0, size=(60, 80))
     source = _Pictured({"room": DepthFile(depth=room.depth, camera=room.camera, rgb=room.rgb)})
     source.registered = registered
-    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(partition=regions))
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(partition=Regions()))
     assert FrameWork(source, recipe)(0, "room").reason == ""
     assert [each is not None for each in seen] == [registered]
 
 
 class _Pictured(dict):
     name = "pictured"
+
+
+@pytest.mark.parametrize(
+    ("partition", "got"),
+    [
+        (np.ones((60, 80), int), "label image"),
+        (np.ones((2, 60, 80), bool), "2 masks"),
+        (lambda view: np.ones(view.depth.shape, int), "<lambda>"),
+    ],
+)
+def test_a_store_tells_its_partition_from_others(partition, got):
+    with pytest.raises(ValueError, match=rf"partition must be a name or .* describe.*; got {got}"):
+        Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(partition=partition))
+
+
+def test_a_store_goes_on_with_its_partition_alone(frames, tmp_path):
+    batch = batch_of(frames[0], tmp_path / "store", frames[1])
+
+    def with_graph(**settings):
+        options = pw.Options(partition=pw.partition.Graph(**settings))
+        return replace(batch, recipe=replace(batch.recipe, options=options))
+
+    fill(replace(with_graph(colour=0.25), selection=Selection(limit=1)))
+    with pytest.raises(PlanewiseError, match=r'pixels, colour 0\.25" there, "graph.* pixels" here'):
+        fill(with_graph())
 
 
 def test_every_column_is_documented():

@@ -206,6 +206,17 @@ def test_any_function_and_object_will_do(view):
     assert describe(as_partitioner(np.zeros((3, *SHAPE), bool))) == "3 masks"
 
 
+@pytest.mark.parametrize("kind", [Graph, SegmentAnything, Blocks])
+def test_every_setting_is_told(kind):
+    usual = kind()
+    told = {usual.describe()}
+    for name, value in asdict(usual).items():
+        changed = value + "x" if isinstance(value, str) else value * (1 - 1e-8)
+        told.add(kind(**{name: value + 1 if isinstance(value, int) else changed}).describe())
+    assert len(told) == 1 + len(asdict(usual))
+    assert Graph().describe() == "graph, scale 1000, regions of at least 300 pixels"
+
+
 def test_graph_follows_depth_and_colour(camera, roof):
     depth, _, labels = roof
     graph = Graph()
@@ -240,7 +251,7 @@ def test_segment_anything_says_which_extra_it_needs(monkeypatch, camera, module,
     with pytest.raises(ValueError, match=r"stability must lie in 0 \.\.\. 1, got 2"):
         SegmentAnything(stability=2)
     assert SegmentAnything(model="/a/folder/").describe() == (
-        "Segment Anything (folder), stability of at least 0.98"
+        "Segment Anything (/a/folder/), stability of at least 0.98"
     )
 
 

@@ -44,7 +44,8 @@ class Recipe:
     sensor : Sensor
         Range, resolution and noise.
     options : Options
-        How to search; every frame is searched by one thread.
+        How to search; every frame is searched by one thread. A partitioner of one's own has a
+        method ``describe()``, which says all that its regions depend on.
     camera : Camera, optional
         Intrinsics of all frames; ``None`` means that each frame states its own.
     depth_scale : float, optional
@@ -67,6 +68,7 @@ class Recipe:
             checked_camera(self.camera)
         object.__setattr__(self, "depth_scale", checked_scale(self.depth_scale))
         from planewise.options import Options  # loads Numba
+        from planewise.partition import describe, tells_itself
 
         if not isinstance(self.options, Options):
             raise ValueError(f"options must be planewise.Options, got {self.options!r}")
@@ -74,6 +76,13 @@ class Recipe:
             raise ValueError("rng must be an int: a generator does not give the same answer twice")
         if not isinstance(self.options.objective, str | None):
             raise ValueError("objective must be a name, by which the store can tell it from others")
+        partition = self.options.partitioner
+        if partition is not None and not tells_itself(partition):
+            raise ValueError(
+                "partition must be a name or have a method describe() that says all regions depend "
+                "on, by which the store can tell it from others; "
+                f"got {describe(partition)}"
+            )
         object.__setattr__(self, "options", self.options.resolved(spatial=True))
         self.options.check_samples(3)
 

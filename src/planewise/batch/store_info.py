@@ -173,4 +173,4 @@ def _words(names: list[str] | None) -> str | None:
 
 def _short(value: Any) -> str:
     text = "not given" if value is None else json.dumps(value)
-    return text if len(text) <= 80 else text[:77] + "..."
+    return text if len(text) <= 160 else text[:157] + "..."

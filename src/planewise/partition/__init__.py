@@ -17,6 +17,7 @@ from planewise.partition.partitioner import (
     as_partitioner,
     describe,
     regions_of,
+    tells_itself,
 )
 from planewise.partition.regions import regions_of_labels, regions_of_masks
 from planewise.partition.segment_anything import SegmentAnything
@@ -36,4 +37,5 @@ __all__ = [
     "regions_of",
     "regions_of_labels",
     "regions_of_masks",
+    "tells_itself",
 ]

@@ -18,6 +18,7 @@ from planewise.arguments import is_finite, make_counts
 from planewise.errors import needs
 from planewise.foreign_warnings import without_warnings
 from planewise.partition.regions import Regions
+from planewise.wording import unusual
 
 if TYPE_CHECKING:
     from planewise.partition.partitioner import View
@@ -97,7 +98,8 @@ class Graph:
 
     def describe(self) -> str:
         """Say what it is."""
-        return f"graph, scale {self.scale:g}, regions of at least {self.least} pixels"
+        said = f"graph, scale {self.scale:.15g}, regions of at least {self.least} pixels"
+        return said + unusual(self, but=("scale", "least"))
 
 
 def normals(view: View, reach: int) -> Array:

@@ -173,6 +173,11 @@ def describe(partitioner: Partitioner) -> str:
     return str(getattr(partitioner, "__name__", type(partitioner).__name__))
 
 
+def tells_itself(partitioner: Partitioner) -> bool:
+    """Whether `describe` tells a partitioner from all others: no function, nor given regions."""
+    return hasattr(partitioner, "describe") and not isinstance(partitioner, GivenRegions)
+
+
 def regions_of(partitioner: Partitioner, view: View) -> Regions:
     """Regions that a partitioner makes of a frame, checked.
 

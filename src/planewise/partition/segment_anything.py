@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from planewise.arguments import is_finite, make_counts
 from planewise.errors import MissingExtraError, PlanewiseError, in_one_line, needs
+from planewise.wording import unusual
 
 if TYPE_CHECKING:
     from planewise.partition.partitioner import View
@@ -89,8 +90,8 @@ class SegmentAnything:
 
     def describe(self) -> str:
         """Say what it is."""
-        name = self.model.rstrip("/\\").replace("\\", "/").rsplit("/", 1)[-1]
-        return f"Segment Anything ({name}), stability of at least {self.stability:g}"
+        said = f"Segment Anything ({self.model}), stability of at least {self.stability:.15g}"
+        return said + unusual(self, but=("model", "stability"))
 
 
 @dataclass(frozen=True)
