@@ -25,6 +25,7 @@ from planewise.partition import (
     regions_of_labels,
     regions_of_masks,
 )
+from planewise.partition.graph import normals
 from tests.lent import Lent
 
 SHAPE = (48, 64)
@@ -233,6 +234,25 @@ def test_graph_follows_depth_and_colour(camera, roof):
     colour = regions_of(graph, View(depth=wall, camera=camera, rgb=rgb))
     assert plain[5, 5] == plain[5, 60]
     assert colour[5, 5] != colour[5, 60]
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+def test_normals_of_range_images_are_those_of_the_planes():
+    camera = pw.SphericalCamera.spinning(np.linspace(15, -25, 48), columns=360)
+    planes = np.array(
+        [[0, 0, 1, 1.8], [-1, 0, 0, 8.0], [1, 0, 0, 9.0], [0, 1, 0, 6], [0, -1, 0, 7]]
+    )
+    ranges = -planes[:, 3:] / (planes[:, :3] @ camera.ray_rows(camera.shape))
+    ranges[ranges <= 0] = np.inf
+    on = np.argmin(ranges, axis=0).reshape(camera.shape)
+    found = normals(View(depth=ranges.min(axis=0).reshape(camera.shape), camera=camera), 2)
+    # Away from where planes meet; all the way round, over the ends of the image, too.
+    around = np.pad(np.pad(on, ((0, 0), (2, 2)), mode="wrap"), ((2, 2), (0, 0)), mode="edge")
+    window = np.lib.stride_tricks.sliding_window_view(around, (5, 5))
+    inside = (window == on[..., None, None]).all(axis=(2, 3))
+    assert np.unique(on[inside]).size == 5
+    assert inside[:, [0, -1]].any(axis=0).all()
+    assert np.allclose(found[inside], planes[on[inside], :3], atol=1e-6)
 
 
 def test_graph_says_which_extra_it_needs(monkeypatch, view):

@@ -91,6 +91,19 @@ class Sectors:
         return len(self.turn)
 
     @cached_property
+    def axes(self) -> Array:
+        """Axes of every sector, (K, 3, 3): the columns point along x, along y, and outwards."""
+        along = self.turn[..., [1, 2, 0]]
+        return np.asarray(along / np.linalg.norm(along, axis=1, keepdims=True))
+
+    @cached_property
+    def home(self) -> NDArray[np.int32]:
+        """Sector of every column of the image, shape (W,)."""
+        if self.column is None:
+            return np.zeros(self.x.shape[1], np.int32)
+        return self.of_columns(np.flatnonzero(self.column >= 0))
+
+    @cached_property
     def coordinates(self) -> tuple[Image, Image]:
         """x and y for loops that look at few pixels.
 

@@ -105,31 +105,49 @@ class Graph:
 def normals(view: View, reach: int) -> Array:
     """Unit normals facing the camera, shape (H, W, 3); zeros where there is no reading.
 
-    The plane w = theta . (u, v, 1) of inverse depth fitted to the readings of a square about each
-    pixel by least squares; where they determine none, towards the camera.
+    The plane 1 / depth = theta . r, r the ray, fitted to the readings of a square about each pixel
+    by least squares; where they determine none, towards the camera.
     """
     from scipy import ndimage
 
     there = np.isfinite(view.depth)
-    u, v, _ = np.moveaxis(view.camera.rays(view.depth.shape), -1, 0)
+    camera, shape = view.camera, view.depth.shape
+    rays = np.moveaxis(camera.rays(shape), -1, 0)
     w = np.where(there, 1.0 / np.where(there, view.depth, 1.0), 0.0)
-    share = ndimage.uniform_filter(there.astype(np.float64), 2 * reach + 1)
+    around: dict[str, Any] = {
+        "size": 2 * reach + 1,
+        "mode": ("reflect", "wrap" if camera.wraps else "reflect"),
+    }
+    share = ndimage.uniform_filter(there.astype(np.float64), **around)
 
     def mean(image: NDArray[Any]) -> Array:
         """Of the readings about every pixel."""
-        total = ndimage.uniform_filter(np.where(there, image, 0.0), 2 * reach + 1)
+        total = ndimage.uniform_filter(np.where(there, image, 0.0), **around)
         out: Array = np.divide(total, share, np.zeros_like(total), where=share > 1e-9)
         return out
 
-    mean_u, mean_v, mean_w = mean(u), mean(v), mean(w)
-    uu, uv, vv = mean(u * u) - mean_u**2, mean(u * v) - mean_u * mean_v, mean(v * v) - mean_v**2
-    uw, vw = mean(u * w) - mean_u * mean_w, mean(v * w) - mean_v * mean_w
+    # In axes of which the last points outwards, by column: r = (u, v, c), c = 1 in pinhole images.
+    sectors = camera.sectors(shape)
+    axes = sectors.axes[sectors.home]
+    square = np.empty((3, 3, *shape))
+    for i, j in zip(*np.triu_indices(3), strict=True):
+        square[i, j] = square[j, i] = mean(rays[i] * rays[j])
+    square = np.swapaxes(axes, -1, -2) @ np.moveaxis(square, (0, 1), (-2, -1)) @ axes
+    product = np.stack([mean(each * w) for each in rays], axis=-1)[..., None, :] @ axes
+    (uu, uv, uc), (_, vv, vc), (_, _, cc) = np.moveaxis(square, (-2, -1), (0, 1))
+    uw, vw, cw = np.moveaxis(product[..., 0, :], -1, 0)
+    cc = np.where(there, cc, 1.0)
+    # c is eliminated first, which takes away the means.
+    mean_u, mean_v, mean_w = uc / cc, vc / cc, cw / cc
+    uu, uv, vv = uu - uc * mean_u, uv - uc * mean_v, vv - vc * mean_v
+    uw, vw = uw - uc * mean_w, vw - vc * mean_w
     determinant = uu * vv - uv * uv
     told = there & (determinant > 1e-6 * uu * vv)
     one = np.where(told, determinant, 1.0)
     along_u = np.where(told, (vv * uw - uv * vw) / one, 0.0)
     along_v = np.where(told, (uu * vw - uv * uw) / one, 0.0)
     theta = np.stack((along_u, along_v, mean_w - along_u * mean_u - along_v * mean_v), axis=-1)
+    theta = (axes @ theta[..., None])[..., 0]
     size = np.linalg.norm(theta, axis=-1, keepdims=True)
     unit: Array = np.divide(-theta, size, np.zeros_like(theta), where=size > 0)
     return np.asarray(np.where(there[..., None], unit, 0.0))
