@@ -193,7 +193,7 @@ class RayObservation(Observation):
         """Rays as (u, v, 1) in the sector of each, shape (3, k), and depth along its axis, (k,)."""
         sectors = self.camera.sectors(self.shape)
         if sectors.ratio is None:
-            return self.rays, self.depth
+            return sectors.axes[0].T @ self.rays, self.depth  # of a pinhole image they are the same
         x, y, ratio = (
             _gathered(sectors.image(image).reshape(-1), self.index).astype(np.float64)
             for image in (sectors.x, sectors.y, sectors.ratio)

@@ -73,4 +73,5 @@ def describe_image(
     np.minimum(box[:, :2], lower[:, :2], out=box[:, :2])
     np.maximum(box[:, 2:], lower[:, 2:], out=box[:, 2:])
     sums[:, 4:6] *= UNIT / frame.sectors.focal[0], UNIT / frame.sectors.focal[1]
+    sums[:, 4:] = sums[:, 4:] @ frame.sectors.axes[0].T  # in the frame of the camera
     return planes_of(rows, covariances, sums, box, told), ranked
