@@ -69,6 +69,30 @@ class Forward(Own):
         return replace(sectors, turn=TURN @ sectors.turn)
 
 
+class Ranges(Own):
+    """Readings are distances from the centre, along unit rays."""
+
+    bends = True
+
+    def rays(self, shape):
+        rays = self.of.rays(shape)
+        return rays / np.linalg.norm(rays, axis=2, keepdims=True)
+
+    def ray_rows(self, shape):
+        return np.moveaxis(self.rays(shape), -1, 0).reshape(3, -1).copy()
+
+    def pixel_area(self, shape):
+        return self.of.pixel_area(shape) * self.rays(shape)[..., 2] ** 3
+
+    def unproject(self, pixels):
+        rays = self.of.unproject(pixels)
+        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+
+    def sectors(self, shape):
+        flat = self.of.sectors(shape)
+        return replace(flat, straight=False, ratio=self.rays(shape)[..., 2].astype(np.float32))
+
+
 @pytest.fixture(scope="module")
 def corner():
     return scenes.corner(size=SHAPE)
@@ -96,3 +120,13 @@ def test_noise_of_depth_along_another_axis():
     found = pw.estimate_noise(room.depth, Forward(room.camera), auto)
     assert found.describe() == pw.estimate_noise(room.depth, room.camera, auto).describe()
     assert found.describe()["source"] == "estimated"
+
+
+def test_ranges_need_no_columns(corner, planes):
+    camera = Ranges(corner.camera)
+    depth = corner.depth * corner.sensor.resolution / camera.rays(SHAPE)[..., 2]
+    model = pw.detect_planes(depth, camera, replace(corner.sensor, max_depth=10.0))
+    assert len(model) == len(planes)
+    for plane, same in zip(model.planes, planes.planes, strict=True):
+        assert_allclose(plane.normal, same.normal, atol=2e-3)
+        assert_allclose(plane.area, same.area, rtol=0.02)

@@ -65,7 +65,7 @@ class Sectors:
     start, stop : ndarray of int, shape (K,)
         First column of each sector, and the one behind its last.
     ratio : ndarray of float32, shape (H, W'), optional
-        c = z / range, 1 in gaps; ``None`` where depth is z.
+        c = z / range, 1 in gaps; ``None`` where depth is z. With it there is always a `column`.
     wraps : bool
         Whether the last sector is beside the first one.
     margin, beyond : ndarray of int
@@ -84,6 +84,10 @@ class Sectors:
     wraps: bool = False
     margin: NDArray[np.intp] = field(default_factory=_no_columns)
     beyond: NDArray[np.intp] = field(default_factory=_no_columns)
+
+    def __post_init__(self) -> None:
+        if self.ratio is not None and self.column is None:
+            object.__setattr__(self, "column", np.arange(self.ratio.shape[1]))
 
     @cached_property
     def count(self) -> int:
