@@ -130,3 +130,86 @@ def test_ranges_need_no_columns(corner, planes):
     for plane, same in zip(model.planes, planes.planes, strict=True):
         assert_allclose(plane.normal, same.normal, atol=2e-3)
         assert_allclose(plane.area, same.area, rtol=0.02)
+
+
+def _rows_of(shape):
+    return lambda self, _: self.of.ray_rows(shape)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "message"),
+    [
+        ("pixel_size", 0.002, "pixel_size of Wrong must be two positive numbers.*; got 0.002"),
+        ("rays", lambda self, shape: self.ray_rows(shape), r"rays .*\(120, 160, 3\); got .*19200"),
+        ("ray_rows", _rows_of((60, 80)), r"float64 of shape \(3, 19200\); got .* \(3, 4800\)"),
+        ("ray_rows", lambda self, shape: self.rays(shape), r"ray_rows .*got .* \(120, 160, 3\)"),
+        (
+            "ray_rows",
+            lambda self, shape: self.of.ray_rows(shape) / 0,
+            r"ray_rows .* finite \(NaN",
+        ),
+        ("pixel_area", lambda self, shape: 1e-5, "pixel_area .*array of float64 .*; got 1e-05"),
+        ("sectors", lambda self, shape: None, "sectors of Wrong must be .*Sectors; got None"),
+        ("sectors", lambda self, _: self.of.sectors((60, 80)), r"sectors\.x .*got .* \(60, 80\)"),
+        (
+            "sectors",
+            lambda self, shape: replace(self.of.sectors(shape), y=np.ones(shape)),
+            r"sectors\.y .* array of float32 .*; got float64",
+        ),
+        (
+            "sectors",
+            lambda self, shape: replace(self.of.sectors(shape), column=np.arange(159)),
+            r"sectors\.column .* the columns 0 \.\.\. 159 of the image",
+        ),
+        (
+            "sectors",
+            lambda self, shape: replace(self.of.sectors(shape), ratio=np.zeros(shape, np.float32)),
+            r"sectors\.ratio .* positive; got 0",
+        ),
+        (
+            "sectors",
+            lambda self, shape: replace(self.of.sectors(shape), turn=np.ones((1, 3, 3))),
+            r"sectors\.turn .* inverted",
+        ),
+        ("__hash__", None, "must be hashable .*unhashable type: 'Wrong'"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:divide by zero", "ignore:invalid value")
+def test_what_a_camera_gives_is_checked(corner, name, given, message):
+    camera = type("Wrong", (Own,), {name: given})(corner.camera)
+    with pytest.raises(ValueError, match=f"camera: .*{message}"):
+        pw.observe(corner.depth, camera, corner.sensor)
+
+
+def test_what_a_camera_lacks_is_named(corner):
+    bare = type("Bare", (), {"check": Own.check, "ray_rows": Own.ray_rows, "frame": ""})
+    with pytest.raises(ValueError, match=r"a Bare lacks wraps, pixel_size, rays, .*describe"):
+        pw.Detector(bare(), corner.sensor)
+
+
+def test_a_camera_is_checked_once_per_image_size(corner):
+    asked = []
+
+    class Counted(Own):
+        def rays(self, shape):
+            asked.append(shape)
+            return super().rays(shape)
+
+    for _ in range(3):
+        pw.observe(corner.depth, Counted(corner.camera), corner.sensor)
+    assert asked == [SHAPE]
+
+
+def test_rays_may_be_missing_where_a_lens_bends(corner):
+    def blind(self, shape):
+        rays = self.of.ray_rows(shape).copy()
+        rays[:2, :320] = np.nan
+        return rays
+
+    for bends in (True, False):
+        camera = type("Blind", (Own,), {"ray_rows": blind, "bends": bends})(corner.camera)
+        if bends:
+            assert pw.observe(corner.depth, camera, corner.sensor).count == 19200 - 320
+        else:
+            with pytest.raises(ValueError, match=r"ray_rows .* finite \(NaN is for pixels"):
+                pw.observe(corner.depth, camera, corner.sensor)

@@ -42,8 +42,8 @@ _UNSEEN = 0.1  # share of an image that a lens may not see; more is no lens of t
 class Camera(Protocol):
     """Known rays of an image: `PinholeCamera`, `SphericalCamera`, or one of your own.
 
-    Cameras are immutable and hashable. A reading s on the ray r of its pixel is the point s r in
-    the camera's frame.
+    It is immutable and hashable, and gives arrays of float64. A reading s on the ray r of its pixel
+    is the point s r in the camera's frame.
     """
 
     def __hash__(self) -> int: ...
@@ -111,6 +111,9 @@ def checked_camera(camera: Camera) -> Camera:
             "camera must be a planewise.PinholeCamera or SphericalCamera, such as "
             f"planewise.cameras.KINECT_V1, got {got}"
         )
+    names = [name for name in vars(Camera) if not name.startswith("_")]
+    if lacking := [n for n in names if not (hasattr(type(camera), n) or hasattr(camera, n))]:
+        raise ValueError(f"camera: a {type(camera).__name__} lacks {', '.join(lacking)}")
     return camera
 
 

@@ -23,6 +23,7 @@ from planewise.arguments import unmasked
 from planewise.camera import RIG, Camera, checked_camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO
+from planewise.own_camera import check_own
 from planewise.sensor import Sensor, checked_sensor
 from planewise.threads import halves
 from planewise.wording import counted
@@ -338,6 +339,7 @@ def observe(
         depth = unmasked("depth", depth).copy()  # the caller may change what it is of
     image = DepthImage.of(depth, checked_sensor(sensor), depth_scale, workspace)
     checked_camera(camera).check(image.shape)
+    check_own(camera, image.shape)
     if camera.bends and (blind := _without_rays(camera, image.shape)) is not None:
         image = image.without(blind)
     seen = RayObservation(

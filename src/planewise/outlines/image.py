@@ -13,6 +13,7 @@ from planewise.camera import Camera, checked_camera
 from planewise.model import Plane, PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
+from planewise.own_camera import check_own
 
 Array = NDArray[np.float64]
 
@@ -68,6 +69,7 @@ def outline_image(
         raise ValueError(f"max_depth must be a positive number of metres, got {max_depth!r}")
     height, width = model.labels.shape
     checked_camera(camera).check((height, width))
+    check_own(camera, (height, width))
     rays = camera.ray_rows((height, width))
     theta = np.array([(0.0, 0.0, 0.0), *(_theta(plane) for plane in model.planes)])
     flat = model.labels.reshape(-1)
