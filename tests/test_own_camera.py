@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
 
+import jsonschema
 import numpy as np
 import pytest
+from benchmarks.faults import InOrder
 from numpy.testing import assert_allclose
 
 import planewise as pw
 from planewise import scenes
+from planewise.batch import Batch, DepthFolder, Recipe, Store
+from planewise.batch.stored_source import camera_of
+from planewise.gallery import write_gallery
+from planewise.results.planes_json import SCHEMA_FILE, describe_model
 
 SHAPE = (120, 160)
 TURN = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -213,3 +220,31 @@ def test_rays_may_be_missing_where_a_lens_bends(corner):
         else:
             with pytest.raises(ValueError, match=r"ray_rows .* finite \(NaN is for pixels"):
                 pw.observe(corner.depth, camera, corner.sensor)
+
+
+class Fisheye(Own):
+    def describe(self):
+        return {"model": "fisheye", "fx": self.of.fx, "elevation": "level"}
+
+
+@pytest.mark.parametrize("kind", [Own, Fisheye])
+def test_results_of_any_camera_are_valid(corner, planes, kind):
+    record = describe_model(
+        planes, depth=corner.depth, camera=kind(corner.camera), sensor=corner.sensor
+    )
+    jsonschema.validate(json.loads(json.dumps(record)), json.loads(SCHEMA_FILE.read_text()))
+    assert record["camera"]["model"] in ("own", "fisheye")
+
+
+@pytest.mark.parametrize("kind", [Own, Fisheye])
+def test_pages_of_any_camera(corner, kind, tmp_path):
+    (tmp_path / "frames").mkdir()
+    np.savez(tmp_path / "frames" / "1.npz", depth=corner.depth)
+    recipe = Recipe(sensor=corner.sensor, options=pw.Options(), camera=kind(corner.camera))
+    batch = Batch(source=DepthFolder(tmp_path / "frames"), store=tmp_path / "store", recipe=recipe)
+    with batch.started(InOrder()) as run:
+        assert [outcome.reason for outcome in run] == [""]
+    store = Store(tmp_path / "store")
+    write_gallery(store, tmp_path / "page.html")
+    assert recipe.camera.describe()["model"] in (tmp_path / "page.html").read_text()
+    assert [camera_of(frame) for frame in store] == [None]

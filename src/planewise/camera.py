@@ -93,7 +93,7 @@ class Camera(Protocol):
         ...
 
     def describe(self) -> dict[str, Any]:
-        """Say in plain types what the camera is, for result files."""
+        """Say in plain types what the camera is, its ``model`` first, for result files."""
         ...
 
 

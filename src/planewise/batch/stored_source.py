@@ -19,7 +19,7 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.datasets.opening import READERS
 from planewise.datasets.ros import TOPICS
 from planewise.errors import PlanewiseError, SetupError
-from planewise.files.lidar import is_spherical, spherical_camera
+from planewise.files.lidar import spherical_camera
 
 
 class StoredSource:
@@ -98,9 +98,9 @@ def camera_of(frame: StoredFrame) -> Camera | None:
 
 
 def _described(camera: dict[str, Any]) -> Camera | None:
-    if is_spherical(camera):
+    if camera.get("model") == "spherical":
         return spherical_camera(camera)
-    return PinholeCamera(**camera) if "fx" in camera else None
+    return PinholeCamera(**camera) if "fx" in camera and "model" not in camera else None
 
 
 def _open(info: Mapping[str, Any], path: Path | None, poses: bool) -> Source:

@@ -215,8 +215,10 @@ def _search(options: dict[str, Any]) -> str:
 def _camera(camera: dict[str, Any] | None) -> str:
     if camera is None:
         return "that of each frame"
-    if "model" in camera:
-        return f"{camera['model']}, {counted(len(camera['elevation']), 'row')}"
+    if camera.get("model") == "spherical":
+        return f"spherical, {counted(len(camera['elevation']), 'row')}"
+    if "model" in camera or "fx" not in camera:
+        return str(camera.get("model", "of another kind"))
     return ", ".join(f"{name} {value}" for name, value in camera.items()) + " (pixels)"
 
 
