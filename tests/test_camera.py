@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
+from scipy.spatial import cKDTree
 
 import planewise as pw
 from planewise import lens
@@ -111,6 +112,26 @@ def test_a_lens_stretches_as_differences_say(distortion):
 
     (along_u, across), (_, along_v) = slope(step, 0), slope(0, step)
     assert_allclose(lens._stretch(distortion, u, v), (along_u, along_v, across), atol=1e-8)
+
+
+def test_rays_come_back_from_where_a_lens_hardly_tells_them_apart():
+    """Short of its fold: from where they are seen itself, steps of Newton's would lead nowhere."""
+    distortion = (0.524, -0.104, 0.0, -0.009, -0.159)
+    u, v = (each.ravel() for each in np.meshgrid(np.linspace(-0.8, 0.8, 9), [-0.75, 0.0, 0.75]))
+    found = lens.undistort(distortion, *lens.distort(distortion, u, v))
+    assert_allclose(found, (u, v), atol=1e-6)
+
+
+def test_what_no_ray_short_of_the_fold_is_seen_at_has_none():
+    distortion = (0.005, -0.121, -0.002, -0.033)
+    rays = np.meshgrid(np.linspace(-1.3, 1.3, 261), np.linspace(-1.3, 1.3, 261))  # it is at 1.14
+    seen = cKDTree(np.reshape(lens.distort(distortion, *rays), (2, -1)).T)
+    places = np.reshape(
+        np.meshgrid(np.linspace(-1.2, 1.2, 25), np.linspace(-0.9, 0.9, 19)), (2, -1)
+    )
+    unseen = seen.query(places.T)[0] > 0.02
+    assert unseen.sum() > 20
+    assert np.isnan(lens.undistort(distortion, *places[:, unseen])).all()
 
 
 def test_distortion_that_folds_the_image_is_refused():

@@ -493,7 +493,9 @@ def test_a_few_points_may_be_counted_by_chance(tmp_path, points, count):
     assert (cloud.intensity is not None) == (count == 9)
 
 
-@pytest.mark.parametrize("case", ["whole", "one row", "its first row", "with gaps", "two scans"])
+@pytest.mark.parametrize(
+    "case", ["whole", "one row", "its first row", "but heights", "with gaps", "two scans"]
+)
 def test_a_column_that_may_be_x_or_numbers_is_refused(tmp_path, points, case):
     """Unless names say which it is."""
     whole = (points * 1000).astype(int)
@@ -502,6 +504,7 @@ def test_a_column_that_may_be_x_or_numbers_is_refused(tmp_path, points, case):
         "whole": np.column_stack((k + 5001, whole)),
         "one row": np.column_stack((k + 592_000, np.full(500, 5_740_000), whole[:, :2])),
         "its first row": np.column_stack((k, np.full(500, 5_740_000), whole[:, :2])),
+        "but heights": np.column_stack((k + 5001, whole[:, :2], points[:, 2])),
         "with gaps": np.column_stack((k + k // 7, whole)),
         "two scans": np.column_stack((k % 250, points)),
     }[case]
