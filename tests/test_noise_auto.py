@@ -426,3 +426,12 @@ def test_readings_very_far_away_need_no_memory_of_their_own(camera):
     """As of millimetres that are taken for metres, by a sensor that sees very far."""
     depth = np.random.default_rng(0).normal(2e8, 1e5, (48, 64))
     assert pw.estimate_noise(depth, camera, pw.Sensor(max_depth=1e9)).frames == 1
+
+
+def test_a_caller_may_want_all_errors_of_numbers_raised():
+    room = scenes.room(0, size=(240, 320))
+    with np.errstate(all="raise"):
+        found = pw.estimate_noise(room.depth, room.camera, pw.Sensor())
+        assert pw.detect_planes(room.depth, room.camera, pw.Sensor(noise="auto")).planes
+        pw.calibrate([room.depth, room.depth], room.camera, pw.Sensor())
+    assert found.describe()["source"] == "estimated"

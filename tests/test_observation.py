@@ -143,6 +143,7 @@ def test_bad_sensors_are_refused(kwargs, message):
         (lambda z: "a", "noise must return one sigma per depth, got 'a'"),
         (lambda z: np.nan * z, "sigma = nan"),
         (lambda z: np.ones(3), "one sigma per depth"),
+        (lambda z: z * 0.01j, "noise must return one sigma per depth, got array"),
         (1e300, r"noise must be positive and finite .* sigma = 1e\+300"),
         (1e-300, "noise must be positive and finite .* sigma = 1e-300"),
     ],
@@ -322,3 +323,37 @@ def test_what_is_no_observation_is_refused():
         pw.find(seen, None)
     with pytest.raises(ValueError, match=r"such as model\.planes"):
         pw.information(seen, pw.find(seen, pw.Options()), np.zeros((48, 64), int))
+
+
+def test_a_sum_of_functions_that_return_a_number():
+    both = pw.noise.RootSum((lambda z: 0.003, 0.004))
+    assert both([1.0, 2.0]).tolist() == pytest.approx([0.005, 0.005])
+    with pytest.raises(ValueError, match="parts must return one sigma per depth"):
+        pw.noise.RootSum((lambda z: np.ones(3), 0.004))([1.0, 2.0])
+
+
+def test_a_noise_of_ones_own_is_told_by_its_name():
+    class Own:
+        def __call__(self, z):
+            return 0.01 * z
+
+        def by_half(self, z):
+            return 0.005 * z
+
+    for noise in (Own(), Own().by_half, lambda z: 0.01 * z):
+        parts = pw.noise.ErrorParts(white=noise, shared=0, drift=pw.noise.RootSum((noise,)))
+        told = pw.Sensor(noise=noise, parts=parts).describe()
+        assert " at 0x" not in f"{told}"
+        assert told["noise"] == getattr(noise, "__qualname__", Own.__qualname__)
+
+
+@pytest.mark.parametrize("whole", [True, False])
+def test_sigma_cannot_be_written_to(camera, whole):
+    table = np.full(48 * 64, 0.01)
+    depth = np.full((48, 64), 2000) if whole else np.full((48, 64), 2.0)
+    seen = pw.observe(depth, camera, pw.Sensor(noise=0.01 if whole else lambda z: table[: z.size]))
+    points = pw.observe_points(np.eye(3) + 1, pw.Sensor(noise=0.01))
+    for observation in (seen, points):
+        with pytest.raises(ValueError, match="read-only"):
+            observation.sigma[:] = 1.0
+    assert table.flags.writeable

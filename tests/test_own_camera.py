@@ -146,7 +146,11 @@ def _rows_of(shape):
 @pytest.mark.parametrize(
     ("name", "given", "message"),
     [
-        ("pixel_size", 0.002, "pixel_size of Wrong must be two positive numbers.*; got 0.002"),
+        (
+            "pixel_size",
+            0.002,
+            "pixel_size of Wrong must be a tuple of two .*; got 0.002",
+        ),
         ("rays", lambda self, shape: self.ray_rows(shape), r"rays .*\(120, 160, 3\); got .*19200"),
         ("ray_rows", _rows_of((60, 80)), r"float64 of shape \(3, 19200\); got .* \(3, 4800\)"),
         ("ray_rows", lambda self, shape: self.rays(shape), r"ray_rows .*got .* \(120, 160, 3\)"),

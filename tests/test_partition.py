@@ -204,6 +204,10 @@ def test_any_function_and_object_will_do(view):
     masks = as_partitioner(lambda seen: [seen.depth > 1, seen.depth > 3])
     assert (regions_of(masks, view) == 1).all()
     assert describe(as_partitioner([[0, 1], [1, 1]])) == "label image"
+    rows, lists = [[0] * 64] * 20 + [[1] * 64] * 28, as_partitioner(lambda seen: rows)
+    assert_array_equal(regions_of(lists, view), regions_of(as_partitioner(rows), view))
+    masks = as_partitioner(lambda seen: [rows, rows])
+    assert_array_equal(regions_of(masks, view), regions_of(lists, view))
     assert describe(as_partitioner(np.zeros((3, *SHAPE), bool))) == "3 masks"
 
 

@@ -187,7 +187,7 @@ def test_detection_with_its_regions(kind, search, view, request):
     )
     model = detector(depth, rgb=view.rgb)
     assert len(model) >= 1
-    assert model.settings["partition"].startswith(f"Segment Anything ({folder}), ")
+    assert model.settings["partition"].startswith("Segment Anything (sam")
     assert np.array_equal(detector(depth, rgb=view.rgb).labels, model.labels)
 
 

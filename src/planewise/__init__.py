@@ -106,12 +106,14 @@ _LAZY = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    if name in ("batch", "datasets", "errors", "metrics", "partition", "scenes"):
-        return import_module(f"planewise.{name}")
-    if name in _LAZY:
-        return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
-    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+if not TYPE_CHECKING:  # by which a name that there is not would have a type
+
+    def __getattr__(name: str) -> Any:
+        if name in ("batch", "datasets", "errors", "metrics", "partition", "scenes"):
+            return import_module(f"planewise.{name}")
+        if name in _LAZY:
+            return getattr(import_module(f"planewise.{_LAZY[name]}"), name)
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:

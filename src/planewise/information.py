@@ -105,7 +105,7 @@ def planes_model(
     --------
     >>> phi = planes_model([([0.0], [0.01])], 1, dimension=3, freedom=1, range=10, resolution=0.001)
     >>> round(phi, 6)  # 2 ln 2 + (1 + 3) ln 10^4 + 1/2 ln(2 pi 100)
-    41.44918
+    41.449179
     """
     readings = outliers + sum(np.size(residual) for residual, _ in inliers)
     phi = mask_information(readings, len(inliers))

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.arguments import is_finite, make_plain
+from planewise.arguments import is_finite, make_plain, real_numbers, shown
 
 Array = NDArray[np.float64]
 Noise = Callable[[Array], Array]
@@ -93,7 +93,7 @@ class RootSum:
     array([0.005, 0.005])
     """
 
-    parts: tuple[Noise, ...]
+    parts: tuple[Noise | float, ...]
 
     def __post_init__(self) -> None:
         parts: Any = self.parts
@@ -106,11 +106,12 @@ class RootSum:
     def __call__(self, z: ArrayLike) -> Array:
         """Evaluate sigma at depths `z` (metres)."""
         z = np.asarray(z, dtype=np.float64)
-        return np.asarray(np.sqrt(np.sum([np.square(part(z)) for part in self.parts], axis=0)))
+        square = [np.square(evaluated("parts", part, z)) for part in self.parts]
+        return np.asarray(np.sqrt(np.sum(square, axis=0)))
 
     def __str__(self) -> str:
         """Write the formula."""
-        squares = (f"({str(part).removesuffix(' m')})^2" for part in self.parts)
+        squares = (f"({in_words(part).removesuffix(' m')})^2" for part in self.parts)
         return f"sqrt({' + '.join(squares)}) m"
 
 
@@ -147,16 +148,17 @@ class ErrorParts:
         at most: a frame may show less.
     """
 
-    white: Noise
-    shared: Noise
-    drift: Noise
+    white: Noise | float
+    shared: Noise | float
+    drift: Noise | float
 
     def __post_init__(self) -> None:
         for name in ("white", "shared", "drift"):
             object.__setattr__(self, name, as_curve(f"parts.{name}", getattr(self, name)))
 
     def __str__(self) -> str:
-        return f"white {self.white}, shared {self.shared}, drift {self.drift} over 100 px"
+        white, shared, drift = map(in_words, (self.white, self.shared, self.drift))
+        return f"white {white}, shared {shared}, drift {drift} over 100 px"
 
 
 def constant(sigma: float) -> Polynomial:
@@ -202,7 +204,21 @@ def as_curve(name: str, noise: Any) -> Noise:
     return made
 
 
-def evaluated(name: str, noise: Noise, z: Array) -> Array:
+def in_words(noise: Noise | float | Auto) -> str:
+    """Formula of a noise model; of a function without one its qualified name, as of a class's.
+
+    Examples
+    --------
+    >>> in_words(constant(0.005)), in_words(np.sqrt), in_words(is_constant)
+    ('0.005 m', "<ufunc 'sqrt'>", 'is_constant')
+    """
+    said = str(noise)
+    if " at 0x" not in said:  # where it lies in memory, which is another place in every run
+        return said
+    return str(getattr(noise, "__qualname__", type(noise).__qualname__))
+
+
+def evaluated(name: str, noise: Noise | float, z: Array) -> Array:
     """Standard deviations in metres at depths `z`, of their shape; their values are unchecked.
 
     Raises
@@ -210,11 +226,11 @@ def evaluated(name: str, noise: Noise, z: Array) -> Array:
     ValueError
         If the curve does not give a number for each.
     """
-    given: Any = noise(z.copy())  # it may work in place
+    given: Any = as_curve(name, noise)(z.copy())  # it may work in place
     try:
-        sigma = np.asarray(given, np.float64)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must return one sigma per depth, got {given!r}") from None
+        sigma = real_numbers(name, given, "real")
+    except ValueError:
+        raise ValueError(f"{name} must return one sigma per depth, got {shown(given)}") from None
     if sigma.ndim and sigma.shape != z.shape:
         raise ValueError(
             f"{name} must return one sigma per depth: expected shape {z.shape}, got {sigma.shape}"

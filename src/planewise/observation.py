@@ -158,10 +158,10 @@ class RayObservation(Observation):
 
     @cached_property
     def sigma(self) -> Array:
-        """Standard deviation of each reading in metres, shape (k,)."""
+        """Standard deviation of each reading in metres, shape (k,); read-only."""
         if self.image.values.dtype.kind == "f":
-            return self.sensor.sigma(self.depth)
-        return self.of_sigma(lambda sigma: sigma)
+            return read_only(self.sensor.sigma(self.depth))
+        return read_only(self.of_sigma(lambda sigma: sigma))
 
     def of_sigma(self, function: Callable[[Array], Array]) -> Array:
         """`function` of every reading's sigma, shape (k,): of integers once per level."""
@@ -257,6 +257,13 @@ class RayObservation(Observation):
     def positions(self) -> Array:
         """Return the readings as points in space, shape (k, 3), metres."""
         return (self.rays * self.depth).T
+
+
+def read_only(array: Array) -> Array:
+    """View of an array, which may be somebody else's, that nobody can write through."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
 
 
 def _gathered(rows: NDArray[Any], index: NDArray[np.integer]) -> NDArray[Any]:

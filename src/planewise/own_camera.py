@@ -35,7 +35,7 @@ def _check(camera: Camera, shape: tuple[int, int]) -> None:
     size = camera.pixel_size
     numbers = isinstance(size, tuple) and len(size) == 2
     if not (numbers and all(is_finite(each) and each > 0 for each in size)):
-        raise _wrong(camera, "pixel_size", "two positive numbers, in metres at one metre", size)
+        raise _wrong(camera, "pixel_size", "a tuple of two positive metres", size)
     flat = (3, shape[0] * shape[1])
     for name, wanted in (("rays", (*shape, 3)), ("ray_rows", flat), ("pixel_area", shape)):
         given = getattr(camera, name)(shape)

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import LEAST_LENGTH, MOST_LENGTH, checked_metres, checked_points
 from planewise.noise import AUTO, is_constant
-from planewise.observation import Array, Observation
+from planewise.observation import Array, Observation, read_only
 from planewise.sensor import Sensor, checked_sensor
 from planewise.wording import counted
 
@@ -47,8 +47,8 @@ class PointObservation(Observation):
 
     @property
     def sigma(self) -> Array:
-        """Standard deviation of each point in metres, shape (k,)."""
-        return self.errors
+        """Standard deviation of each point in metres, shape (k,); read-only."""
+        return read_only(self.errors)
 
     @property
     def index(self) -> NDArray[np.int64]:

@@ -47,6 +47,14 @@ def find(
     -------
     PlaneModel
         Planes, best first.
+
+    Raises
+    ------
+    ValueError
+        If an argument is malformed, or the options do not go with such an observation: the spatial
+        objective and `reassign` need a depth image, samples in many dimensions a larger share.
+    MissingExtraError
+        If a partition needs what is not installed.
     """
     checked_observation(observation)
     if not isinstance(options, Options):

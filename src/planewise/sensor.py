@@ -19,6 +19,7 @@ from planewise.noise import (
     Nothing,
     constant,
     evaluated,
+    in_words,
     proportional,
 )
 
@@ -163,7 +164,7 @@ class Sensor:
             "min_depth_m": self.min_depth,
             "range_m": self.range,
             "resolution_m": self.resolution,
-            "noise": str(self.noise),
+            "noise": in_words(self.noise),
             "parts": self._describe_parts(),
         }
 

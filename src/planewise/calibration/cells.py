@@ -191,4 +191,6 @@ def blurred(ratio: Array | float) -> Array:
 
     exp(-(2 pi k s / q)^2)
     """
-    return np.exp(-((2 * np.pi * np.multiply.outer(ratio, _HARMONICS)) ** 2))
+    # Beyond the bound nothing is left; numbers too small to be told from 0 are errors to some.
+    exponent = np.minimum((2 * np.pi * np.multiply.outer(ratio, _HARMONICS)) ** 2, 300.0)
+    return np.asarray(np.exp(-exponent))

@@ -19,7 +19,7 @@ from planewise.calibration.cells import FEWEST, NoiseCells, noise_cells
 from planewise.calibration.correlated import shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
 from planewise.camera import Camera
-from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, proportional
+from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
 from planewise.observation import RayObservation, observe
 from planewise.sensor import Sensor, checked_sensor
 from planewise.wording import counted
@@ -271,16 +271,17 @@ def _assumed(sensor: Sensor, cells: int, frames: int) -> NoiseEstimate:
     parts = sensor.parts
     if parts is None:
         parts = ErrorParts(white=_ASSUMED, shared=NOTHING, drift=NOTHING)
+    white, shared, drift = (as_curve("parts", each) for each in vars(parts).values())
     nothing = np.empty(0)
     return NoiseEstimate(
-        white=parts.white,
+        white=white,
         quantisation=NOTHING,
-        shared=parts.shared,
-        drift=parts.drift,
+        shared=shared,
+        drift=drift,
         bins=NoiseBins(
             depth=nothing, sigma=nothing, white=nothing, step=nothing, low=nothing, high=nothing,
             cells=np.empty(0, np.int64),
         ),
         frames=frames,
-        note=f"{too_few(cells)}: sigma = {parts.white} was assumed",
+        note=f"{too_few(cells)}: sigma = {white} was assumed",
     )  # fmt: skip

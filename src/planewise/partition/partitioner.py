@@ -70,7 +70,7 @@ def view_of(observation: RayObservation, rgb: ArrayLike | None = None) -> View:
 class Partitioner(Protocol):
     """Anything that makes regions of a frame; a function will do."""
 
-    def __call__(self, view: View) -> ArrayLike | Sequence[ArrayLike]:
+    def __call__(self, view: View, /) -> ArrayLike | Sequence[ArrayLike]:
         """Return a label image (H, W), 0 for the remainder, or masks that may overlap."""
         ...
 
@@ -138,18 +138,26 @@ def as_partitioner(partition: Partition) -> Partitioner:
     if callable(partition):
         made: Partitioner = partition
         return made
-    # Copies, which nobody changes.
-    if _is_array(partition):
-        return GivenRegions(_given(unmasked("partition", partition).copy()))  # type: ignore[arg-type]
-    if not isinstance(partition, Sequence) or not len(partition):
+    if not _is_array(partition) and not (isinstance(partition, Sequence) and len(partition)):
         raise ValueError(
             "partition must be a name, a label image (H, W), masks (N, H, W) or a function of a "
             f"view, got {'an empty list' if partition == [] else type(partition).__name__}"
         )
-    parts = tuple(unmasked("partition", part).copy() for part in partition)
-    if all(part.ndim == 1 for part in parts):
-        return GivenRegions(_given(unmasked("partition", parts)))
-    return GivenRegions(parts)
+    regions = _arrays(partition)
+    # Copies, which nobody changes.
+    if isinstance(regions, np.ndarray):
+        return GivenRegions(regions.copy())
+    return GivenRegions(tuple(mask.copy() for mask in regions))
+
+
+def _arrays(given: Any) -> NDArray[Any] | tuple[NDArray[Any], ...]:
+    """One array of labels or masks, or masks one by one, of arrays and of nested lists."""
+    if _is_array(given):
+        return _given(unmasked("partition", given))
+    parts = tuple(unmasked("partition", part) for part in given)
+    if parts and all(part.ndim == 1 for part in parts):
+        return _given(unmasked("partition", parts))
+    return parts
 
 
 def _is_array(given: object) -> bool:
@@ -200,14 +208,12 @@ def regions_of(partitioner: Partitioner, view: View) -> Regions:
     """
     height, width = view.depth.shape
     made = partitioner(view)
-    if _is_array(made):
-        array = unmasked("partition", made)  # type: ignore[arg-type]
-        if array.ndim == 2:
-            return regions_of_labels(array, (height, width))
-        made = _given(array)
-    if not isinstance(made, Iterable):
+    if not (_is_array(made) or isinstance(made, Iterable)):
         raise ValueError(
             "partition must return a label image (H, W) or masks (N, H, W), "
             f"got {type(made).__name__}"
         )
-    return regions_of_masks(made, (height, width))
+    regions = _arrays(made)
+    if isinstance(regions, np.ndarray) and regions.ndim == 2:
+        return regions_of_labels(regions, (height, width))
+    return regions_of_masks(regions, (height, width))

@@ -90,7 +90,8 @@ class SegmentAnything:
 
     def describe(self) -> str:
         """Say what it is."""
-        said = f"Segment Anything ({self.model}), stability of at least {self.stability:.15g}"
+        name = self.model.rstrip("/\\").replace("\\", "/").rsplit("/", 1)[-1]
+        said = f"Segment Anything ({name}), stability of at least {self.stability:.15g}"
         return said + unusual(self, but=("model", "stability"))
 
 
