@@ -275,7 +275,7 @@ def test_segment_anything_says_which_extra_it_needs(monkeypatch, camera, module,
     with pytest.raises(ValueError, match=r"stability must lie in 0 \.\.\. 1, got 2"):
         SegmentAnything(stability=2)
     assert SegmentAnything(model="/a/folder/").describe() == (
-        "Segment Anything (/a/folder/), stability of at least 0.98"
+        "Segment Anything (folder), stability of at least 0.98"
     )
 
 
