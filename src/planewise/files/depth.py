@@ -24,10 +24,8 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
-from planewise.files.pcd import open_pcd
 from planewise.files.result_names import PARAMETERS, PICTURES
 from planewise.foreign_warnings import without_warnings
-from planewise.organised import image_of_points
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PILImage
@@ -334,6 +332,10 @@ def _read_exr(path: Path) -> DepthFile:
 
 
 def _read_pcd(path: Path) -> DepthFile:
+    # Other depth images are read sooner without.
+    from planewise.files.pcd import open_pcd
+    from planewise.organised import image_of_points
+
     file = open_pcd(path)
     if file.shape is None:
         raise PlanewiseError(
