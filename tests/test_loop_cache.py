@@ -190,7 +190,7 @@ def test_what_is_kept_needs_nothing_that_numba_compiles(called, tmp_path):
 
 
 def test_loops_of_others_find_all_that_numba_compiles(called):
-    pytest.importorskip("scipy", reason="Numba multiplies matrices by SciPy's BLAS")
+    """Numba multiplies matrices by SciPy's BLAS."""
     called("spread")
     product = """
 import numpy as np

@@ -97,6 +97,9 @@ class Camera(Protocol):
         ...
 
 
+_MEMBERS = [name for name in vars(Camera) if not name.startswith("_")]
+
+
 def checked_camera(camera: Camera) -> Camera:
     """Refuse what is no camera, such as the name of one or a matrix.
 
@@ -111,8 +114,7 @@ def checked_camera(camera: Camera) -> Camera:
             "camera must be a planewise.PinholeCamera or SphericalCamera, such as "
             f"planewise.cameras.KINECT_V1, got {got}"
         )
-    names = [name for name in vars(Camera) if not name.startswith("_")]
-    if lacking := [n for n in names if not (hasattr(type(camera), n) or hasattr(camera, n))]:
+    if lacking := [n for n in _MEMBERS if not (hasattr(type(camera), n) or hasattr(camera, n))]:
         raise ValueError(f"camera: a {type(camera).__name__} lacks {', '.join(lacking)}")
     return camera
 

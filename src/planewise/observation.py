@@ -194,7 +194,9 @@ class RayObservation(Observation):
         """Rays as (u, v, 1) in the sector of each, shape (3, k), and depth along its axis, (k,)."""
         sectors = self.camera.sectors(self.shape)
         if sectors.ratio is None:
-            return sectors.axes[0].T @ self.rays, self.depth  # of a pinhole image they are the same
+            axes = sectors.axes[0]
+            turned = not np.array_equal(axes, np.eye(3))  # as those of no pinhole camera are
+            return axes.T @ self.rays if turned else self.rays, self.depth
         x, y, ratio = (
             _gathered(sectors.image(image).reshape(-1), self.index).astype(np.float64)
             for image in (sectors.x, sectors.y, sectors.ratio)

@@ -178,12 +178,12 @@ class Groups:
         if levels > 1:
             told = np.zeros_like(worth)  # the probability of a level is 2^-(k + 1)
             told[:, 1:] = _LN2 * np.arange(1, levels + 1)[:, None]
-            level = (worth + told).argmin(axis=0), np.arange(len(saved))
-            told, best = told[level], (worth + told)[level]
+            taken = worth + told
+            level = taken.argmin(axis=0)
+            best, told = taken.min(axis=0), told[level, np.arange(len(level))]
             label, blocks = self.label[: self.first[-1]], self.first[0]
-            groups = np.arange(len(label))
-            more = data[level[0][label], groups] - data[0, groups]
-            data[0, groups] += more
+            more = data[level[label], np.arange(len(label))] - data[0, : len(label)]
+            data[0, : len(label)] += more
             total += more.sum() + told.sum()
             saved += np.bincount(label, more, len(saved)) + told
             leaving -= np.bincount(label[:blocks], more[:blocks], len(saved)) + told
