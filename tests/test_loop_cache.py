@@ -4,6 +4,9 @@ import ast
 import inspect
 import pkgutil
 from importlib import import_module
+from os import utime
+from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import pytest
 
@@ -148,6 +151,31 @@ IndexDataCacheFile._save_data = no_room
     assert called("mean", before=full) == ([4.0], ["mean", "total"])
     assert called("mean") == ([4.0], ["mean", "total"])
     assert called("mean") == ([4.0], [])
+
+
+PIECES = """
+import numpy as np
+from planewise.kernels.pieces import label_pieces
+
+labels = np.array([[1, 1, 0, 1], [0, 1, 0, 1]], np.int32)
+parent, label = np.empty((2, labels.size), np.int32)
+print(label_pieces(labels, 1, False, parent, label, np.zeros_like(labels)))
+"""
+
+
+def test_a_loop_is_compiled_again_where_what_it_calls_in_another_module_has_changed(tmp_path):
+    package, roots = tmp_path / "planewise", tmp_path / "planewise/kernels/roots.py"
+    copytree(Path(kernels.__file__).parents[1], package, ignore=ignore_patterns("__pycache__"))
+    found = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+    found["PYTHONDONTWRITEBYTECODE"] = "1"  # of a source as old and as large
+    assert int(run_python(PIECES, **found).stdout) == 2
+    before, source = roots.stat(), roots.read_text(encoding="utf-8")
+    changed = source.replace("parent[k] != k", "parent[k] <  0")  # every pixel is a root
+    assert changed != source
+    roots.write_text(changed, encoding="utf-8")
+    utime(roots, ns=(before.st_atime_ns, before.st_mtime_ns))
+    assert roots.stat().st_size == before.st_size
+    assert int(run_python(PIECES, **found).stdout) > 2
 
 
 def test_an_interrupt_while_bitcode_is_parsed_does_no_harm(called):

@@ -5,23 +5,30 @@ it, and is parsed when one of these is compiled, be it by the process that compi
 machine code, whose sums may be taken in any order, is the same whichever process compiled what.
 What types its variables have, which only `inspect_types` prints, is not kept, nor are environments
 of functions it has inside that hold no constants, for which half of Numba would be imported.
-What a disk has damaged would end the process: a checksum tells it, at a GB a second.
+What a disk has damaged would end the process: a checksum tells it, at a GB a second. A loop has
+inside what it calls of other modules, and their constants: it is compiled again where the source of
+any of them is another, be that file as old and as large as the one before.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import logging
+import re
+import sys
 import zlib
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from llvmlite import binding as llvm
-from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
 _LOG = logging.getLogger("planewise")
 _ENDING = "loop2"  # of names of files: another for each way of writing them
+_IMPORTS = re.compile(rb"^from (planewise\.[\w.]+) import", re.MULTILINE)
 
 
 class _MachineCode(CompileResultCacheImpl):
@@ -72,6 +79,14 @@ class LoopCache(FunctionCache):
 
     _impl_class = _MachineCode
 
+    def __init__(self, loop: Any) -> None:
+        super().__init__(loop)
+        self._cache_file = IndexDataCacheFile(
+            cache_path=self.cache_path,
+            filename_base=self._impl.filename_base,
+            source_stamp=_digest(loop.__module__),
+        )
+
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Read it; what is damaged is not there, and is compiled again.
 
@@ -98,6 +113,14 @@ class LoopCache(FunctionCache):
         _LOG.debug("%s is not kept: %s", self, error)
         with contextlib.suppress(OSError):
             Path(self._cache_file._index_path).unlink(missing_ok=True)
+
+
+@cache
+def _digest(module: str) -> bytes:
+    """Of the source of a module, and of all that it imports from the package."""
+    source = Path(str(sys.modules[module].__file__)).read_bytes()
+    used = [_digest(name.decode()) for name in sorted(set(_IMPORTS.findall(source)))]
+    return hashlib.blake2b(b"".join([source, *used]), digest_size=16).digest()
 
 
 def _checksum(code: bytes, names: bytes, bitcode: bytes) -> int:
