@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -295,6 +296,41 @@ def test_unusable_yaml_and_binaries_are_refused(tmp_path):
     (tmp_path / "c.yaml").write_bytes(b"\xff\xfe\x00")
     with pytest.raises(PlanewiseError, match="text"):
         read_camera(str(tmp_path / "c.yaml"))
+
+
+BOMB = "a: &a [1, 1]\n" + "".join(
+    f"{name}: &{name} [{', '.join([f'*{before}'] * 10)}]\n"
+    for before, name in zip("abcdefgh", "bcdefghi", strict=True)
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        (BOMB + "K: *i", "alias"),
+        (BOMB + "fx: 1\nfy: 1\ncx: 1\ncy: 1\nwidth: *i", "alias"),
+        ("fx: 1\nfy: 1\ncx: 1\ncy: 1\nfoo_distort: &a [*a]", "alias"),
+        ("a: &a {x: 1}\nb: {<<: [*a, *a]}", "alias"),
+        ("K: " + "[" * 50_000, "nested too deeply|flow level"),
+        ("K: " + "[" * 30 + "]" * 30, "nested too deeply"),
+        (json.dumps(NUMBERS)[:-1] + f', "my_distort": {"[" * 900}{"]" * 900}}}', "nested too"),
+        (f'{{"K": {"[" * 90_000}{"]" * 90_000}}}', "nested too deeply"),
+        ("K: [" + "1," * 100_000 + "1]", "too large"),
+        (json.dumps({"K": "x" * 900_000}), "'xxx.* where numbers are expected"),
+        (json.dumps(NUMBERS | {"width": "x" * 900_000}), "'xxx.* where numbers are expected"),
+        (json.dumps(NUMBERS | {"model": "x" * 900_000}), "distortion model 'xxx"),
+        (json.dumps(NUMBERS | {"distort" + "x" * 900_000: 1}), "distortion as 'distortx"),
+        (json.dumps({"elevation": [1.0], "columns": "x" * 900_000}), "columns 'xxx"),
+        ("K: !" + "x" * 100_000 + " 1", "YAML"),
+        ("".join(f"cam{number}: 1\n" for number in range(10_000)), "10000 cameras"),
+    ],
+)  # fmt: skip
+def test_files_that_would_take_all_memory_are_refused_at_once(tmp_path, text, match):
+    start = time.perf_counter()
+    with pytest.raises(PlanewiseError, match=match) as error:
+        read_camera(write(tmp_path, text, "camera.yaml"))
+    assert time.perf_counter() - start < 5
+    assert len(str(error.value)) < 300
 
 
 @pytest.mark.parametrize("text", ["nikon", "500,500,320", "a,b,c,d", "1,2,3,4,5", ""])

@@ -231,7 +231,9 @@ def checked_scale(depth_scale: float | None) -> float | None:
     if depth_scale is None:
         return None
     if not (is_finite(depth_scale) and depth_scale > 0):
-        raise ValueError(f"depth_scale must be a positive number of metres, got {depth_scale!r}")
+        raise ValueError(
+            f"depth_scale must be a positive number of metres, got {shown(depth_scale)}"
+        )
     if not LEAST_LENGTH <= depth_scale <= MOST_LENGTH:
         raise ValueError(
             f"depth_scale must lie within {LEAST_LENGTH:g} and {MOST_LENGTH:g} metres, "

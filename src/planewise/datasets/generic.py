@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from planewise import sensors
-from planewise.arguments import checked_scale
+from planewise.arguments import checked_scale, shown
 from planewise.camera import PinholeCamera
 from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
 from planewise.errors import PlanewiseError, SetupError
-from planewise.files.camera import read_camera, read_mapping
+from planewise.files.camera import read_camera
+from planewise.files.named_values import read_mapping
 from planewise.sensor import Sensor
 
 CAMERA = "camera.json"
@@ -91,6 +92,6 @@ def _sensor_of(name: Any) -> Sensor | None:
     # No path: what a dataset says leads to no file outside it.
     if not isinstance(name, str) or name not in sensors.PRESETS:
         raise PlanewiseError(
-            f"sensor: {CAMERA} must name one of {', '.join(sensors.PRESETS)}, got {name!r}"
+            f"sensor: {CAMERA} must name one of {', '.join(sensors.PRESETS)}, got {shown(name)}"
         )
     return sensors.PRESETS[name]

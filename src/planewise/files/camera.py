@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import re
 from collections.abc import Mapping
@@ -14,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise import cameras, noise, sensors
+from planewise.arguments import shown
 from planewise.camera import Camera, PinholeCamera
-from planewise.errors import PlanewiseError, SetupError, in_one_line, needs
+from planewise.errors import PlanewiseError, SetupError
 from planewise.files.distortion import distortion_of
 from planewise.files.lidar import is_spherical, spherical_camera
+from planewise.files.named_values import read_mapping
 from planewise.files.numbers import first_of, numbers_of
 from planewise.noise import AUTO, Noise, Polynomial
 from planewise.sensor import Sensor
@@ -28,7 +29,6 @@ _LOG = logging.getLogger("planewise")
 REGION = "x_offset", "y_offset", "width", "height"
 """What ROS says of the region of a sensor that is read."""
 
-_MAX_BYTES = 1_000_000  # calibrations are a page of text
 _RECTIFIED, _RAW = ":rect", ":raw"  # behind a file's name
 _FOUR = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))  # intrinsics, each by the names it has
 
@@ -263,54 +263,6 @@ def _from_numbers(text: str) -> PinholeCamera:
     return PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
 
 
-def read_mapping(path: Path) -> Mapping[str, Any]:
-    """Named values of a JSON or YAML file; those of a part ``camera`` stand beside the others.
-
-    Raises
-    ------
-    PlanewiseError
-        If it is too large, or neither of the two.
-    """
-    if path.stat().st_size > _MAX_BYTES:
-        raise PlanewiseError("is too large to be a calibration file")
-    try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors put a mark before the text
-    except UnicodeDecodeError:
-        raise PlanewiseError("is not a text file; expected JSON or YAML") from None
-    try:
-        content = json.loads(text)
-    except RecursionError:
-        raise PlanewiseError("is nested too deeply to be a calibration file") from None
-    except json.JSONDecodeError as error:
-        if path.suffix.lower() == ".json":
-            raise PlanewiseError(f"is not valid JSON ({error})") from None
-        content = _parse_yaml(text)
-    if not isinstance(content, dict):
-        raise PlanewiseError(
-            "holds no named values; expected a camera's K or fx, fy, cx, cy, or a LiDAR's elevation"
-        )
-    parts = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
-    if len(parts) > 1:
-        raise PlanewiseError(
-            f"states {len(parts)} cameras ({', '.join(parts)}); give a file of the depth camera's"
-        )
-    inner = first_of(content, "camera", "intrinsics", "intrinsic", *parts)
-    return {**content, **inner} if isinstance(inner, dict) else content
-
-
-def _parse_yaml(text: str) -> Any:
-    with needs("pyyaml", "reading YAML files"):
-        import yaml
-    # OpenCV writes its own YAML: a "%YAML:1.0" line and tagged matrices.
-    text = re.sub(r"\A%YAML:1\.0\s*", "", text).replace("!!opencv-matrix", "")
-    try:
-        # An echoed ROS message ends with a document separator.
-        return next((part for part in yaml.safe_load_all(text) if part is not None), None)
-    except (yaml.YAMLError, RecursionError) as error:
-        first = in_one_line(error)
-        raise PlanewiseError(f"is not valid YAML ({first})") from None
-
-
 def camera_of_mapping(content: Mapping[str, Any], *, rectified: bool = False) -> PinholeCamera:
     """Camera of named values, as files state them, or of rectified images; see `read_camera`.
 
@@ -371,7 +323,7 @@ def _stated_projection(values: Mapping[str, Any]) -> NDArray[np.float64]:
 
 def _intrinsics(values: Mapping[str, Any]) -> tuple[float, float, float, float]:
     if (skew := values.get("skew")) is not None and numbers_of(skew).any():
-        raise PlanewiseError(f"has a camera with skew ({skew}), which is not supported")
+        raise PlanewiseError(f"has a camera with skew ({shown(skew)}), which is not supported")
     matrix = first_of(values, "k", "camera_matrix", "intrinsic_matrix", "intrinsics")
     if matrix is None or (isinstance(matrix, dict) and "data" not in matrix):
         numbers = [first_of(values, *names) for names in _FOUR]
@@ -413,5 +365,5 @@ def _pixels(value: Any) -> int | None:
         return None
     size = numbers_of(value)
     if size.size != 1 or not 1 <= size[0] < 1 << 31 or size[0] % 1:
-        raise PlanewiseError(f"states a size of {value!r}; expected a whole number of pixels")
+        raise PlanewiseError(f"states a size of {shown(value)}; expected a whole number of pixels")
     return int(size[0])

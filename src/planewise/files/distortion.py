@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import shown
 from planewise.errors import PlanewiseError
 from planewise.files.numbers import first_of, numbers_of
 from planewise.lens import COUNTS, ORDER
@@ -91,7 +92,7 @@ def distortion_of(values: Mapping[str, Any]) -> tuple[float, ...]:
         plain = True
     if not plain:
         raise PlanewiseError(
-            f"has the distortion model {model!r}, which is not supported (plumb_bob and "
+            f"has the distortion model {shown(model)}, which is not supported (plumb_bob and "
             "rational_polynomial are); undistort the depth image, or give its rectified camera"
         )
     if not np.any(numbers):
@@ -108,7 +109,7 @@ def _numbers(values: Mapping[str, Any]) -> NDArray[np.float64]:
         other = _bare(name) not in {*_ROWS, _RADIAL, _TANGENTIAL}
         if "distort" in name and other and _is_stated(value):
             raise PlanewiseError(
-                f"states a distortion as '{name}', which is not known; expected a row "
+                f"states a distortion as {shown(name)}, which is not known; expected a row "
                 "'distortion' or 'D', or k1, k2, p1, p2 and k3"
             )
     given = first_of(plain, *_ROWS)

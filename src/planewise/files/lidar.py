@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from planewise.arguments import shown
 from planewise.errors import PlanewiseError
 from planewise.spherical import SphericalCamera
 
@@ -47,9 +48,9 @@ def spherical_camera(values: Mapping[str, Any]) -> SphericalCamera:
         raise PlanewiseError(f"describes no spherical camera; {_TABLE}")
     start, clockwise = values.get("start", 180.0), values.get("clockwise", True)
     if isinstance(start, bool) or not isinstance(start, int | float):
-        raise PlanewiseError(f"has start {start!r}; expected degrees")
+        raise PlanewiseError(f"has start {shown(start)}; expected degrees")
     if not isinstance(clockwise, bool):
-        raise PlanewiseError(f"has clockwise {clockwise!r}; expected true or false")
+        raise PlanewiseError(f"has clockwise {shown(clockwise)}; expected true or false")
     return SphericalCamera.spinning(
         values["elevation"],
         _columns(values["columns"]),
@@ -87,7 +88,7 @@ def _of_ouster(values: Mapping[str, Any]) -> SphericalCamera:
             f"describes no spherical camera: {error.args[0]} is missing; {_TABLE}"
         ) from None
     except (TypeError, ValueError) as error:
-        raise PlanewiseError(f"has beams that cannot be read ({error})") from None
+        raise PlanewiseError(f"has beams that cannot be read ({error!s:.100})") from None
     return SphericalCamera.spinning(elevation, columns, azimuth_offset=offset)
 
 
@@ -99,5 +100,5 @@ def _part(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
 
 def _columns(value: Any) -> int:
     if isinstance(value, bool) or not isinstance(value, int) or not 2 <= value <= 1 << 16:
-        raise PlanewiseError(f"has columns {value!r}; expected a number of columns, 2 or more")
+        raise PlanewiseError(f"has columns {shown(value)}; expected a number of columns, 2 or more")
     return value

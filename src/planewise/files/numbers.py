@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.arguments import shown
 from planewise.errors import PlanewiseError
 
 
@@ -30,6 +31,6 @@ def numbers_of(value: Any) -> NDArray[np.float64]:
         numbers = value.split() if isinstance(value, str) else value
         return np.asarray(numbers, dtype=np.float64).reshape(-1)
     except (TypeError, ValueError):
-        raise PlanewiseError(f"holds {value!r} where numbers are expected") from None
+        raise PlanewiseError(f"holds {shown(value)} where numbers are expected") from None
     except OverflowError:
         raise PlanewiseError("holds an integer that is too large for any camera") from None
