@@ -9,7 +9,7 @@ import pytest
 from planewise import cameras, noise, sensors
 from planewise.camera import PinholeCamera
 from planewise.errors import PlanewiseError
-from planewise.files.camera import read_camera, read_noise, read_sensor
+from planewise.files.camera import read_camera, read_length, read_noise, read_sensor
 
 ROS_FILE = """
 image_width: 640
@@ -405,6 +405,17 @@ def test_noise_reads_back_what_it_prints(preset):
 def test_bad_noise_is_refused(text):
     with pytest.raises(PlanewiseError, match="noise"):
         read_noise(text)
+
+
+@pytest.mark.parametrize("filling", [" ", "1", "1.", "1e", "(", "z ^ ", "+ "])
+def test_long_noise_is_refused_at_once(filling):
+    start = time.perf_counter()
+    with pytest.raises(PlanewiseError, match="noise") as error:
+        read_noise("1" + filling * 20_000 + "x")
+    assert time.perf_counter() - start < 1
+    assert len(str(error.value)) < 500
+    assert read_length("1" * 20_000 + "x") is None
+    assert read_noise("1mm" + " " * 20_000 + "+ 0.1%")(1.0) == pytest.approx(0.002)
 
 
 def test_sensor_and_its_parts():

@@ -195,7 +195,7 @@ def read_noise(text: str) -> Noise:
     >>> print(read_noise("0.0012 + 0.0019*(z - 0.4)^2"))
     0.0012 + 0.0019 (z - 0.4)^2 m
     """
-    name = text.strip().lower()
+    name = " ".join(text.lower().split())  # _TERM tries every way to share out spaces
     if name == "kinect":
         return noise.KINECT
     if name in sensors.PRESETS:
@@ -206,7 +206,7 @@ def read_noise(text: str) -> Noise:
         return _formula(name)
     except ValueError as error:
         detail = f" ({error})" if str(error) else ""
-        raise PlanewiseError(f"noise: {text!r} is not {NOISE_HELP}{detail}") from None
+        raise PlanewiseError(f"noise: {shown(text)} is not {NOISE_HELP}{detail}") from None
 
 
 def read_length(text: str) -> float | None:
@@ -221,7 +221,7 @@ def read_length(text: str) -> float | None:
     return None if length is None else float(length[1]) / _PARTS.get(length[2], 1)
 
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?|nan|[-+]?inf"
+_NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:e[-+]?\d+)?|nan|[-+]?inf"
 _PARTS = {"mm": 1000, "cm": 100, "%": 100}
 _TERM = re.compile(
     rf"\s*(?P<size>{_NUMBER})?\s*(?:(?P<unit>mm|cm|%)|\*?\s*"
@@ -238,7 +238,7 @@ def _formula(text: str) -> Polynomial:
     while at < len(text):
         term = _TERM.match(text, at)
         if term is None or not term[0].strip(" +*cm%"):
-            raise ValueError(f"cannot read {text[at:].strip()!r}")
+            raise ValueError(f"cannot read {shown(text[at:].strip())}")
         size = float(term["size"] or 1) / _PARTS.get(term["unit"], 1)
         share = term["linear"] or term["unit"] == "%"
         name = "linear" if share else "quadratic" if term["square"] else "constant"
