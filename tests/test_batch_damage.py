@@ -4,11 +4,14 @@ import json
 import shutil
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from benchmarks.faults import InOrder, Tally, batch_of, compare, fill, write_frames
 from PIL import Image
 
 from planewise.batch import Store
+from planewise.batch.journal import line_of
 from planewise.batch.label_png import has_its_end, png_of_labels
 from planewise.errors import PlanewiseError
 from tests.command import run
@@ -156,14 +159,18 @@ def test_damaged_tables_are_told_with_what_to_do(made, here, table, how):
 
 
 @pytest.mark.parametrize("name", ["made_with", "source", "sensor", "versions", "made_with.options",
-                                  "made_with.camera", "source.path", "source.frames"])  # fmt: skip
+                                  "made_with.camera", "source.path", "source.frames",
+                                  "made_with.planewise", "made_with.options.search",
+                                  "sensor.noise"])  # fmt: skip
 def test_a_damaged_description_is_told(here, tmp_path, name):
     *parts, key = name.split(".")
     path = here / "store" / "store.json"
     whole = json.loads(path.read_text())
     for other in ("missing", 3.5, [7]):
         info = json.loads(json.dumps(whole))
-        place = info[parts[0]] if parts else info
+        place = info
+        for part in parts:
+            place = place[part]
         place[key] = other
         if other == "missing":
             del place[key]
@@ -174,6 +181,80 @@ def test_a_damaged_description_is_told(here, tmp_path, name):
     whole["source"]["topic"] = [3]
     path.write_text(json.dumps(whole))
     assert run("view", here / "store", "-o", tmp_path / "page.html")[0] == 2
+
+
+@pytest.mark.parametrize("text", ['{"schema":' + "[" * 100_000, "[" * 10_000_001])
+def test_a_description_that_is_a_bomb_is_told(here, text):
+    (here / "store" / "store.json").write_text(text)
+    with pytest.raises(PlanewiseError, match=r"store\.json is (damaged|too large)"):
+        Store(here / "store")
+
+
+@pytest.mark.parametrize("camera", [
+    {"model": "spherical"},
+    {"model": "spherical", "elevation": ["<"], "columns": 9},
+    {"fx": "<", "fy": 1.0, "cx": 1.0, "cy": 1.0},
+])  # fmt: skip
+def test_a_camera_that_cannot_be_is_told(here, camera):
+    path = here / "store" / "store.json"
+    info = json.loads(path.read_text())
+    info["made_with"]["camera"] = camera
+    path.write_text(json.dumps(info))
+    with pytest.raises(PlanewiseError, match=r"store\.json is damaged"):
+        Store(here / "store")
+
+
+@pytest.mark.parametrize(("column", "value"), [
+    ("frame", None), ("number", None), ("status", None), ("width", None), ("curve", None),
+    ("readings", None), ("planes", None), ("width", "80"), ("fx", None), ("camera", "[" * 100_000),
+    ("camera", "[]"), ("camera", '{"model": "spherical"}'), ("fx", -1.0),
+])  # fmt: skip
+@pytest.mark.parametrize("sealed", [True, False])
+def test_rows_that_no_run_writes_are_told(here, tmp_path, column, value, sealed):
+    file = here / "store" / "frames" / "all-000001.parquet"
+    rows = pq.read_table(file)
+    planes = pq.read_table(here / "store" / "planes" / file.name)
+    if column == "camera":
+        rows = with_column(rows, "fx", None)
+    if sealed:
+        pq.write_table(with_column(rows, column, value), file)
+    else:
+        row = rows.to_pylist()[0]
+        found = [list(each.values()) for each in planes.to_pylist()[: row["planes"]]]
+        record = {"frame": row | {column: value}, "planes": found}
+        file.unlink()
+        (here / "store" / "journal" / "all-000001.jsonl").write_bytes(
+            line_of(json.dumps(record).encode())
+        )
+    code, _, errors = run("view", here / "store", "-o", tmp_path / "page.html")
+    assert code == 2
+    assert errors.startswith("error: store: ")
+    assert "is damaged" in errors
+
+
+def with_column(table, name, value):
+    kind = pa.string() if isinstance(value, str) else table.schema.field(name).type
+    column = pa.array([value] * len(table), kind)
+    return table.set_column(table.column_names.index(name), name, column)
+
+
+def test_frames_of_fewer_planes_than_none_are_told(here):
+    file = here / "store" / "frames" / "all-000001.parquet"
+    rows = pq.read_table(file)
+    first, second, *others = rows["planes"].to_pylist()
+    counts = pa.array([-1, first + second + 1, *others], pa.int32())
+    place = rows.column_names.index("planes")
+    pq.write_table(rows.set_column(place, "planes", counts), file)
+    with pytest.raises(PlanewiseError, match="is damaged"):
+        list(Store(here / "store"))
+
+
+@pytest.mark.parametrize("record", [b"[" * 100_000, b"{}", b'{"frame": 3, "planes": []}', b"x"])
+def test_a_journal_of_others_is_told(here, record):
+    (here / "store" / "journal" / "other-000001.jsonl").write_bytes(line_of(record))
+    with pytest.raises(PlanewiseError, match=r"other-000001\.jsonl is damaged"):
+        list(Store(here / "store"))
+    assert batch(here)[0] == 2
 
 
 def test_the_end_of_a_label_image(tmp_path):

@@ -665,7 +665,7 @@ def test_a_missing_table_is_said_to_be_missing(full, tmp_path):
 def test_planes_without_some_rows_are_not_those_of_other_frames(full, tmp_path):
     path = copied(full, tmp_path)
     table = max((path / "planes").iterdir(), key=lambda each: each.stat().st_size)
-    planes = read_table(table)
+    planes = read_table(table, PLANES)
     table.write_bytes(parquet_of(planes.slice(1)))
     with pytest.raises(PlanewiseError, match=f"{len(planes) - 1} planes in place of {len(planes)}"):
         _ = [frame.planes for frame in Store(path)]

@@ -40,7 +40,9 @@ def test_long_runs_take_several_groups_of_bits():
     assert np.array_equal(decode_mask(text, labels.shape), labels == 1)
 
 
-@pytest.mark.parametrize("text", ["", "1", "P" * 40, "P" * 13 + "1", ":K?", "é0", "12346"])
+@pytest.mark.parametrize(
+    "text", ["", "1", "P" * 40, "P" * 13 + "1", ":K?", "é0", "12346", ("o" * 11 + "?") * 40]
+)
 def test_damaged_texts_are_refused(text):
     with pytest.raises(PlanewiseError, match="run lengths"):
         decode_mask(text, (4, 5))

@@ -130,7 +130,7 @@ def _parse(path: Path) -> dict[str, Any]:
     if path.stat().st_size > _MAX_BYTES:
         raise PlanewiseError("is too large to describe a sensor")
     try:
-        record = json.loads(path.read_text(encoding="utf-8-sig"), parse_int=_whole)
+        record = json.loads(path.read_text(encoding="utf-8-sig"), parse_int=whole)
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise PlanewiseError(f"is not valid JSON ({error})") from None
     if not isinstance(record, dict) or record.get("schema") != SCHEMA:
@@ -147,7 +147,7 @@ def _parse(path: Path) -> dict[str, Any]:
     return record
 
 
-def _whole(digits: str) -> int | float:
+def whole(digits: str) -> int | float:
     """Integer of a file; infinite where no float holds it, which Python may refuse to read."""
     return int(digits) if len(digits) <= _MOST_DIGITS else float(digits)
 

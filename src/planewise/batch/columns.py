@@ -34,6 +34,14 @@ FRAMES = {
 }
 """One row a frame."""
 
+OF_ALL = ("frame", "number", "status")
+"""The columns that every frame has."""
+
+OF_DONE = (
+    "width", "height", "readings", "planes", "information", "curve", "note", "fingerprint",
+)  # fmt: skip
+"""Those that every frame has that is done."""
+
 PLANES = {
     "frame": "string",
     "label": "uint16",

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 from planewise.batch.columns import FAILED, FRAMES, PLANES
 from planewise.batch.journal import line_of, read_records
 from planewise.batch.staging import Staging, sync_folder
-from planewise.batch.tables import arrow, parquet_of, read_table, tables_of
-from planewise.errors import PlanewiseError, SetupError
+from planewise.batch.tables import arrow, lacking, parquet_of, read_table, tables_of
+from planewise.errors import PlanewiseError, SetupError, in_one_line
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -70,20 +70,33 @@ class Segment:
     def tables(
         self, frames: Sequence[str] = tuple(FRAMES), planes: Sequence[str] = tuple(PLANES)
     ) -> tuple[pa.Table, pa.Table]:
-        """Frames and planes, or some columns of them."""
+        """Frames and planes, or some columns of them; of frames their status is one."""
         records = read_records(self.journal)  # first: once its Parquet is there, it goes
-        if self.frames_file.exists():
-            try:
-                return (
-                    read_table(self.frames_file, frames),
-                    read_table(self.planes_file, planes) if planes else arrow().table({}),
-                )
-            except SetupError:
-                raise
-            except PlanewiseError as error:
-                raise PlanewiseError(f"{error}; {self.remedy}") from None
-        found, on_them = tables_of(records)
-        return found.select(list(frames)), on_them.select(list(planes))
+        if not self.frames_file.exists():
+            found, on_them = self._of_journal(records)
+            return found.select(list(frames)), on_them.select(list(planes))
+        try:
+            found = read_table(self.frames_file, {name: FRAMES[name] for name in frames})
+            if name := lacking(found):
+                raise PlanewiseError(f"store: {self.frames_file} is damaged: a frame lacks {name}")
+            of_planes = {name: PLANES[name] for name in planes}
+            return found, read_table(self.planes_file, of_planes) if planes else arrow().table({})
+        except SetupError:
+            raise
+        except PlanewiseError as error:
+            raise PlanewiseError(f"{error}; {self.remedy}") from None
+
+    def _of_journal(self, records: Sequence[bytes]) -> tuple[pa.Table, pa.Table]:
+        damaged = f"store: {self.journal} is damaged"
+        try:
+            frames, planes = tables_of(records)
+        except SetupError:
+            raise
+        except Exception as error:  # records are JSON, of anything
+            raise PlanewiseError(f"{damaged} ({in_one_line(error)})") from None
+        if name := lacking(frames):
+            raise PlanewiseError(f"{damaged}: a frame lacks {name}")
+        return frames, planes
 
     def holds_frames(self) -> bool:
         """Whether any frame is in it, be it one that failed."""
@@ -93,7 +106,7 @@ class Segment:
         """Turn the journal into Parquet."""
         records = read_records(self.journal)
         if records and not self.frames_file.exists():
-            frames, planes = tables_of(records)
+            frames, planes = self._of_journal(records)
             staging.publish(parquet_of(planes), self.planes_file)
             staging.publish(parquet_of(frames), self.frames_file)
         self.journal.unlink(missing_ok=True)
@@ -102,7 +115,7 @@ class Segment:
     def forget_failed(self, staging: Staging) -> None:
         """Drop frames that failed, which have no planes; then they are frames still to do."""
         if self.frames_file.exists():
-            frames = read_table(self.frames_file)
+            frames = read_table(self.frames_file, FRAMES)
             kept = frames.filter(arrow().compute.not_equal(frames["status"], FAILED))
             if len(kept) < len(frames):
                 staging.publish(parquet_of(kept), self.frames_file)

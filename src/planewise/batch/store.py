@@ -75,7 +75,7 @@ class StoredFrame:
             return labels
         labels = np.zeros((self.row["height"], self.row["width"]), np.uint16)
         for label, mask in enumerate(self.plane_table["rle"].to_pylist(), start=1):
-            labels[decode_mask(mask, (labels.shape[0], labels.shape[1]))] = label
+            labels[decode_mask(mask or "", (labels.shape[0], labels.shape[1]))] = label
         return labels
 
 
@@ -209,9 +209,10 @@ class Store:
 
     def _frames_of(self, segment: Segment) -> Iterator[StoredFrame]:
         frames, planes = segment.tables()
-        done = arrow().compute.equal(frames["status"], DONE)
-        of_frames = arrow().compute.sum(frames.filter(done)["planes"]).as_py() or 0
-        if of_frames != len(planes):
+        compute = arrow().compute
+        counts = frames.filter(compute.equal(frames["status"], DONE))["planes"]
+        of_frames = compute.sum(counts).as_py() or 0
+        if of_frames != len(planes) or (compute.min(counts).as_py() or 0) < 0:
             held = f"it holds {counted(len(planes), 'plane')} in place of {of_frames:,}"
             raise PlanewiseError(
                 f"store: {segment.planes_file} is damaged: {held}; {segment.remedy}"

@@ -9,25 +9,30 @@ from pathlib import Path
 from typing import Any
 
 from planewise._version import __version__
+from planewise.arguments import shown
 from planewise.batch.columns import SCHEMA_VERSION
 from planewise.batch.frame_work import Recipe
 from planewise.batch.source import Source, path_of
+from planewise.batch.stored_camera import described_camera
 from planewise.datasets.ros import TOPICS, topics_of
 from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
 from planewise.machine import versions
 from planewise.noise import AUTO
 from planewise.sensor import Sensor
-from planewise.sensor_files import describe_exactly
+from planewise.sensor_files import describe_exactly, whole
 
 SCHEMA = "planewise/store"
 
-_PARTS: dict[str, dict[str, Any]] = {
+_MAX_BYTES = 10_000_000  # a LiDAR's camera takes a hundredth of that
+_NUMBER = float | int
+_PARTS: dict[str, Any] = {
     "made_with": {
-        "options": dict,
+        "planewise": str,
+        "options": {"search": str, "objective": str},
         "sensor": dict,
         "camera": dict | None,
-        "depth_scale": float | int | None,
+        "depth_scale": _NUMBER | None,
         "labels": str,
     },
     "source": {
@@ -37,7 +42,13 @@ _PARTS: dict[str, dict[str, Any]] = {
         "frames": int,
         "ids_sha256": str,
     },
-    "sensor": {},
+    "sensor": {
+        "min_depth_m": _NUMBER,
+        "max_depth_m": _NUMBER,
+        "resolution_m": _NUMBER,
+        "noise": str,
+        "parts": str,
+    },
     "versions": {},
 }
 
@@ -92,39 +103,49 @@ def read_info(store: Path) -> dict[str, Any]:
     Raises
     ------
     PlanewiseError
-        If there is none, or it is of another layout.
+        If there is none, or it is damaged or of another layout.
     """
     path = store / STORE_FILE
     if not store.exists():
         raise PlanewiseError(f"store: there is no folder {store}")
     if not path.is_file():
         raise PlanewiseError(f"store: {store} is none: it has no {STORE_FILE}")
+    if path.stat().st_size > _MAX_BYTES:
+        raise PlanewiseError(f"store: {path} is too large to describe a store")
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+        info = json.loads(path.read_text(encoding="utf-8"), parse_int=whole)
+    except (ValueError, RecursionError) as error:
         raise PlanewiseError(f"store: {path} is damaged ({error})") from None
     if not isinstance(info, dict) or info.get("schema") != SCHEMA:
         raise PlanewiseError(f"store: {path} does not describe a store")
     if info.get("schema_version") != SCHEMA_VERSION:
         raise PlanewiseError(
-            f"store: {store} has layout {info.get('schema_version')}, this program reads "
+            f"store: {store} has layout {shown(info.get('schema_version'))}, this program reads "
             f"{SCHEMA_VERSION}"
         )
-    if damaged := _damaged(info):
+    if damaged := _damaged(info, _PARTS) or _damaged_topics(info["source"]):
         raise PlanewiseError(f"store: {path} is damaged: it lacks {damaged}, or has it otherwise")
+    try:
+        described_camera(info["made_with"]["camera"] or {})
+    except ValueError as error:
+        raise PlanewiseError(f"store: {path} is damaged ({error})") from None
     return info
 
 
-def _damaged(info: Mapping[str, Any]) -> str:
+def _damaged(there: Mapping[str, Any], parts: Mapping[str, Any], at: str = "") -> str:
     """What is missing of a store's description, or is of another kind; empty if nothing is."""
-    for part, keys in _PARTS.items():
-        if not isinstance(info.get(part), dict):
-            return part
-        for key, kind in keys.items():
-            if not isinstance(info[part].get(key, ()), kind):  # () is of none of them
-                return f"{part}.{key}"
+    for key, kind in parts.items():
+        value = there.get(key, ())  # () is of none of them
+        if not isinstance(value, dict if isinstance(kind, dict) else kind):
+            return at + key
+        if isinstance(kind, dict) and (inner := _damaged(value, kind, f"{at}{key}.")):
+            return inner
+    return ""
+
+
+def _damaged_topics(source: Mapping[str, Any]) -> str:
     for key in TOPICS:
-        names = info["source"].get(key, [])
+        names = source.get(key, [])
         if not (isinstance(names, list) and all(isinstance(each, str) for each in names)):
             return f"source.{key}"
     return ""

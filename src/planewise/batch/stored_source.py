@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -15,11 +14,11 @@ from planewise.batch.frame_work import fingerprint
 from planewise.batch.open_source import open_source
 from planewise.batch.source import DepthFolder, Source, SourceFrame, is_registered
 from planewise.batch.store import Store, StoredFrame
-from planewise.camera import Camera, PinholeCamera
+from planewise.batch.stored_camera import described_camera, description_of
+from planewise.camera import Camera
 from planewise.datasets.opening import READERS
 from planewise.datasets.ros import TOPICS
 from planewise.errors import PlanewiseError, SetupError
-from planewise.files.lidar import spherical_camera
 
 
 class StoredSource:
@@ -89,18 +88,20 @@ def metres(frame: StoredFrame, seen: SourceFrame) -> NDArray[np.float64]:
 
 
 def camera_of(frame: StoredFrame) -> Camera | None:
-    """Camera that the planes of a frame were found with; ``None`` for one of a user's own kind."""
-    row = frame.row
-    if row["fx"] is None:
-        return _described(json.loads(row["camera"]))
-    names = ("fx", "fy", "cx", "cy", "distortion")
-    return _described({name: row[name] for name in names if row[name] is not None})
+    """Camera that the planes of a frame were found with; ``None`` for one of a user's own kind.
 
-
-def _described(camera: dict[str, Any]) -> Camera | None:
-    if camera.get("model") == "spherical":
-        return spherical_camera(camera)
-    return PinholeCamera(**camera) if "fx" in camera and "model" not in camera else None
+    Raises
+    ------
+    PlanewiseError
+        If its description is damaged.
+    """
+    described = description_of(frame.row)
+    try:
+        return described_camera(described)
+    except ValueError as error:
+        raise PlanewiseError(
+            f"store: the camera of the frame {frame.id} is damaged ({error})"
+        ) from None
 
 
 def _open(info: Mapping[str, Any], path: Path | None, poses: bool) -> Source:
@@ -115,7 +116,7 @@ def _open(info: Mapping[str, Any], path: Path | None, poses: bool) -> Source:
     if recorded["kind"] == DepthFolder.__name__:
         return DepthFolder(path)
     reader = next((each for each in READERS if each.__name__ == recorded["kind"]), None)
-    camera = None if made["camera"] is None else _described(made["camera"])
+    camera = None if made["camera"] is None else described_camera(made["camera"])
     topics = {
         name: names[0]
         for name in TOPICS

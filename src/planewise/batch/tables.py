@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from planewise.batch.columns import FRAMES, PLANES, SCHEMA_VERSION
+from planewise.batch.columns import DONE, FRAMES, OF_ALL, OF_DONE, PLANES, SCHEMA_VERSION
 from planewise.errors import PlanewiseError, in_one_line, needs
 
 if TYPE_CHECKING:
@@ -71,8 +71,8 @@ def parquet_of(table: pa.Table) -> bytes:
     return bytes(sink.getvalue())
 
 
-def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
-    """Read a Parquet file, or some columns of it.
+def read_table(path: Path, columns: dict[str, str]) -> pa.Table:
+    """Read some columns of a Parquet file, by Arrow's names of their types.
 
     Raises
     ------
@@ -81,12 +81,24 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """
     pa = arrow()
     try:
-        return pa.parquet.read_table(
-            path, columns=None if columns is None else list(columns), partitioning=None
-        )
+        table = pa.parquet.read_table(path, columns=list(columns), partitioning=None)
     except FileNotFoundError:
         raise PlanewiseError(f"store: {path} is missing") from None
     except (pa.ArrowException, OSError) as error:
         if getattr(error, "errno", None) is not None:  # the system's: may not be read, and so on
             raise
         raise PlanewiseError(f"store: {path} is damaged ({in_one_line(error)})") from None
+    if not table.schema.equals(schema_of(columns)):
+        raise PlanewiseError(f"store: {path} is damaged: its columns are not those of a store")
+    return table
+
+
+def lacking(frames: pa.Table) -> str:
+    """Column that some frame should have and has not, of those that were read; empty if none."""
+    compute = arrow().compute
+    done = frames.filter(compute.equal(frames["status"], DONE))
+    for names, table in ((OF_ALL, frames), (OF_DONE, done)):
+        for name in names:
+            if name in table.column_names and table[name].null_count:
+                return name
+    return ""

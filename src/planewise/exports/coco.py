@@ -20,6 +20,7 @@ from planewise._version import __version__
 from planewise.batch.frame_names import safe_name
 from planewise.batch.source import SourceFrame
 from planewise.batch.store import Store, StoredFrame
+from planewise.batch.stored_camera import description_of
 from planewise.drawing.overlay import match_picture
 from planewise.errors import PlanewiseError
 from planewise.exports.form import Form
@@ -76,11 +77,7 @@ class CocoExport(Form):
             "width": row["width"],
             "height": row["height"],
             "frame": frame.id,
-            "camera": (
-                {each: row[each] for each in ("fx", "fy", "cx", "cy", "distortion")}
-                if row["fx"] is not None
-                else json.loads(row["camera"])
-            ),
+            "camera": description_of(row),
         }
 
     @staticmethod

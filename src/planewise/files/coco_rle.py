@@ -63,9 +63,9 @@ def decode_mask(text: str, shape: tuple[int, int]) -> NDArray[np.bool_]:
         If the text is damaged, or of a mask of another size.
     """
     lengths = _lengths(text)
-    if (lengths < 0).any() or lengths.sum() != shape[0] * shape[1]:
+    if min(lengths, default=0) < 0 or sum(lengths) != shape[0] * shape[1]:
         raise PlanewiseError(f"run lengths do not make a mask of shape {shape}")
-    return np.repeat(np.arange(lengths.size) % 2 == 1, lengths).reshape(shape, order="F")
+    return np.repeat(np.arange(len(lengths)) % 2 == 1, lengths).reshape(shape, order="F")
 
 
 def _text(lengths: NDArray[np.int64]) -> str:
@@ -86,7 +86,7 @@ def _text(lengths: NDArray[np.int64]) -> str:
     return groups[used].tobytes().decode("ascii")
 
 
-def _lengths(text: str) -> NDArray[np.int64]:
+def _lengths(text: str) -> list[int]:
     lengths: list[int] = []
     value = shift = 0
     for byte in text.encode("ascii", "replace"):
@@ -101,4 +101,4 @@ def _lengths(text: str) -> NDArray[np.int64]:
         value = shift = 0
     if shift:
         raise PlanewiseError("run lengths are cut short")
-    return np.array(lengths, np.int64)
+    return lengths

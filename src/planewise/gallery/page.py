@@ -17,12 +17,14 @@ from planewise import threads
 from planewise._version import __version__
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
+from planewise.batch.stored_camera import described_camera
 from planewise.batch.stored_source import StoredSource
 from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
 from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
 from planewise.page_templates import templates_of
+from planewise.spherical import SphericalCamera
 from planewise.whole_files import written_whole
 from planewise.wording import counted
 
@@ -215,9 +217,10 @@ def _search(options: dict[str, Any]) -> str:
 def _camera(camera: dict[str, Any] | None) -> str:
     if camera is None:
         return "that of each frame"
-    if camera.get("model") == "spherical":
-        return f"spherical, {counted(len(camera['elevation']), 'row')}"
-    if "model" in camera or "fx" not in camera:
+    known = described_camera(camera)
+    if isinstance(known, SphericalCamera):
+        return f"spherical, {counted(len(known.elevation), 'row')}"
+    if known is None:
         return str(camera.get("model", "of another kind"))
     return ", ".join(f"{name} {value}" for name, value in camera.items()) + " (pixels)"
 
