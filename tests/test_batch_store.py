@@ -150,6 +150,14 @@ def test_a_damaged_line_ends_a_journal(tmp_path):
     assert read_records(path) == [b"one"]
 
 
+def test_a_journal_is_no_link(tmp_path):
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / "j").symlink_to("precious")
+    with pytest.raises(OSError, match="symbolic"):
+        Journal(tmp_path / "j")
+    assert (tmp_path / "precious").read_text() == "precious"
+
+
 def test_a_segment_is_sealed_in_every_state_a_kill_can_leave(frames, full, tmp_path, monkeypatch):
     monkeypatch.setattr(Segment, "seal", lambda *_: None)
     batch = batch_of(frames[0], tmp_path / "store", frames[1])
@@ -200,6 +208,39 @@ def test_shards_of_one_number_share_a_store(tmp_path):
         pass
     with locked(tmp_path, (1, 2)):
         pass
+
+
+@pytest.mark.parametrize("name", [".lock", ".lock-1-of-2", "journal/all-000002.jsonl",
+                                  "journal", "frames", "labels", "labels/b"])  # fmt: skip
+def test_nothing_is_written_through_links_of_a_store(frames, tmp_path, name):
+    ids = tuple(f"{'a' if number < 6 else 'b'}/{number:02}" for number in range(COUNT))
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=frames[1])
+    batch = Batch(source=Renamed(frames[0], ids), store=tmp_path / "store", recipe=recipe)
+    fill(replace(batch, selection=Selection(limit=6)))
+    link, own, victim = batch.store / name, tmp_path / "own", tmp_path / "victim"
+    if link.exists():
+        link.rename(own)
+    if "." in name:
+        victim.write_text("precious")
+    elif own.exists():
+        shutil.copytree(own, victim)
+    else:
+        victim.mkdir()
+    link.symlink_to(victim)
+    before = contents(victim)
+    part = (1, 2) if "-of-" in name else (1, 1)
+    with pytest.raises(PlanewiseError, match=f"{name} is a link, and what is written"):
+        fill(replace(batch, selection=Selection(shard=part)))
+    assert contents(victim) == before
+    link.unlink()
+    if own.exists():
+        own.rename(link)
+    fill(batch)
+    assert Store(batch.store).ids == ids
+
+
+def contents(path):
+    return {each: each.is_file() and each.read_bytes() for each in (path, *path.rglob("*"))}
 
 
 def test_the_lock_of_a_killed_process_is_taken_over(tmp_path):

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from planewise.batch.staging import sync_folder
 
+_NO_LINK = getattr(os, "O_NOFOLLOW", 0)  # which Windows lacks
+
 
 def read_records(path: Path) -> list[bytes]:
     """Records of a file, up to the first damaged line; none where there is no file."""
@@ -31,7 +33,7 @@ class Journal:
         self.path = path
         records, whole = _whole_records(path)
         self.count = len(records)
-        self._file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        self._file = os.open(path, os.O_RDWR | os.O_CREAT | _NO_LINK, 0o666)
         try:
             os.ftruncate(self._file, whole)
             os.lseek(self._file, 0, os.SEEK_END)

@@ -16,6 +16,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from planewise.batch.segments import FOLDERS
+from planewise.batch.staging import refuse_links
 from planewise.errors import PlanewiseError
 
 _WHOLE = ".lock"
@@ -47,8 +49,11 @@ def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
     Raises
     ------
     PlanewiseError
-        On entry, if another process holds it; the message says which.
+        On entry, if another process holds it; the message says which. Also if what writers open or
+        put files into is a link.
     """
+    folders = [store / name for name in FOLDERS]
+    refuse_links([*folders, *store.glob(f"{_WHOLE}*"), *store.glob("journal/*")])
     with ExitStack() as held:
         if shard[1] == 1:
             held.enter_context(_lock(store / _WHOLE, store))
@@ -84,7 +89,7 @@ def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
             "store: locks as Linux and macOS have them are needed; on Windows, use its "
             "Linux subsystem"
         ) from None
-    handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     try:
         try:
             fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)

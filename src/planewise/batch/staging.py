@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import os
 import shutil
+from collections.abc import Iterable
 from pathlib import Path
+
+from planewise.errors import PlanewiseError
 
 
 class Staging:
@@ -41,6 +44,22 @@ class Staging:
     def close(self) -> None:
         """Remove the folder."""
         shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def refuse_links(paths: Iterable[Path]) -> None:
+    """Refuse to write to a store where links in it lead elsewhere, as a stranger's may.
+
+    Raises
+    ------
+    PlanewiseError
+        If one of these is a link.
+    """
+    for path in paths:
+        if path.is_symlink():
+            raise PlanewiseError(
+                f"store: {path} is a link, and what is written to a store stays in it; delete it, "
+                "or put there what it leads to"
+            )
 
 
 def move_whole(unfinished: Path, target: Path) -> None:

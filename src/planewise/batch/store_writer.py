@@ -20,7 +20,7 @@ from pathlib import Path
 from planewise.batch.frame_work import Outcome
 from planewise.batch.journal import Journal
 from planewise.batch.segments import Segment, own_segments
-from planewise.batch.staging import Staging, move_whole, sync_folder
+from planewise.batch.staging import Staging, move_whole, refuse_links, sync_folder
 
 _FRAMES_A_SEGMENT = 2000
 _SECONDS_A_GROUP = 1.0  # frames of so much time are done again after a kill
@@ -103,6 +103,8 @@ class StoreWriter:
             self._seal(self._segment(self._segment_open.number + 1))
 
     def _make_folder(self, folder: Path) -> None:
+        below = folder.relative_to(self._store)
+        refuse_links(self._store / part for part in (below, *below.parents[:-1]))
         folder.mkdir(parents=True, exist_ok=True)
         self._folders.add(folder)
         while folder != self._store:
