@@ -13,8 +13,10 @@ from numpy.testing import assert_array_equal
 from PIL import Image
 
 from planewise import datasets
+from planewise.batch import DepthFolder
 from planewise.datasets.paths import inside
 from planewise.errors import PlanewiseError
+from planewise.files.depth import read_depth
 
 from . import dataset_files as files
 from .bag_files import DEPTH, INFO, START, frames, write_bag
@@ -311,6 +313,14 @@ def test_whole_folders_and_cameras_that_are_links_out(kind, tmp_path):
         path.symlink_to(tmp_path / f"private-{name}")
         with pytest.raises(PlanewiseError, match="lies outside the dataset"):
             datasets.open(root)
+
+
+def test_a_plain_folder_may_be_made_of_links(tmp_path):
+    root = files.write_generic(tmp_path / "data")
+    (tmp_path / "chosen").mkdir()
+    (tmp_path / "chosen/a.png").symlink_to(min((root / "depth").iterdir()))
+    found = DepthFolder(tmp_path / "chosen")["a"].depth
+    assert_array_equal(found, read_depth(min((root / "depth").iterdir())).depth)
 
 
 def test_a_dataset_may_itself_be_a_link(tmp_path):

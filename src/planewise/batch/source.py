@@ -95,7 +95,8 @@ class DepthFolder:
     Parameters
     ----------
     folder : path
-        Holds files that `planewise.files.depth.read_depth` reads.
+        Holds files that `planewise.files.depth.read_depth` reads, or links to such, wherever they
+        lead.
 
     Raises
     ------

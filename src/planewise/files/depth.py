@@ -121,7 +121,7 @@ def without_results(paths: Iterable[Path]) -> list[Path]:
 def list_depth_files(folder: str | Path) -> list[Path]:
     """Depth files of a folder in natural order (frame 2 before frame 10), others ignored.
 
-    Pictures that a run wrote into it are none of them.
+    Pictures that a run wrote into it are none of them. Links are followed wherever they lead.
 
     Raises
     ------
