@@ -113,6 +113,21 @@ def test_a_link_to_nothing_is_no_output(depth, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "link"]
 
 
+def test_terminals_obey_no_name_of_a_file(depth, tmp_path):
+    hostile = "a\x1b]0;title\x07\x9b31m\x1b[2J [red]b"
+    code, _, errors = run("detect", tmp_path / hostile, *ARGUMENTS, "-o", tmp_path / "out")
+    assert code == 2
+    assert r"a\x1b]0;title\x07\x9b31m\x1b[2J [red]b" in errors
+    assert all(each.isprintable() for each in errors.rstrip("\n"))
+
+
+def test_lines_that_are_wrapped_hold_no_controls(monkeypatch):
+    shown = io.StringIO()
+    monkeypatch.setattr(terminal, "_OUT", Console(width=80, file=shown))
+    terminal.say_wrapped("a\x1b[2J\tb\n")
+    assert shown.getvalue() == "a\\x1b[2J b\n"
+
+
 def test_what_a_stream_cannot_encode_is_no_error():
     code = "import sys; sys.argv[1:] = ['info']; from planewise.cli import main; main()"
     told = run_python(code, PYTHONIOENCODING="ascii", COLUMNS="60")

@@ -32,6 +32,7 @@ Item = TypeVar("Item")
 _NAMED = 20  # of many names
 _BAR = 30  # characters of the longest bar
 _WIDEST = 1000  # characters of a line of a table
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f]")  # which terminals obey; names of files may hold them
 _VALUE = re.compile(r"\b(depth_scale|objective|search) ?= ?'?([\w.]+)'?")
 _NAME = re.compile(
     r"^(camera_topic|depth_scale|inlier_ratio|instances|max_depth|max_planes|minimum_pixels|partition"
@@ -78,7 +79,7 @@ def say(message: str) -> None:
 
 def say_wrapped(message: str) -> None:
     """Print what is too long for a line in several, all but the first indented."""
-    for line in textwrap.wrap(message, max(_OUT.width, 80), subsequent_indent="  "):
+    for line in textwrap.wrap(_plain(message), max(_OUT.width, 80), subsequent_indent="  "):
         _OUT.print(Text(line), soft_wrap=True)
 
 
@@ -105,9 +106,15 @@ def draws_bars() -> bool:
 def _line(console: Console, *parts: tuple[str, str]) -> None:
     text = Text()
     for part, style in parts:
-        text.append(" ".join(part.split()), style=style)
+        text.append(_plain(part), style=style)
         text.append(" " if part.endswith(" ") else "")
     console.print(text, soft_wrap=True)
+
+
+def _plain(text: str) -> str:
+    """One line, of which a terminal obeys nothing."""
+    line = " ".join(text.split())
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", line)
 
 
 def show_planes(model: PlaneModel) -> None:
