@@ -866,6 +866,85 @@ def e57_file(path, scans):
             )
 
 
+def rewritten_xml(path, change):
+    """Write the XML of an E57 file anew, and the checksums of all its pages."""
+    raw = path.read_bytes()
+    data = b"".join(raw[k : k + 1020] for k in range(0, len(raw), 1024))
+    place, size = struct.unpack_from("<2Q", data, 24)
+    start = place // 1024 * 1020 + place % 1024
+    xml = change(data[start : start + size])
+    data = data[:start] + xml
+    data += bytes(-len(data) % 1020)
+    length = len(data) // 1020 * 1024
+    data = data[:16] + struct.pack("<3Q", length, place, len(xml)) + data[40:]
+    pages = (data[k : k + 1020] for k in range(0, len(data), 1020))
+    path.write_bytes(b"".join(page + struct.pack(">I", crc32c(page)) for page in pages))
+
+
+def crc32c(data):
+    value = 0xFFFFFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0x82F63B78 if value & 1 else 0)
+    return value ^ 0xFFFFFFFF
+
+
+def within(xml, what):
+    return xml.replace(b"</e57Root>", what + b"</e57Root>")
+
+
+E57_XML = {
+    "has XML with a DOCTYPE": lambda xml: xml.replace(
+        b"<e57Root", b'<!DOCTYPE e57Root [<!ENTITY x SYSTEM "file:///etc/hostname">]><e57Root', 1
+    ),
+    "names a schema in another file": lambda xml: xml.replace(
+        b"<e57Root",
+        b'<e57Root xmlns:s="http://www.w3.org/2001/XMLSchema-instance" '
+        b's:schemaLocation="http://www.astm.org/COMMIT/E57/2010-e57-v1.0 file:///dev/null"',
+        1,
+    ),
+    "more than 100 elements in one another": lambda xml: within(
+        xml, b'<a type="Structure">' * 100 + b"</a>" * 100
+    ),
+    "has XML in ISO-8859-1; that of E57 is in UTF-8": lambda xml: xml.replace(
+        b"UTF-8", b"ISO-8859-1"
+    ),
+    "has XML in UTF-16 or UTF-32": lambda xml: xml.decode().partition("?>")[2].encode("utf-16"),
+}
+
+
+@pytest.mark.parametrize("said", E57_XML)
+def test_e57_xml_that_is_more_than_its_scans_is_refused(tmp_path, points, said):
+    path = tmp_path / "a.e57"
+    names = ("cartesianX", "cartesianY", "cartesianZ")
+    e57_file(path, [(dict(zip(names, points.T.copy(), strict=True)), (1, 0, 0, 0), UTM)])
+    rewritten_xml(path, lambda xml: within(xml, b'<a type="Structure"/>'))
+    assert len(read_cloud(path)) == 500
+    rewritten_xml(path, E57_XML[said])
+    with pytest.raises(PlanewiseError, match=said):
+        open_cloud(path)
+
+
+@pytest.mark.parametrize(
+    ("at", "number", "said"),
+    [
+        (24, 2**63, "is cut short: 0 of .* bytes of its XML are there"),
+        (32, 2**25 + 1, "claims 33,554,433 bytes of XML; at most 33,554,432 are read"),
+        (40, 512, "claims pages of 512 bytes"),
+    ],
+)
+def test_e57_headers_are_held_against_their_file(tmp_path, points, at, number, said):
+    path = tmp_path / "a.e57"
+    names = ("cartesianX", "cartesianY", "cartesianZ")
+    e57_file(path, [(dict(zip(names, points.T.copy(), strict=True)), (1, 0, 0, 0), UTM)])
+    data = bytearray(path.read_bytes())
+    struct.pack_into("<Q", data, at, number)
+    path.write_bytes(data)
+    with pytest.raises(PlanewiseError, match=said):
+        open_cloud(path)
+
+
 def test_e57_scans_are_moved_to_their_poses(tmp_path, points, colour):
     half = np.sqrt(0.5)  # the writer has single precision
     names = ("cartesianX", "cartesianY", "cartesianZ")

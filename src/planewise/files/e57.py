@@ -4,8 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from os import SEEK_END
 from pathlib import Path
-from typing import Any
+from struct import Struct
+from typing import IO, Any
+from xml.parsers.expat import ParserCreate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +20,10 @@ _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _COLOURS = ("colorRed", "colorGreen", "colorBlue")
 _FAR = 10_000.0
-_PAGES = b"ASTM-E57"
+_HEADER = Struct("<8s2I4Q")  # signature, version, bytes, place and bytes of the XML, of a page
+_PAGE, _CHECKSUM = 1024, 4
+_LARGEST_XML = 1 << 25  # bytes; a scan takes a few thousand
+_DEEPEST_XML = 100  # elements within one another; the format has about eight
 
 
 @contextmanager
@@ -25,10 +31,62 @@ def _reader(path: Path) -> Iterator[Any]:
     with needs("pye57", f"reading {path.suffix} files", "cloud"):
         import pye57  # type: ignore[import-untyped, import-not-found, unused-ignore]
     with path.open("rb") as stream:
-        if stream.read(len(_PAGES)) != _PAGES:
-            raise PlanewiseError("is no E57 file: it does not begin with ASTM-E57")
+        _check_xml(_xml(stream))
     with pye57.E57(str(path)) as reader:
         yield reader
+
+
+def _xml(stream: IO[bytes]) -> bytes:
+    """The XML that describes the scans: its pages without their checksums."""
+    head = stream.read(_HEADER.size)
+    if not head.startswith(b"ASTM-E57"):
+        raise PlanewiseError("is no E57 file: it does not begin with ASTM-E57")
+    if len(head) < _HEADER.size:
+        raise PlanewiseError("is cut short: its header has no end")
+    *_, place, size, page = _HEADER.unpack(head)
+    if page != _PAGE:
+        raise PlanewiseError(f"claims pages of {page:,} bytes; those of E57 have {_PAGE:,}")
+    if size > _LARGEST_XML:
+        raise PlanewiseError(f"claims {size:,} bytes of XML; at most {_LARGEST_XML:,} are read")
+    data = _PAGE - _CHECKSUM
+    skipped = place % _PAGE
+    stream.seek(min(place - skipped, stream.seek(0, SEEK_END)))
+    paged = stream.read(((skipped + size) // data + 1) * _PAGE)
+    pages = (paged[start : start + data] for start in range(0, len(paged), _PAGE))
+    xml = b"".join(pages)[min(skipped, data) :][:size]
+    if len(xml) < size:
+        raise PlanewiseError(f"is cut short: {len(xml):,} of {size:,} bytes of its XML are there")
+    return xml
+
+
+def _check_xml(xml: bytes) -> None:
+    """Refuse XML by which the library's parser would open other files, or not come to an end."""
+    parser, depth = ParserCreate("UTF-8"), 0
+
+    def declaration(_version: str, encoding: str | None, _standalone: int) -> None:
+        if encoding is not None and encoding.upper() != "UTF-8":
+            raise PlanewiseError(f"has XML in {encoding}; that of E57 is in UTF-8")
+
+    def doctype(*_: object) -> None:
+        raise PlanewiseError("has XML with a DOCTYPE, for which E57 has no use; it is not read")
+
+    def start(_name: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > _DEEPEST_XML:
+            raise PlanewiseError(f"has XML with more than {_DEEPEST_XML} elements in one another")
+        if any(name.endswith("chemaLocation") for name in attributes):
+            raise PlanewiseError("has XML that names a schema in another file, which is not read")
+
+    def end(_name: str) -> None:
+        nonlocal depth
+        depth -= 1
+
+    if b"\0" in xml:
+        raise PlanewiseError("has XML in UTF-16 or UTF-32; that of E57 is in UTF-8")
+    parser.XmlDeclHandler, parser.StartDoctypeDeclHandler = declaration, doctype
+    parser.StartElementHandler, parser.EndElementHandler = start, end
+    parser.Parse(xml, True)
 
 
 def open_e57(path: Path) -> CloudFile:
