@@ -9,10 +9,11 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import planewise as pw
 from planewise import datasets
-from planewise.datasets.bags import Bag
+from planewise.datasets.bags import _READ, Bag
 from planewise.errors import MissingExtraError, PlanewiseError
 
 from .bag_files import DEPTH, FORMS, INFO, POINTS, START, STEP, frames, write_bag
@@ -286,6 +287,34 @@ def test_a_damaged_chunk_is_reported_and_the_others_are_read(chunks):
     for n in (3, 0, 4, 1):
         assert_array_equal(dataset[n].depth, images[n])
     assert_array_equal(dataset[1::2][1].depth, images[3])  # past the damaged one
+
+
+@pytest.mark.parametrize("form", ["bag", "mcap"])
+@pytest.mark.parametrize("more", ["Nothing[] junk", "Nothing[200000000] junk"])
+def test_messages_that_a_bag_defines_anew_are_refused(tmp_path, form, more):
+    """Of a few bytes they would make any number of empty parts."""
+
+    def contents(messages):
+        yield from frames(messages)
+        yield INFO, START, messages.info()
+        messages.bytes(messages.image(0, units(FRAMES[0], 0.001)))  # from here on those of ROS
+        store, name = messages.store, "sensor_msgs/msg/Image"
+        text, _ = store.generate_msgdef(name, ros_version=1 if messages.ros1 else 2)
+        bar = "=" * 80 + "\n"
+        parts = [f"{text.partition(bar)[0]}{more}\n", text.partition(bar)[2]]
+        text = bar.join([*parts, "MSG: sensor_msgs/Nothing\n"])
+        store.fielddefs.update(get_types_from_msg(text, name))
+
+    path = write_bag(tmp_path / "run", form, contents)
+    with pytest.raises(PlanewiseError, match=r"run.*defines sensor_msgs/msg/Image otherwise"):
+        datasets.open(path)
+
+
+@pytest.mark.parametrize("store", [each for each in Stores if each != Stores.EMPTY])
+def test_every_version_of_ros_defines_messages_as_they_are_read(store):
+    other, ros1 = get_typestore(store).fielddefs, store.name.startswith("ROS1")
+    known = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE).fielddefs
+    assert all(other[name][1] == known[name][1] for name in _READ)
 
 
 def test_a_chunk_that_swells_is_refused(chunks, monkeypatch):

@@ -30,6 +30,16 @@ LARGEST_CHUNK = 1 << 28
 _METADATA = "metadata.yaml"
 _MAGIC = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0")
 _WHOLE = re.compile(r"compression_mode:\s*[\"']?file", re.IGNORECASE)
+_READ = (  # messages, and what they are made of
+    "sensor_msgs/msg/Image",
+    "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/CameraInfo",
+    "sensor_msgs/msg/RegionOfInterest",
+    "sensor_msgs/msg/PointCloud2",
+    "sensor_msgs/msg/PointField",
+    "std_msgs/msg/Header",
+    "builtin_interfaces/msg/Time",
+)
 _FORWARD = 16  # messages that are passed over rather than looked for
 
 
@@ -61,7 +71,7 @@ class Bag:
     Raises
     ------
     PlanewiseError
-        If it is damaged, or compressed as a whole.
+        If it is damaged, or compressed as a whole, or defines messages otherwise than ROS does.
     MissingExtraError
         If rosbags is not installed.
     """
@@ -73,7 +83,8 @@ class Bag:
         self.path = path
         _bound_decoders()
         _check_files(path)
-        store = get_typestore(Stores.ROS2_HUMBLE)  # where an old bag does not hold its own types
+        # Of ROS 2 also where an old bag does not hold its own types.
+        store = get_typestore(Stores.ROS1_NOETIC if path.suffix == ".bag" else Stores.ROS2_HUMBLE)
         try:
             self._reader = AnyReader([path], default_typestore=store)
             self._reader.open()
@@ -82,6 +93,16 @@ class Bag:
                 f"data: the bag {path.name} cannot be opened; it is damaged, or lacks its index "
                 f"({in_one_line(error)})"
             ) from error
+        own = self._reader.typestore.fielddefs
+        # All versions of ROS define what is read in one way, but for the header of ROS 1; the
+        # library would follow any other definition, whatever that repeats.
+        odd = [name for name in _READ if name in own and own[name][1] != store.fielddefs[name][1]]
+        if odd:
+            self.close()
+            raise PlanewiseError(
+                f"data: the bag {path.name} defines {odd[0]} otherwise than ROS does; record it "
+                "with the messages of ROS"
+            )
         self.types = {each.topic: each.msgtype for each in self._reader.connections}
         storage = getattr(self._reader.readers[0], "storage", self._reader.readers[0])
         self._unpack = _unpacker(storage)
