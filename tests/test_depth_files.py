@@ -253,6 +253,54 @@ def test_bombs_are_refused_before_they_are_unpacked(tmp_path):
     refused(tmp_path / "bomb.pgm", "at most")
 
 
+def claimed(path, **arrays):
+    """Write an archive whose members are headers alone, but for those that are arrays."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, array in arrays.items():
+            with archive.open(f"{name}.npy", "w") as stream:
+                if isinstance(array, np.ndarray):
+                    np.lib.format.write_array(stream, array)
+                else:
+                    shape, kind = array
+                    header = {"descr": kind, "fortran_order": False, "shape": shape}
+                    np.lib.format.write_array_header_1_0(stream, header)
+
+
+def test_what_goes_with_depth_is_judged_before_it_is_unpacked(tmp_path, caplog):
+    path = tmp_path / "a.npz"
+    claimed(path, depth=DEPTH, rgb=((12, 16, 3), "<c16"))
+    assert read_depth(path).rgb is None
+    assert "a.npz: rgb has shape (12, 16, 3) and type complex128" in caplog.text
+    claimed(path, depth=DEPTH, rgb=((10**6, 10**6, 3), "|u1"))
+    assert read_depth(path).rgb is None
+    claimed(path, depth=DEPTH, K=((10**7, 3), "<f8"))
+    refused(path, "a.npz K claims 30,000,000 values; at most 16 are read")
+    claimed(path, depth=DEPTH, depth_scale=((17,), "<f8"))
+    refused(path, "a.npz depth_scale claims 17 values; at most 16 are read")
+    claimed(path, depth=((5000, 5000, 3), "<c16"))
+    refused(path, "claims 75,000,000 values; at most 50,000,000 are read")
+
+
+def test_the_channels_of_an_exr_count_before_they_are_unpacked(tmp_path, monkeypatch):
+    import OpenEXR
+
+    path = tmp_path / "a.exr"
+    monkeypatch.setattr(depth_files, "MAX_PIXELS", METRES.size)
+    write_exr(path, {"Z": METRES, "a": METRES, "b": METRES, "c": METRES})
+    assert np.array_equal(read_depth(path).depth, METRES)
+    write_exr(path, {"Z": METRES, "a": METRES, "b": METRES, "c": METRES, "d": METRES})
+    refused(path, f"claims {5 * METRES.size} values; at most {4 * METRES.size} are read")
+    parts = [OpenEXR.Part({"name": name}, {"Z": METRES, "a": METRES}) for name in "xyz"]
+    OpenEXR.File(parts).write(str(path))
+    refused(path, f"claims {6 * METRES.size:,} values; at most {4 * METRES.size} are read")
+    samples = np.empty(METRES.shape, object)
+    for at in np.ndindex(samples.shape):
+        samples[at] = METRES[at].repeat(2)
+    deep = {"compression": OpenEXR.ZIPS_COMPRESSION, "type": OpenEXR.deepscanline}
+    OpenEXR.File(deep, {"Z": samples}).write(str(path))
+    refused(path, "is a deep OpenEXR file")
+
+
 def test_names_that_differ_little_are_in_one_order_everywhere():
     names = ["01.png", "1.png", "A.png", "a.png"]
     for order in itertools.permutations(map(Path, names)):

@@ -35,6 +35,8 @@ MAX_PIXELS = 50_000_000
 
 _LOG = logging.getLogger("planewise")
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
+_FEW = 16  # numbers of a scale or of intrinsics, at most
+_IMAGES_OF_EXR = 4  # largest images that a file may hold as channels, of which one is used
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
 _EXR = b"\x76\x2f\x31\x01"
 _SAMPLES = 339  # its tag that says whether numbers are signed
@@ -161,10 +163,11 @@ def _check_array(depth: NDArray[Any]) -> NDArray[Any]:
     return depth
 
 
-def check_size(pixels: int) -> None:
-    """Refuse a file that claims to hold more than `MAX_PIXELS`."""
-    if pixels > MAX_PIXELS:
-        raise PlanewiseError(f"claims {pixels:,} values; at most {MAX_PIXELS:,} are read")
+def check_size(values: int, most: int | None = None) -> None:
+    """Refuse a file that claims to hold more than `most` values, by default `MAX_PIXELS`."""
+    most = MAX_PIXELS if most is None else most
+    if values > most:
+        raise PlanewiseError(f"claims {values:,} values; at most {most:,} are read")
 
 
 def _beginning(path: Path) -> bytes:
@@ -257,24 +260,37 @@ def _read_npz(path: Path) -> DepthFile:
     with zipfile.ZipFile(path) as archive, ExitStack() as stack:
         members = {info.filename.removesuffix(".npy"): info for info in archive.infolist()}
 
-        def array(name: str) -> NDArray[Any]:
-            return read_array(stack.enter_context(archive.open(members[name])))
+        def opened(name: str) -> IO[bytes]:
+            return stack.enter_context(archive.open(members[name]))
+
+        def few(name: str) -> NDArray[Any]:
+            with naming(name):
+                return read_array(opened(name), _FEW)
 
         if "depth" not in members and (len(members) != 1 or members.keys() & _BESIDE):
             names = ", ".join(sorted(members)) or "none"
             raise PlanewiseError(f"must hold an array named 'depth', or one only; it holds {names}")
-        depth = _check_array(array("depth" if "depth" in members else next(iter(members))))
+        name = "depth" if "depth" in members else next(iter(members))
+        depth = _check_array(read_array(opened(name)))
         scale = None  # metres have no unit to be told
         if "depth_scale" in members and depth.dtype.kind != "f":
-            scale = _scale_of(array("depth_scale"))
-        camera = _camera_of(array("K")) if "K" in members else None
-        rgb = array("rgb") if "rgb" in members else None
-    if rgb is not None and (rgb.dtype != np.uint8 or rgb.shape != (*depth.shape, 3)):
-        # Only a decoration, as a rule: not worth refusing the readings for.
-        shape = f"shape {rgb.shape} and type {rgb.dtype}"
-        _LOG.warning(f"{path.name}: rgb has {shape}, which is no picture of its pixels: left out")
-        rgb = None
+            scale = _scale_of(few("depth_scale"))
+        camera = _camera_of(few("K")) if "K" in members else None
+        rgb = _rgb_of(opened("rgb"), depth.shape, path) if "rgb" in members else None
     return DepthFile(depth=depth, depth_scale=scale, camera=camera, rgb=rgb)
+
+
+def _rgb_of(stream: IO[bytes], pixels: tuple[int, ...], path: Path) -> NDArray[np.uint8] | None:
+    """Picture of so many pixels; what is none is not read."""
+    shape, fortran, dtype = array_header(stream)
+    if dtype == np.uint8 and shape == (*pixels, 3):
+        return _contents(stream, shape, fortran, dtype)
+    # Only a decoration, as a rule: not worth refusing the readings for.
+    _LOG.warning(
+        f"{path.name}: rgb has shape {shape} and type {dtype}, which is no picture of its pixels: "
+        "left out"
+    )
+    return None
 
 
 def _scale_of(stated: NDArray[Any]) -> float:
@@ -295,11 +311,18 @@ def _camera_of(matrix: NDArray[Any]) -> PinholeCamera:
         raise PlanewiseError(f"has intrinsics K of no camera ({error})") from None
 
 
-def read_array(stream: IO[bytes]) -> NDArray[Any]:
-    """Read one NumPy array; the size it claims is checked first, pickles are refused."""
+def read_array(stream: IO[bytes], most: int | None = None) -> NDArray[Any]:
+    """Read one NumPy array of at most so many numbers (`check_size`); pickles are refused."""
     shape, fortran, dtype = array_header(stream)
+    check_size(math.prod(shape), most)
+    return _contents(stream, shape, fortran, dtype)
+
+
+def _contents(
+    stream: IO[bytes], shape: tuple[int, ...], fortran: bool, dtype: np.dtype[Any]
+) -> NDArray[Any]:
+    """Numbers behind a header."""
     count = math.prod(shape)
-    check_size(count // 3 if len(shape) == 3 else count)
     # Only what the header claims is unpacked, so an archive cannot swell beyond it.
     data = stream.read(count * dtype.itemsize)
     if len(data) < count * dtype.itemsize:
@@ -315,8 +338,17 @@ def _read_exr(path: Path) -> DepthFile:
     if _beginning(path) != _EXR:
         raise PlanewiseError("is not an OpenEXR file")
     with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:
-        low, high = header.header()["dataWindow"]
-        check_size(int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1)))
+        sizes = []
+        for number, _ in enumerate(header.parts):
+            part = header.header(number)
+            if part["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
+                raise PlanewiseError("is a deep OpenEXR file, with any number of samples a pixel")
+            low, high = part["dataWindow"]
+            pixels = int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1))
+            check_size(pixels)
+            sizes.append(pixels * len(part["channels"]))
+        # All are unpacked, for the library cannot leave one out.
+        check_size(sum(sizes), _IMAGES_OF_EXR * MAX_PIXELS)
     with OpenEXR.File(str(path), separate_channels=True) as image:
         channels = image.channels()
         names = [each for each in ("Z", "depth") if each in channels]

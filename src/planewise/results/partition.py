@@ -5,12 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from planewise.errors import PlanewiseError
-from planewise.files.depth import natural_order, read_array
+from planewise.files.depth import MAX_PIXELS, natural_order, read_array
 from planewise.files.labels import read_labels
 from planewise.partition import Partitioner, as_partitioner
 
 _LABELS = (".png", ".npy", ".npz")
 _MASKS = (".png", ".npy")
+_STACK = 3  # largest images that a file of masks may hold
 
 
 def read_partition(path: str | Path, frame: str, *, many: bool = False) -> Partitioner:
@@ -57,7 +58,7 @@ def _read(path: Path) -> Partitioner:
     if path.suffix.lower() == ".npy" and path.is_file():
         try:
             with path.open("rb") as stream:
-                return as_partitioner(read_array(stream))
+                return as_partitioner(read_array(stream, _STACK * MAX_PIXELS))
         except PlanewiseError as error:
             raise PlanewiseError(f"partition: {path.name} {error}") from None
         except (OSError, ValueError) as error:
