@@ -5,6 +5,7 @@ import sys
 import warnings
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from time import process_time
 from types import SimpleNamespace
 
 import laspy
@@ -1305,6 +1306,19 @@ def test_changed_bytes_are_read_or_refused(tmp_path, points, colour, name):
 def test_what_a_header_claims_is_held_against_the_size_of_the_file(tmp_path, name, said):
     with pytest.raises(PlanewiseError, match=said):
         open_cloud(write_bad(tmp_path, name))
+
+
+def test_long_headers_take_no_longer_than_their_length(tmp_path):
+    names = "".join(f"property char a{n}\n" for n in range(30_000))
+    head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"
+    xyz = "".join(f"property float {name}\n" for name in "xyz")
+    ply = (head + xyz + names + "end_header\n").encode() + bytes(12 + 30_000)
+    (tmp_path / "a.ply").write_bytes(ply)
+    (tmp_path / "a.xyz").write_text("# x" + " " * 60_000 + "y z\n1 2 3\n2 3 4\n")
+    start = process_time()
+    assert len(read_cloud(tmp_path / "a.ply")) == 1
+    assert len(read_cloud(tmp_path / "a.xyz")) == 2
+    assert process_time() - start < 5  # in quadratic time each took 30 s
 
 
 def test_what_cannot_be_opened(tmp_path):

@@ -41,11 +41,11 @@ class _Element:
 
     name: str
     count: int
-    fields: list[tuple[str, str]]
+    fields: dict[str, str]
     lists: bool = False
 
     def row(self, order: str) -> np.dtype[Any]:
-        return np.dtype([(name, order + kind) for name, kind in self.fields])
+        return np.dtype([(name, order + kind) for name, kind in self.fields.items()])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +67,8 @@ def open_ply(path: Path) -> CloudFile:
         raise PlanewiseError("holds no element named vertex, which is where PLY has its points")
     if vertex.lists:
         raise PlanewiseError("has lists in its points; a point has one number of each kind")
-    positions([name for name, _ in vertex.fields])
-    names = [name for name, _ in vertex.fields]
+    names = list(vertex.fields)
+    positions(names)
     if not header.order:
         lines = sum(element.count for element in before)
         check_length(path, header.start, lines, 1)
@@ -89,7 +89,7 @@ def open_ply(path: Path) -> CloudFile:
 
 
 def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudFile:
-    names = [name for name, _ in vertex.fields]
+    names = list(vertex.fields)
     at = positions(names)
 
     def words(size: int) -> Iterator[NDArray[np.float64]]:
@@ -105,7 +105,7 @@ def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudF
         for table in words(size):
             columns = {
                 name: table[:, k].astype(kind) if np.isfinite(table[:, k]).all() else table[:, k]
-                for k, (name, kind) in enumerate(vertex.fields)
+                for k, (name, kind) in enumerate(vertex.fields.items())
             }
             # The file has decimals, which float64 keeps better whatever the header says.
             yield columns | {name: table[:, k] for k, name in enumerate(names) if k in at}
@@ -156,16 +156,16 @@ def _read_header(path: Path) -> _Header:
             case ["format", name, _] if name in _ORDERS:
                 order = _ORDERS[name]
             case ["element", name, number] if number.isdecimal():
-                elements.append(_Element(name=name, count=int(number), fields=[]))
+                elements.append(_Element(name=name, count=int(number), fields={}))
             case ["property", "list", _, _, name] if elements:
                 last = elements.pop()
                 elements.append(
                     _Element(name=last.name, count=last.count, fields=last.fields, lists=True)
                 )
             case ["property", kind, name] if elements and kind in _TYPES:
-                if name in (known for known, _ in elements[-1].fields):
+                if name in elements[-1].fields:
                     raise PlanewiseError(f"has two properties named {name}")
-                elements[-1].fields.append((name, _TYPES[kind]))
+                elements[-1].fields[name] = _TYPES[kind]
             case _:
                 raise PlanewiseError(f"has a header line that is not PLY: '{line.strip()[:60]}'")
     if order is None:

@@ -22,7 +22,8 @@ _MAP_NAMES = {
     "y": {"n", "north", "northing"},
     "z": {"h", "height", "elev", "elevation"},
 }
-_METRES = re.compile(r"\s*[\[(]\s*(m|met(re|er)s?)\s*[\])]", re.IGNORECASE)  # behind a name
+# Behind a name; it is looked for once in a row of spaces, not behind each of them.
+_METRES = re.compile(r"(?<!\s)\s*[\[(]\s*(m|met(re|er)s?)\s*[\])]", re.IGNORECASE)
 _FEW = 1000  # rows that tell what most columns are
 _FEWEST_NUMBERED = 10  # points whose numbers are no coordinate by chance
 _MEETINGS = 5  # of coordinates in one place, where chance has none once in a hundred files
