@@ -1308,6 +1308,19 @@ def test_what_a_header_claims_is_held_against_the_size_of_the_file(tmp_path, nam
         open_cloud(write_bad(tmp_path, name))
 
 
+def test_archives_that_swell_to_more_points_than_they_have_bits_are_refused(tmp_path, monkeypatch):
+    """Those of a few points may: a grid without noise packs a hundred times."""
+    path = tmp_path / "a.npz"
+    np.savez_compressed(path, points=np.zeros((100_000, 3)))
+    assert 8 * path.stat().st_size < 100_000
+    assert len(read_cloud(path)) == 100_000
+    monkeypatch.setattr("planewise.files.npz._PACKED_ANYHOW", 99_999)
+    with pytest.raises(PlanewiseError, match="claims 100,000 points, which cannot be in a file of"):
+        open_cloud(path)
+    np.savez(path, points=np.zeros((100_000, 3)))
+    assert len(read_cloud(path)) == 100_000
+
+
 def test_long_headers_take_no_longer_than_their_length(tmp_path):
     names = "".join(f"property char a{n}\n" for n in range(30_000))
     head = "ply\nformat binary_little_endian 1.0\nelement vertex 1\n"

@@ -22,6 +22,7 @@ _POINTS = ("points", "xyz", "arr_0")
 _COLOUR = ("colour", "color", "colours", "colors", "rgb")
 _COLUMNS = ("intensity", "gt", "labels", "label", "plane", "scan")
 _MOST_COLUMNS = 32  # of a cloud; more are an image
+_PACKED_ANYHOW = 10_000_000  # points that are read from however few bytes; grids pack well
 
 
 _Member = tuple[Callable[[], IO[bytes]], int]  # a stream of it, and its bytes
@@ -131,6 +132,11 @@ def _opened(
                 f"must hold points of shape (k, 3), got {points.dtype} of shape {points.shape}"
             )
         count = points.shape[0]
+        if count > max(_PACKED_ANYHOW, 8 * path.stat().st_size):  # not a bit for each
+            raise PlanewiseError(
+                f"claims {count:,} points, which cannot be in a file of its size; if they are, "
+                "write it without compression (numpy.savez)"
+            )
         for name in (*beside, *([colour] if colour else [])):
             shape = _Rows(*members[name], stack).shape
             if shape != ((count, 3) if name == colour else (count,)):
