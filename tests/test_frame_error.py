@@ -180,6 +180,21 @@ def told(z, sensor):
     return found.error, drift / SATURATION
 
 
+@pytest.mark.parametrize("height", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("told", [0.008, "auto"])
+def test_relief_is_not_taken_for_drift(height, told):
+    """It is farther from a plane at 12 px than a camera's error, and at 24 px farther still."""
+    shape, rng = (240, 320), np.random.default_rng(0)
+    squared = sum(np.square(np.fft.fftfreq(n)).reshape(at) for n, at in
+                  zip(shape, ((-1, 1), (1, -1)), strict=True))  # fmt: skip
+    kernel = np.exp(-2 * (np.pi * 13) ** 2 * squared)
+    relief = np.fft.ifft2(np.fft.fft2(rng.normal(size=shape)) * kernel).real
+    depth = 2.5 + height * relief / relief.std() + rng.normal(0, 0.008, shape)
+    camera = pw.PinholeCamera(fx=262.5, fy=262.5, cx=159.5, cy=119.5)
+    sensor = pw.Sensor(max_depth=8, resolution=1e-4, noise=told)
+    assert not len(pw.detect_planes(depth, camera, sensor))
+
+
 SIGMA = 0.0015  # of inverse depth
 FINE = pw.Sensor(max_depth=10, resolution=1e-5, noise=pw.noise.quadratic(0, SIGMA))
 

@@ -47,6 +47,7 @@ _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longe
 _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
+_RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
 _AT_LEAST = 0.25  # of the drift: few distances may show none by chance
 _BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _BISECTIONS = 12
@@ -303,14 +304,20 @@ def walk_and_shared(
     `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
     certain. Both against the described variance of the drift.
     """
-    told, of_three, cluttered = [], [], False
+    told: list[float] = []
+    of_three: list[float] = []
+    cluttered = False
     usual, w = float(drift.mean()), float(planes[2, : len(drift)].mean())
     farthest = (_FARTHEST * w) ** 2
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     for lag in _LAGS:
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
-        cluttered = factor is not None and factor * usual > max(farthest, _MORE * nearest * usual)
-        if factor is None or cluttered:
+        if factor is None:
+            break
+        cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
+        if cluttered:
+            if not told and nearest * usual > farthest and factor > _RELIEF * nearest:
+                return 0.0, 0.0, 0.0  # no camera errs by so much
             break
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
