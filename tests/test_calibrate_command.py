@@ -44,7 +44,7 @@ def test_a_sensor_is_made_and_used(frames, tmp_path):
         "flat cells",
         "preset",
         "noise: sqrt((0.00",
-        "sampling alone",
+        "the band is of the curve, on walls",
     ):
         assert word in text
     assert "4 of 4 frames used, sensor in" in text

@@ -43,6 +43,26 @@ def test_the_papers_scenes_have_their_noise(name, sigma):
     assert found.drift is noise.NOTHING
 
 
+@pytest.mark.parametrize("size", [(240, 320), (480, 640)])
+@pytest.mark.parametrize(("power", "least", "most"), [(0, -3, 3), (1, -3, 3), (2, 0, 13)])
+def test_walls_have_their_noise(size, power, least, most):
+    """In 0.001 of it, more with z^2 as depths of a bin differ; and within the band."""
+    scale, rng = 0.01 / 3**power, np.random.default_rng(power)
+    focal = 0.8 * size[1]
+    camera = pw.PinholeCamera(fx=focal, fy=focal, cx=size[1] / 2, cy=size[0] / 2)
+    rays, frames = camera.rays(size), []
+    for _ in range(6):
+        depth = rng.uniform(2, 5) / (rays @ [*rng.uniform(-0.4, 0.4, 2), 1])
+        frames.append(depth + scale * depth**power * rng.normal(size=size))
+    found = pw.calibrate(frames, camera, pw.Sensor(max_depth=20, resolution=1e-4))
+    bins = found.bins
+    true = scale * bins.depth**power
+    off = 1000 * (found.noise(bins.depth) / true - 1)
+    assert (least < off).all()
+    assert (off < most).all()
+    assert ((bins.low < true) & (true < bins.high)).all()
+
+
 @pytest.mark.parametrize("sigma", [None, 0.0005, 0.002, 0.005, 0.01])
 def test_rooms_have_their_noise(sigma):
     scene = scenes.room(1, sigma=sigma, size=(240, 320))

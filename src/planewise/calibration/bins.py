@@ -6,6 +6,7 @@ at a low quantile, take the mean of the cells that are not much rougher, repeat.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -101,16 +102,20 @@ class Bin:
         step = float(np.median(steps))
         rounding = steps**2 / 12
         least = max((_RESOLVED * step) ** 2, (resolution**2 - step**2) / 12)
-        rough = max(_ROUGH, 1 + _ROUGH_SIGMAS * float(np.sqrt(2 / np.median(freedom))))
+        usual = float(np.median(freedom))
+        rough = max(_ROUGH, 1 + _ROUGH_SIGMAS * math.sqrt(2 / usual))
         square = max(float(np.quantile(variance, _START)) - step**2 / 12, least)
-        flat, off = np.ones(members.size, bool), variance - rounding
+        flat, off = np.ones(members.size, bool), variance
         for _ in range(_STEPS):
             coherent = np.zeros(members.size)
             if step:
                 coherent = steps**2 * (followed @ blurred(np.sqrt(square) / step))
-            off = variance - rounding + coherent
             expected = square + rounding - coherent
-            flat = variance <= rough * expected + _UNLUCKY * coherent
+            limit = rough * expected + _UNLUCKY * coherent
+            flat = variance <= limit
+            # The limit is for edges, but cuts off the roughest of the flat cells, too.
+            kept = _mean_below(float((limit / expected).mean()), usual)
+            off = variance / kept - rounding + coherent
             before, weight = square, freedom * flat
             square = max(float(weight @ off) / max(float(weight.sum()), 1.0), least)
             if abs(square - before) < _TOLERANCE * before:
@@ -125,6 +130,15 @@ class Bin:
             step=step,
             error=0.5 * scatter / square,
         )
+
+
+def _mean_below(limit: float, freedom: float) -> float:
+    """Mean of chi^2 / freedom where that is below a limit; their share by Wilson and Hilferty."""
+    half = freedom / 2
+    x = half * limit
+    normal = (limit ** (1 / 3) - 1 + 1 / (9 * half)) * math.sqrt(9 * half)
+    share = 0.5 * math.erfc(-normal / math.sqrt(2))
+    return 1 - math.exp(half * math.log(x) - x - math.lgamma(half + 1)) / share
 
 
 def bootstrap(pool: Pool, bins: Sequence[Bin], resamples: int, rng: np.random.Generator) -> Array:

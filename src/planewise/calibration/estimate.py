@@ -35,6 +35,7 @@ _WIDE = 1.5  # farthest bin against the nearest: less hardly tells a constant fr
 RESAMPLES = 200
 """Of the bootstrap that a confidence band comes from."""
 _CONFIDENCE = (2.5, 97.5)  # percent
+_SYSTEMATIC = 0.015  # of sigma, by which creases, and bins where it grows with z^2, may be off
 _ASSUMED = proportional(0.01)  # where a frame cannot tell and the sensor says nothing
 
 
@@ -54,7 +55,8 @@ class NoiseBins:
         Quantisation step in metres, 0 where there is none.
     low, high : ndarray
         95 % confidence band of the curve of `sigma` at these depths, metres: of which cells were
-        drawn alone, not of how far the family of curves may be off.
+        drawn, and 1.5 % for creases and for the width of the bins; not of clutter, nor of how far
+        the family of curves may be off.
     cells : ndarray of int
         Cells that were flat enough to count.
     """
@@ -241,7 +243,10 @@ def pooled_noise(
         whites = bootstrap(pool, bins, resamples, np.random.default_rng(rng))
         sets = np.maximum(refit(curve, depth, white, error, whites), 0.0)
         totals = np.hypot(sets, rounding(depth))
-        low, high = np.percentile(totals, _CONFIDENCE, axis=0)
+        middle = np.hypot(curve(depth), rounding(depth))
+        sampled = np.percentile(totals, _CONFIDENCE, axis=0) - middle
+        below, above = np.hypot(sampled, _SYSTEMATIC * middle)
+        low, high = middle - below, middle + above
     return NoiseEstimate(
         white=curve,
         quantisation=rounding,

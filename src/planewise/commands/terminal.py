@@ -217,7 +217,9 @@ def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
     _show(table)
     if np.isfinite(bins.low).all():
         outside = np.count_nonzero((bins.sigma < bins.low) | (bins.sigma > bins.high))
-        say(f"the band is of sampling alone; outside it: {outside} of {len(bins.depth)} sigmas")
+        say(
+            f"the band is of the curve, on walls; outside it: {outside} of {len(bins.depth)} sigmas"
+        )
     say(f"noise: {found.noise}")
     say(f"white: {found.white}, quantisation: {found.quantisation}")
     say(f"shared: {found.shared}, drift: {found.drift} over 100 px")

@@ -96,7 +96,7 @@ def draw_noise(
     entries = [("measured", CHOSEN), ("curve", LINE)]
     if banded:  # often thinner than the curve, which hides it
         widest = float(((bins.high - bins.low) / (2 * bins.sigma)).max())
-        entries.append((f"95 % band, of sampling alone: at most ± {100 * widest:.1f} %", _BAND))
+        entries.append((f"95 % band, on walls: at most ± {100 * widest:.1f} %", _BAND))
     if other is not None:
         entries.append((name or "known", FAINT))
     for text, colour in entries:
