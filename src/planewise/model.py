@@ -68,9 +68,11 @@ class Plane:
         dense clouds), because points of one cell are taken to share part of their error. It knows
         no bias: under the paper's objective noise that goes with z^p brings planes nearer, by some
         2 p (sigma / z)^2 of their distance, and tilts planes that meet, by up to several standard
-        deviations, for readings near the crease choose the nearer one. Nor does it know that
-        readings round alike where depth hardly changes along rows or columns, which noise below a
-        third of a step does not even out.
+        deviations, for readings near the crease choose the nearer one; a wall that is most of the
+        view may be two planes there, 0.8 sigma before and behind it, which is many deviations. Nor
+        does it know that readings round alike where depth hardly changes along rows or columns,
+        which noise below a third of a step does not even out, or of a drift that is too small to be
+        told from white noise.
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border, by the prices of the search: a score to cut by, not what Phi would be without it
