@@ -341,6 +341,25 @@ def test_a_roof_of_few_points(count):
     assert_array_equal(shuffled.labels, found.labels[order])
 
 
+@pytest.mark.parametrize("reach", [6.0, 30.0, 100.0])
+def test_what_only_lies_together_is_no_plane_however_far_the_sensor_reaches(reach):
+    """A wall and a bush; the diagonal of the box around both is six metres."""
+    rng = np.random.default_rng(1)
+    wall = np.column_stack((rng.uniform(0, 1, (1500, 2)) * (3, 2), rng.normal(0, SIGMA, 1500)))
+    bush = rng.normal((1.5, 1, -2.5), 0.4, (1500, 3))
+    sensor = pw.Sensor(max_depth=reach, resolution=0.001, noise=SIGMA)
+    found = pw.detect_planes_in_points(np.vstack((wall, bush)), sensor)
+    assert len(found) == 1
+    assert (found.labels[:1500] > 0).mean() > 0.98
+    assert not found.labels[1500:].any()
+
+
+@pytest.mark.parametrize("extent", [0.0, 1e-5, 0.002, 0.02])
+def test_few_points_within_the_resolution_or_the_noise_show_no_plane(extent):
+    points = np.random.default_rng(0).uniform(0, extent, (100, 3))
+    assert len(pw.detect_planes_in_points(points, SENSOR)) == 0
+
+
 def flat(plan, noise=0.01):
     rng = np.random.default_rng(len(plan))
     points = np.column_stack((plan, 2 + rng.normal(0, noise, len(plan))))

@@ -2,7 +2,8 @@
 
 On a face of fifty points a cell has seven and most are cut by an edge. So the planes of the paper's
 objective, chosen from all points together, are tried as well: relabelled by their surroundings,
-dropped and merged while Phi falls.
+dropped and merged while Phi falls. A point on no plane is taken to lie anywhere within the points'
+own extent, not within R, or else planes would pay wherever points are but close together.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
 from planewise.point_observation import PointObservation
 from planewise.ranks import ranks
+from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -48,6 +50,14 @@ _MERGED_PLANES = 24  # above which merging them by trial takes too long
 _MOST_CELLS = 300  # along a third of a plane, which may have wide gaps
 _FALL = 1e-6  # nats that count as a fall
 _PARALLEL = 0.9  # least cosine between planes that are merged
+_LEAST_RANGE = 10.0  # times eps
+
+
+def limits_of(cloud: Cloud, sensor: Sensor) -> Limits:
+    """What is taken for R and eps: the diagonal of the points' box, if that is less than R."""
+    diagonal = float(np.linalg.norm(np.ptp(cloud.positions(), axis=0)))
+    # Of points in one place, which have none, a coordinate still takes some nats.
+    return min(sensor.range, max(diagonal, _LEAST_RANGE * sensor.resolution)), sensor.resolution
 
 
 def fewest_nats(
@@ -68,7 +78,7 @@ def fewest_nats(
     start : ndarray of uint16, shape (k,)
         Labels from cells, to be improved on.
     limits : (float, float)
-        R and eps in metres.
+        `limits_of` it.
     rng : numpy.random.Generator
         For the planes that are proposed.
     """
