@@ -127,6 +127,39 @@ def test_covariance_of_free_points_is_the_scatter_of_the_estimates():
     assert_allclose(np.cov(np.array(found).T), expected, atol=0.4 * np.abs(expected).max())
 
 
+def strip(width, seed, count=400):
+    """Noisy points along five metres."""
+    rng = np.random.default_rng(seed)
+    sides = rng.uniform(-0.5, 0.5, (count, 3)) * (5.0, width, 0.0)
+    return sides + rng.normal(0, SIGMA, (count, 3)) + (1, 0, -3)
+
+
+@pytest.mark.parametrize("objective", ["paper", "spatial"])
+@pytest.mark.parametrize("width", [3, 10])
+def test_covariance_of_a_strip_knows_of_the_noise_in_its_width(width, objective):
+    """About its long axis; spatial: points of a cell share some of their error."""
+    found, claimed = [], []
+    for seed in range(25):
+        model = pw.detect_planes_in_points(strip(width * SIGMA, seed), SENSOR, objective=objective)
+        (plane,) = model.planes
+        angle = np.arctan2(plane.normal[1], plane.normal[2])
+        found.append(angle - np.pi * np.round(angle / np.pi))
+        claimed.append(plane.covariance[1, 1])
+    ratio = np.sqrt(np.nanmean(claimed) / np.mean(np.square(found)))
+    assert np.isfinite(claimed).mean() > 0.9
+    assert 0.8 < ratio < 1.35
+
+
+@pytest.mark.parametrize("objective", ["paper", "spatial"])
+@pytest.mark.parametrize("count", [60, 400])
+@pytest.mark.parametrize("width", [0, 1])
+def test_a_strip_as_narrow_as_its_noise_has_no_covariance(width, count, objective):
+    for seed in range(3):
+        points = strip(width * SIGMA, seed, count)
+        model = pw.detect_planes_in_points(points, SENSOR, objective=objective)
+        assert np.isnan([plane.covariance for plane in model.planes]).all()
+
+
 @pytest.mark.parametrize("search", ["joint", "sequential"])
 @pytest.mark.parametrize("noise", [0.01, 1e-9, pw.noise.proportional(0.01), "auto"])
 def test_points_of_any_size_give_no_warnings(noise, search):

@@ -63,9 +63,10 @@ class Plane:
         Of (normal, distance): the inverse Fisher information under the error model, and how far an
         error that drifts moves and tilts a plane of a depth image as a whole (spatial objective;
         under the paper's only white noise counts, a hundredth of what a Kinect's plane is off). NaN
-        where the readings do not determine it. For points in space with independent errors it is
-        too large by a factor of 1 + 0.09 n for n points a cell (about two at n = 10, far more in
-        dense clouds), because points of one cell are taken to share part of their error. It knows
+        where the readings do not determine it, such as points about a line, in a strip hardly wider
+        than their noise. For points in space with independent errors it is too large by a factor of
+        1 + 0.09 n for n points a cell (about two at n = 10, far more in dense clouds), because
+        points of one cell are taken to share part of their error. It knows
         no bias: under the paper's objective noise that goes with z^p brings planes nearer, by some
         2 p (sigma / z)^2 of their distance, and tilts planes that meet, by up to several standard
         deviations, for readings near the crease choose the nearer one; a wall that is most of the

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels.cloud_rows import COUNT, CX, CZ, NX, NZ, WEIGHT, XX, ZZ, write_normals
+from planewise.point_observation import UNTOLD
 
 Array = NDArray[np.float64]
 
@@ -35,8 +36,9 @@ def scatters(rows: Array) -> Array:
 def covariances(rows: Array, centre: Array) -> Array:
     """Of (normal, distance) of rows, shape (N, 4, 4).
 
-    From the information on offset and slopes in each plane's own frame; NaN where points in a line
-    leave a slope open.
+    From the information on offset and slopes in each plane's own frame. Scatter along the plane has
+    noise in it, too: the variance of a slope is l / (l - noise)^2, that of a principal axis
+    (Anderson 1963). NaN where points hardly scatter more along the plane than across it.
     """
     values, axes = np.linalg.eigh(scatters(rows))
     turn = -axes[:, :, 1:]  # of the normal by the slopes
@@ -45,7 +47,11 @@ def covariances(rows: Array, centre: Array) -> Array:
     jacobian[:, :3, 1:] = turn
     jacobian[:, 3, 0] = -1.0
     jacobian[:, 3, 1:] = -np.einsum("ne,nes->ns", at, turn)
-    open_ended = values[:, 1] <= _IN_LINE * values[:, 2]
-    values[open_ended] = np.nan
-    variances = np.column_stack((1.0 / rows[:, WEIGHT], 1.0 / values[:, 1:]))
+    noise, along = values[:, :1], values[:, 1:]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        slopes = along / (along - noise) ** 2
+    # Of points in one line rounding is all there is across it.
+    told = (slopes[:, 0] < UNTOLD) & (along[:, 0] > _IN_LINE * along[:, 1])
+    slopes[~told] = np.nan
+    variances = np.column_stack((1.0 / rows[:, WEIGHT], slopes))
     return np.asarray((jacobian * variances[:, None]) @ jacobian.transpose(0, 2, 1))

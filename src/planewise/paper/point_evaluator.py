@@ -15,7 +15,7 @@ from planewise.paper.evaluate import (
     inverse,
     scored,
 )
-from planewise.point_observation import PointObservation
+from planewise.point_observation import UNTOLD, PointObservation
 
 
 class PointEvaluator(Evaluator):
@@ -100,7 +100,11 @@ class PointEvaluator(Evaluator):
         return np.hstack((normal, distance[:, None])) * sign[:, None]
 
     def covariances(self, parameters: Array, labels: Labels) -> Array:
-        """Inverse Fisher information on the n free directions of (normal, distance)."""
+        """Inverse Fisher information on the n free directions of (normal, distance).
+
+        Scatter S along the plane has noise in it, too: slopes have that of principal axes
+        (Anderson 1963), (S - noise)^-1 S (S - noise)^-1. NaN where they are not told.
+        """
         size = self.dimension + 1
         fisher = 2.0 * self._scatter(len(parameters), labels)
         out = np.full((len(parameters), size, size), np.nan)
@@ -112,7 +116,13 @@ class PointEvaluator(Evaluator):
             shift = np.eye(size)
             shift[-1, :-1] = -self.origin
             basis = shift @ tangent
-            out[j] = basis @ inverse(tangent.T @ fisher[j] @ tangent) @ basis.T
+            known = tangent.T @ fisher[j] @ tangent
+            noise = plane @ fisher[j] @ plane
+            slopes = inverse(known)[:-1, :-1]
+            known[:-1, :-1] += noise * (noise * slopes - 2.0 * np.eye(self.dimension - 1))
+            found = inverse(known)
+            if found[:-1, :-1].trace() < UNTOLD:
+                out[j] = basis @ found @ basis.T
         return out
 
     def _scatter(self, planes: int, labels: Labels) -> Array:
