@@ -69,7 +69,8 @@ class Options:
     significance : float
         Nats that a plane has to save beyond its parameters and its border (spatial objective), and
         each of its pieces, where it is seen in several: the larger, the fewer planes. Readings of a
-        plane that fails this are labelled 0, or go to a neighbouring plane.
+        plane that fails this are labelled 0, or go to a neighbouring plane. Clouds of at most 4,096
+        points count otherwise (`Plane.significance`).
     confidence : float
         c of the paper: probability that a plane's sample is drawn from it alone (sequential without
         a partition; other searches ignore it and the next).
