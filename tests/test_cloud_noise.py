@@ -160,6 +160,22 @@ def test_few_points_tell_their_noise_too():
     assert np.abs(np.array(ratios) - 1).max() < 0.25
 
 
+@pytest.mark.parametrize("count", [60, 100])
+def test_noise_of_a_face_of_few_points_is_assumed_by_its_residuals(count):
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        face = np.column_stack((rng.uniform(0, 3, (count, 2)), rng.normal(5, 0.01, count)))
+        noise = told(face)
+        assert noise.noise.constant == pytest.approx(0.01, rel=0.3)
+        assert noise.note.endswith(", by the planes they lie on")
+        assert len(pw.detect_planes_in_points(face, AUTO)) == 1
+
+
+def test_where_few_points_lie_on_no_planes_no_more_noise_is_assumed():
+    bush = np.random.default_rng(0).normal(0, 0.5, (1000, 3))
+    assert told(bush).note.startswith("too few points lie on something flat")
+
+
 def test_the_search_uses_what_was_told_and_says_so():
     made = building(60_000, floors=1, rooms=(2, 1))
     found = pw.detect_planes_in_points(made.points, AUTO)

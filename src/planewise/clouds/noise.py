@@ -10,7 +10,8 @@ counts as flatter than these steps, and sigma is a function of the range, that a
 
 Where most points lie in rougher cubes, or the rougher cubes agree on a noise of their own, what is
 quiet is not the noise of the rest: near a scanner, along its lines, or on ground that it grazes.
-Then sigma is doubled while Phi falls (`clouds.noise_factor`).
+Then sigma is doubled while Phi falls (`clouds.noise_factor`). So is what is assumed where a few
+points have too few cubes, if planes hold most of them.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
 _SURE = 0.6  # share of the points in cubes that lies in flat ones, above which noise is that of all
+_FEW = 4096  # points whose planes say whether more noise than that is to be assumed
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
 
@@ -170,7 +172,9 @@ def cloud_noise(
                 some = np.ascontiguousarray(points[:: 1 + count // _MOST])
                 memory.release()
                 sizes = _sizes(some, centre, reach, None, workers)
-            return _of_thick(sizes, floor, sensor, reach)
+            thick = _of_thick(sizes, floor, sensor, reach)
+            few = thick.note and count <= _FEW
+            return _by_planes(thick, some, sensor, workers) if few else thick
     else:
         told = _best(sizes, floor)
     if told is None:
@@ -227,6 +231,19 @@ def _of_thick(
         return assumed
     note = f"all cubes that tell are hardly wider than the noise; assumed {flattest * side:g} m"
     return CloudNoise(noise=constant(flattest * side), cubes=cubes, side=side, note=note)
+
+
+def _by_planes(assumed: CloudNoise, points: Points, sensor: Sensor, workers: int) -> CloudNoise:
+    """Assumed noise of few points, or more where most of them lie on planes that err by more."""
+    # Its compiled loops are loaded only where they are used.
+    from planewise.clouds.noise_factor import noise_factor
+
+    factor = noise_factor(points, sensor, assumed.noise, None, lambda _: 0.0, workers, least=_SURE)
+    if factor == 1.0:
+        return assumed
+    noise = assumed.noise.scaled(factor)
+    note = f"too few points tell it; assumed {noise.constant:g} m, by the planes they lie on"
+    return replace(assumed, noise=noise, note=note)
 
 
 def _assumed(sensor: Sensor, reach: float) -> CloudNoise:

@@ -29,6 +29,7 @@ def noise_factor(
     origin: NDArray[np.float64] | None,
     noise_of: Callable[[NDArray[np.floating]], float],
     workers: int,
+    least: float = 0.0,
 ) -> float:
     """Power of two that noise is multiplied by for the lowest Phi.
 
@@ -37,7 +38,9 @@ def noise_factor(
     where what is on no plane is flat and errs twice as much, it has planes of its own, and Phi may
     rise before it falls by these.
 
-    noise_of: returns the standard deviation of points if most lie on something flat, else 0.
+    noise_of: returns the standard deviation of points if most lie on something flat, else 0; least:
+    of noise that was assumed, which planes do not confirm, share of the points that these have to
+    hold for it to be multiplied at all.
     """
 
     def lost(model: PlaneModel, sigma: float) -> bool:
@@ -50,11 +53,13 @@ def noise_factor(
             instances=False, significance=0.0, max_planes=MAX_PLANES, settings={},
             workers=workers, rng=np.random.default_rng(0),
         )  # fmt: skip
+        if not power and np.count_nonzero(model.labels) < least * model.readings:
+            break
         sigma = 2.0**power * noise.constant
         enough = not model.information < lowest
         if not enough:
             best, lowest = power, model.information
-            enough = not power and origin is None and _confirms(model, sigma)
+            enough = not power and not least and origin is None and _confirms(model, sigma)
         if enough and not lost(model, sigma):
             break
     return 2.0**best
