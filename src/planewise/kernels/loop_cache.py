@@ -28,7 +28,7 @@ from numba.core.runtime.nrt import rtsys
 
 _LOG = logging.getLogger("planewise")
 _ENDING = "loop2"  # of names of files: another for each way of writing them
-_IMPORTS = re.compile(rb"^from (planewise\.[\w.]+) import", re.MULTILINE)
+_IMPORTS = re.compile(rb"\nfrom (planewise\.[\w.]+) import")
 
 
 class _MachineCode(CompileResultCacheImpl):
