@@ -11,7 +11,7 @@ from shutil import copytree, ignore_patterns
 import pytest
 
 from planewise import kernels
-from planewise.kernels import jit
+from planewise.kernels import jit, loop_cache, pieces
 from tests.command import run_python
 
 DECORATORS = {"compiled", "in_order", "internal", "called", "inlined"}
@@ -176,6 +176,19 @@ def test_a_loop_is_compiled_again_where_what_it_calls_in_another_module_has_chan
     utime(roots, ns=(before.st_atime_ns, before.st_mtime_ns))
     assert roots.stat().st_size == before.st_size
     assert int(run_python(PIECES, **found).stdout) > 2
+
+
+def test_loops_are_kept_where_there_are_no_sources(monkeypatch, tmp_path):
+    """As in a program that was frozen: by its date."""
+    loop = pieces.label_pieces.py_func
+    of_sources = loop_cache.LoopCache(loop)._cache_file._source_stamp
+    monkeypatch.setattr(pieces, "__file__", str(tmp_path / "absent.py"))
+    loop_cache._digest.cache_clear()
+    try:
+        kept = loop_cache.LoopCache(loop)
+    finally:
+        loop_cache._digest.cache_clear()
+    assert kept._cache_file._source_stamp == kept._impl.locator.get_source_stamp() != of_sources
 
 
 def test_an_interrupt_while_bitcode_is_parsed_does_no_harm(called):

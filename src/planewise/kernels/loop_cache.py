@@ -81,11 +81,12 @@ class LoopCache(FunctionCache):
 
     def __init__(self, loop: Any) -> None:
         super().__init__(loop)
-        self._cache_file = IndexDataCacheFile(
-            cache_path=self.cache_path,
-            filename_base=self._impl.filename_base,
-            source_stamp=_digest(loop.__module__),
-        )
+        with contextlib.suppress(OSError):  # a program that was frozen has no sources, but a date
+            self._cache_file = IndexDataCacheFile(
+                cache_path=self.cache_path,
+                filename_base=self._impl.filename_base,
+                source_stamp=_digest(loop.__module__),
+            )
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         """Read it; what is damaged is not there, and is compiled again.
@@ -119,8 +120,9 @@ class LoopCache(FunctionCache):
 def _digest(module: str) -> bytes:
     """Of the source of a module, and of all that it imports from the package."""
     source = Path(str(sys.modules[module].__file__)).read_bytes()
-    used = [_digest(name.decode()) for name in sorted(set(_IMPORTS.findall(source)))]
-    return hashlib.blake2b(b"".join([source, *used]), digest_size=16).digest()
+    used = sorted({name.decode() for name in _IMPORTS.findall(source)} & sys.modules.keys())
+    parts = [source, *map(_digest, used)]  # what is not loaded stands in a text, and is no import
+    return hashlib.blake2b(b"".join(parts), digest_size=16).digest()
 
 
 def _checksum(code: bytes, names: bytes, bitcode: bytes) -> int:
