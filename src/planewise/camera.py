@@ -97,28 +97,6 @@ class Camera(Protocol):
         ...
 
 
-_MEMBERS = [name for name in vars(Camera) if not name.startswith("_")]
-
-
-def checked_camera(camera: Camera) -> Camera:
-    """Refuse what is no camera, such as the name of one or a matrix.
-
-    Raises
-    ------
-    ValueError
-        If it is not a `Camera`.
-    """
-    if isinstance(camera, type) or not (hasattr(camera, "ray_rows") and hasattr(camera, "check")):
-        got = camera.__name__ if isinstance(camera, type) else f"a {type(camera).__name__}"
-        raise ValueError(
-            "camera must be a planewise.PinholeCamera or SphericalCamera, such as "
-            f"planewise.cameras.KINECT_V1, got {got}"
-        )
-    if lacking := [n for n in _MEMBERS if not (hasattr(type(camera), n) or hasattr(camera, n))]:
-        raise ValueError(f"camera: a {type(camera).__name__} lacks {', '.join(lacking)}")
-    return camera
-
-
 @dataclass(frozen=True, kw_only=True)
 class PinholeCamera:
     """Intrinsics of a camera without skew.

@@ -10,11 +10,12 @@ from typing import Any, Literal, Unpack
 from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_points, checked_scale
-from planewise.camera import Camera, checked_camera
+from planewise.camera import Camera
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
 from planewise.options import GivenOptions, Options, Search, Seed
+from planewise.own_camera import checked_camera
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
 from planewise.point_observation import observe_points

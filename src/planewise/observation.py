@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import unmasked
-from planewise.camera import RIG, Camera, checked_camera
+from planewise.camera import RIG, Camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO
-from planewise.own_camera import check_own
+from planewise.own_camera import check_own, checked_camera
 from planewise.sensor import Sensor, checked_sensor
 from planewise.threads import halves
 from planewise.wording import counted

@@ -17,11 +17,12 @@ from planewise.batch.columns import DONE, FAILED, PLANES, TIMES
 from planewise.batch.frame_names import label_path
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.source import Source, SourceFrame, is_gone, is_registered, path_of
-from planewise.camera import Camera, PinholeCamera, checked_camera
+from planewise.camera import Camera, PinholeCamera
 from planewise.errors import SetupError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.model import assumed_noise
+from planewise.own_camera import checked_camera
 from planewise.results.planes_json import number_or_none
 from planewise.sensor import Sensor, checked_sensor
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from planewise.arguments import checked_scale
-from planewise.camera import checked_camera
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.collection import BETWEEN, Collection, PointCollection
 from planewise.datasets.frames import Dataset, PointDataset
@@ -28,6 +27,7 @@ from planewise.datasets.seven_scenes import SevenScenes
 from planewise.datasets.tum import TumSequence
 from planewise.errors import PlanewiseError, SetupError
 from planewise.files.depth import is_depth_file
+from planewise.own_camera import checked_camera
 from planewise.wording import counted
 
 Reader = type[Dataset] | type[PointDataset]

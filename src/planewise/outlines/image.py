@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
-from planewise.camera import Camera, checked_camera
+from planewise.camera import Camera
 from planewise.model import Plane, PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
 from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
-from planewise.own_camera import check_own
+from planewise.own_camera import check_own, checked_camera
 
 Array = NDArray[np.float64]
 
