@@ -61,7 +61,6 @@ _BIN = 1.3  # ranges of a bin lie within this factor
 _CURVE_ERROR = 0.05  # relative error that a curve of the range may have on top
 _FEWEST_BINS = 4  # that tell how noise depends on the range
 _SURE = 0.6  # share of the points in cubes that lies in flat ones, above which noise is that of all
-_FEW = 4096  # points whose planes say whether more noise than that is to be assumed
 _ASSUMED = 1e-3  # of the extent: noise of points that do not tell
 
 
@@ -172,8 +171,10 @@ def cloud_noise(
                 some = np.ascontiguousarray(points[:: 1 + count // _MOST])
                 memory.release()
                 sizes = _sizes(some, centre, reach, None, workers)
+            from planewise.clouds.few import MOST  # with it come the loops of searches
+
             thick = _of_thick(sizes, floor, sensor, reach)
-            few = thick.note and count <= _FEW
+            few = thick.note and count <= MOST
             return _by_planes(thick, some, sensor, workers) if few else thick
     else:
         told = _best(sizes, floor)
@@ -235,8 +236,7 @@ def _of_thick(
 
 def _by_planes(assumed: CloudNoise, points: Points, sensor: Sensor, workers: int) -> CloudNoise:
     """Assumed noise of few points, or more where most of them lie on planes that err by more."""
-    # Its compiled loops are loaded only where they are used.
-    from planewise.clouds.noise_factor import noise_factor
+    from planewise.clouds.noise_factor import noise_factor  # with its loops, where they are used
 
     factor = noise_factor(points, sensor, assumed.noise, None, lambda _: 0.0, workers, least=_SURE)
     if factor == 1.0:
