@@ -25,6 +25,7 @@ from numpy.testing import assert_array_equal
 import planewise as pw
 from planewise import compilation, compiler, warm_up
 from planewise.kernels import jit
+from planewise.kernels.loop_cache import ENDING
 from tests.command import run_python
 
 
@@ -238,11 +239,16 @@ main()
         assert (done.stderr.count("\n") == 1) == (ends == 2)
 
 
+def kept(loop):
+    """Name of the file of a loop."""
+    return f"{loop}-1.{ENDING}.nbi"
+
+
 def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path):
     """A change to a loop of clouds does not announce a compilation for images, nor the reverse."""
     cache, sources = tmp_path / "cache", tmp_path / "sources"
     for folder, names in (
-        (cache, ("segments.merge-1.nbi", "cloud_segments.merge-1.nbi", "pairs.once-1.nbi")),
+        (cache, map(kept, ("segments.merge", "cloud_segments.merge", "pairs.once"))),
         (sources, ("segments.py", "cloud_segments.py", "pairs.py")),
     ):
         folder.mkdir()
@@ -257,14 +263,16 @@ def test_loops_of_images_and_of_clouds_are_compiled_apart(monkeypatch, tmp_path)
     compilation.confirm(cloud=True)  # it was written anew without a change
     assert compilation.is_cached("cloud")
     os.utime(sources / "segments.py", (100, 300))
-    (cache / "cloud_segments.merge-1.nbi").unlink()  # what both need is left, and tells nothing
+    (cache / kept("cloud_segments.merge")).unlink()  # what both need is left, and tells nothing
     assert [compilation.is_cached(loops) for loops in ("spatial", "cloud")] == [False, False]
 
 
 def test_programs_that_are_frozen_have_no_sources_to_compare(monkeypatch, tmp_path):
-    (tmp_path / "segments.merge-1.nbi").touch()
     monkeypatch.setattr(compilation, "cache_directory", lambda: tmp_path)
     monkeypatch.setattr(compilation, "_SOURCES", tmp_path / "none")
+    (tmp_path / "segments.merge-1.loop2-of-others.nbi").touch()
+    assert not compilation.is_cached("spatial")
+    (tmp_path / kept("segments.merge")).touch()
     assert compilation.is_cached("spatial")
     assert not compilation.is_cached("cloud")
 
@@ -329,7 +337,7 @@ def test_clouds_of_few_points_and_points_in_a_plane_need_loops_of_their_own(monk
             heard.append(len(caplog.messages))
     assert heard == [0, 1, 1, 0, 0, 0]
     compilation.announce.cache_clear()
-    assert any(compilation.cache_directory().glob(f"{compilation._TELLING['points']}*.nbi"))
+    assert any(compilation._kept(compilation._TELLING["points"]))
 
 
 def test_the_process_that_helps_can_be_waited_for(monkeypatch):

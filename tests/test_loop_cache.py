@@ -62,8 +62,9 @@ def called(tmp_path):
     (tmp_path / "loops.py").write_text(LOOPS, encoding="utf-8")
     kept = str(tmp_path / "kept")
 
-    def call(*names, before=""):
-        done = run_python(before + COUNT, *names, PYTHONPATH=str(tmp_path), NUMBA_CACHE_DIR=kept)
+    def call(*names, before="", **settings):
+        found = {"PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": kept}
+        done = run_python(before + COUNT, *names, **found, **settings)
         values, compiled = done.stdout.split("\n")[:2]
         return [float(value) for value in values.split()], compiled.split()
 
@@ -73,6 +74,16 @@ def called(tmp_path):
 def test_what_is_kept_is_not_compiled_again(called):
     assert called("mean") == ([2.0], ["mean", "total"])
     assert called("mean") == ([2.0], [])
+
+
+@pytest.mark.parametrize("setting", [{"NUMBA_BOUNDSCHECK": "1"}, {"NUMBA_LOOP_VECTORIZE": "0"}])
+def test_what_is_compiled_by_other_settings_is_for_them_alone(called, setting):
+    """To check bounds, for instance: it is slow, and would stay so."""
+    assert called("mean", **setting) == ([2.0], ["mean", "total"])
+    assert called("mean", **setting) == ([2.0], [])
+    assert called("mean") == ([2.0], ["mean", "total"])
+    assert called("mean") == ([2.0], [])
+    assert called("mean", **setting) == ([2.0], [])
 
 
 def test_loops_can_be_compiled_that_call_what_was_kept(called):

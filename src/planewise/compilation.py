@@ -8,7 +8,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from numba.core import event
 
 from planewise import kernels
 from planewise.compiler import QuickCompiler
+from planewise.kernels.loop_cache import ENDING
 from planewise.kernels.readings import score_rays
 from planewise.threads import available
 
@@ -47,9 +48,14 @@ def cache_directory() -> Path:
 def is_cached(loops: Loops) -> bool:
     """Whether these loops of this version have been compiled on this machine before."""
     cloud = loops == "cloud"
-    written = _times(cache_directory().glob(f"{_TELLING[loops]}*.nbi"), cloud)
+    written = _times(_kept(_TELLING[loops]), cloud)
     sources = _times(_SOURCES.glob("*.py"), cloud)  # none in a program that was frozen
     return bool(written) and max(written) >= max(sources, default=0.0)
+
+
+def _kept(loops: str = "") -> Iterator[Path]:
+    """What is kept of loops whose names start so, one file a loop."""
+    return cache_directory().glob(f"{loops}*.{ENDING}.nbi")
 
 
 def _times(files: Iterable[Path], cloud: bool) -> list[float]:
@@ -137,7 +143,7 @@ def confirm(*, cloud: bool = False) -> None:
         The loops of clouds were found in it or compiled, not those of depth images.
     """
     with contextlib.suppress(OSError):
-        for index in cache_directory().glob("*.nbi"):
+        for index in _kept():
             if index.name.startswith(_CLOUD) == cloud:
                 index.touch()
 

@@ -7,7 +7,8 @@ What types its variables have, which only `inspect_types` prints, is not kept, n
 of functions it has inside that hold no constants, for which half of Numba would be imported.
 What a disk has damaged would end the process: a checksum tells it, at a GB a second. A loop has
 inside what it calls of other modules, and their constants: it is compiled again where the source of
-any of them is another, be that file as old and as large as the one before.
+any of them is another, be that file as old and as large as the one before. What other
+settings make, to check bounds or not to optimise, is kept apart, for it would be slow ever after.
 """
 
 from __future__ import annotations
@@ -23,11 +24,18 @@ from pathlib import Path
 from typing import Any
 
 from llvmlite import binding as llvm
+from numba import config
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile
 from numba.core.runtime.nrt import rtsys
 
 _LOG = logging.getLogger("planewise")
-_ENDING = "loop2"  # of names of files: another for each way of writing them
+_SETTINGS = (  # of Numba, by NUMBA_...: they change machine code, and Numba keeps it all alike
+    "OPT", "LOOP_VECTORIZE", "SLP_VECTORIZE", "BOUNDSCHECK", "DEBUGINFO_DEFAULT",
+    "LLVM_REFPRUNE_PASS", "LLVM_REFPRUNE_FLAGS",
+)  # fmt: skip
+_SET = repr([str(getattr(config, name, None)) for name in _SETTINGS]).encode()
+ENDING = f"loop2-{zlib.crc32(_SET):08x}"
+"""Of names of files: another for each way of writing them, and for other settings."""
 _IMPORTS = re.compile(rb"\nfrom (planewise\.[\w.]+) import")
 
 
@@ -36,7 +44,7 @@ class _MachineCode(CompileResultCacheImpl):
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         """Name of its files: another than Numba's, which has them in its own way."""
-        return f"{super().get_filename_base(fullname, abiflags)}.{_ENDING}"
+        return f"{super().get_filename_base(fullname, abiflags)}.{ENDING}"
 
     def reduce(self, compiled: Any) -> tuple[Any, bytes | None, int]:
         """What is written: with names in place of bitcode, that, and the checksum of all three."""
