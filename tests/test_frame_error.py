@@ -50,6 +50,21 @@ def walk_covariance(points, contrasts):
     return contrasts @ (-distance / 2) @ contrasts.T
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_drift_that_white_noise_shows_by_chance_is_not_told(seed):
+    """Else planes that it hides come and go from one frame of a wall to the next."""
+    depth = np.full((240, 320), 3.0)
+    depth[60:150, 90:200] -= 0.006
+    depth += np.random.default_rng(seed).normal(0, 0.003, depth.shape)
+    camera = pw.PinholeCamera(fx=260, fy=260, cx=159.5, cy=119.5)
+    seen = pw.observe(depth, camera, pw.Sensor(noise=0.003, resolution=1e-4))
+    found = cells.cells_of(frame_of(seen), seen.pixel_size)
+    assert (found.error.drifting > 0.005) == (seed == 0)
+    assert found.error.walk == 0.0
+    resolved = 1e-8 / 12 / 3**4  # variance of w
+    assert_allclose(found.told_drift, SATURATION * resolved, rtol=0.1)
+
+
 @pytest.mark.parametrize("side", [1.0, 0.5, 0.25, 0.125])
 def test_planes_of_two_squares_of_a_random_walk(side):
     small, large = square(side, -side), square(1.0, 0.0)

@@ -310,9 +310,18 @@ def _without_shared_error(
                 calm, planes, inflation, described, local, focal, workspace
             )
             own *= described.sum() / offset.sum() if own else 0.0
+        w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
+        between = quiet * SATURATION * factor
+        drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
+        chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
         drift, told = workspace.kept((2, len(count)))
         frame_error.wandering(planes, errors, factor, frame.resolution, drift)
-        np.multiply(drift, SATURATION, out=told)
+        if drifting > chance:
+            np.multiply(drift, SATURATION, out=told)
+        else:
+            walk = 0.0
+            frame_error.wandering(planes, errors, 0.0, frame.resolution, told)
+            told *= SATURATION
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / information, out=drift)
         near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
@@ -321,10 +330,6 @@ def _without_shared_error(
         tilt *= bent
         kernels.marginalise(planes, count, inflation, offset, tilt, segments)
     drift *= SATURATION
-    w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
-    between = quiet * SATURATION * factor
-    drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
-    chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
     error = FrameError(
         white=white,
         seen=seen,
@@ -336,6 +341,6 @@ def _without_shared_error(
         drifting=drifting,
         distorted=distorted,
         turning=turning,
-        walk=quiet * walk if drifting > chance else 0.0,
+        walk=quiet * walk,
     )
     return drift, told, error
