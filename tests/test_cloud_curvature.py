@@ -260,8 +260,11 @@ def test_what_lies_among_curved_pieces_is_one_of_them():
     points = np.array([5.0, 4.0, 3.0], np.float32)
     states = np.array([both | GOES_ON, both, TOLD_U], np.int8)
     border, curved = np.array([6.0, 9.0, 7.0, 4.0]), np.empty(4, np.bool_)
-    spread(border, pairs, points, states, curved)
+    spread(border, border, pairs, points, states, curved)
     assert curved.tolist() == [True, True, True, False]
+    whole = 3 * border  # of which a quarter has to be
+    spread(border, whole, pairs, points, states, curved)
+    assert curved.tolist() == [True, True, False, False]
     border[2] = 9.0  # less than half of it is beside what is curved
-    spread(border, pairs, points, states, curved)
+    spread(border, border, pairs, points, states, curved)
     assert curved.tolist() == [True, True, False, False]

@@ -424,7 +424,7 @@ def test_borders_of_segments_are_paid_for_once():
     rng = np.random.default_rng(5)
     of_cell = quilt(rng, (20, 30), 6, pieces=9).astype(np.int32) - 1
     discords = np.where(rng.random((2, 20, 30)) < 0.2, -1, rng.exponential(20, (2, 20, 30)))
-    border, found, (ends, price) = np.empty(5), 0, (np.empty((1200, 2), int), np.empty(1200))
+    border, found, (ends, price) = np.empty((2, 5)), 0, (np.empty((1200, 2), int), np.empty(1200))
     unit, units = np.arange(600).reshape(20, 30), np.empty((1200, 2), int)
     at = np.empty(1200, int)
     low, high, knee = bounds = 0.01, 1.5, 20.0
@@ -435,12 +435,12 @@ def test_borders_of_segments_are_paid_for_once():
     assert_array_equal(np.unique(np.ptp(units[:found], axis=1)), [1, 30])
     assert_array_equal(at[:found] >> 1, units[:found, 0])
     assert_array_equal(at[:found] & 1, np.ptp(units[:found], axis=1) == 30)
-    exact, pairs = np.zeros(5), []
+    exact, pairs = np.zeros((2, 5)), []
     for axis, i, j, u, v in oracles.sides(of_cell, outside=True):
         discord = discords[axis, i, j]
         nats = 3 * (low if discord < 0 else low + (high - low) / (1 + (discord / knee) ** 2))
         for n in {u, v} - {-1}:
-            exact[n] += nats
+            exact[:, n] += nats, 1
         if min(u, v) >= 0:
             pairs.append((u, v, nats))
     assert_allclose(border, exact, rtol=1e-12)
@@ -637,7 +637,7 @@ def test_the_last_column_may_be_beside_the_first():
     rolled = (np.roll(grid, 3, axis=1), *frame[1:])
     around, _ = agglomerated(rolled, np.roll(discords, 3, axis=2), PRICE, 25.0, home, turns, True)
     assert_array_equal(around, plain)
-    of_cell, border = np.append(plain, -1)[grid].astype(np.int32), np.empty((2, len(plain)))
+    of_cell, border = np.append(plain, -1)[grid].astype(np.int32), np.empty((2, 2, len(plain)))
     ends = np.empty((2, 2 * grid.size, 2), np.int32)
     room = *ends, np.empty(2 * grid.size, np.int32), np.empty(2 * grid.size)
     for out, shift in zip(border, (0, 3), strict=True):

@@ -173,7 +173,7 @@ def surfaces() -> None:
     how, turns = np.zeros((2, 1), np.int8)
     quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
     leave_out(pairs, states, curved, curved)
-    spread(border, pairs, points, states, curved)
+    spread(border, border, pairs, points, states, curved)
     surface_borders(
         ends, ends, rows, quadrics, np.arange(2), how, turns, border, pairs, points, states
     )

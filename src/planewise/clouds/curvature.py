@@ -131,7 +131,7 @@ def curved_segments(rows: Array, borders: Borders) -> NDArray[np.bool_]:
     ndarray of bool, shape (N,)
     """
     curved = np.empty(len(rows), np.bool_)
-    spread(borders.border, borders.pairs, borders.points, borders.states, curved)
+    spread(borders.border, borders.border, borders.pairs, borders.points, borders.states, curved)
     pieces, place = np.flatnonzero(curved), np.cumsum(curved) - 1
     joined = place[borders.pairs[curved[borders.pairs].all(axis=1)]]
     part = components(len(pieces), joined)

@@ -84,10 +84,10 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
     """Nats of the borders of every segment: dear where the surface goes on, else cheap.
 
     unit, of_cell (rows, columns): of every cell, and its segment, or -1; price as `border_price`
-    takes it; wraps: whether the last column is beside the first. Writes border (n,): all sides of
-    each; and for each side between two segments these, ends (., 2), units (., 2), at (.): twice the
-    place of the first cell, and 1 if the other is below it, not beside it; and nats (.). Returns
-    how many of these there are.
+    takes it; wraps: whether the last column is beside the first. Writes border (2, n): nats, and
+    number, of all sides of each; and for each side between two segments these, ends (., 2), units
+    (., 2), at (.): twice the place of the first cell, and 1 if the other is below it, not beside
+    it; and nats (.). Returns how many of these there are.
     """
     rows, columns = of_cell.shape
     marked, places = room_for_runs(columns)
@@ -105,9 +105,11 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
                     continue
                 v, cost = of_cell[row, column], border_price(discords[k, i, j], price)
                 if u >= 0:
-                    border[u] += cost
+                    border[0, u] += cost
+                    border[1, u] += 1.0
                 if v >= 0:
-                    border[v] += cost
+                    border[0, v] += cost
+                    border[1, v] += 1.0
                 if u >= 0 and v >= 0:
                     ends[found, 0], ends[found, 1], nats[found] = u, v, cost
                     units[found, 0], units[found, 1] = unit[i, j], unit[row, column]

@@ -22,6 +22,7 @@ NO_EDGE = 16  # it turns by less than people see an edge by
 LEFT = 0.5  # of the turn between two planes: what quadrics that go on leave of it, at most
 OWN = 0.5  # of the turn: what a segment's own K has to make of it over both extents
 
+_AMONG = 0.25  # of the whole border of a segment, beside others of a curved surface
 _POWERS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
 _SINGULAR = 1e-9  # of a diagonal element: a smaller pivot is zero
 _NARROW = 0.1  # of a squared width of cells: x spreads by 1/4 in two columns, and x^2 by nothing
@@ -116,26 +117,30 @@ def _solve(sums, square, factor, t):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def spread(border, pairs, points, states, curved):  # type: ignore[no-untyped-def]
+def spread(border, whole, pairs, points, states, curved):  # type: ignore[no-untyped-def]
     """Find the segments whose surface goes on across most of their border.
 
-    border (N,); pairs (m, 2), points (m,), states (m,): of `borders_of`. Besides where it goes on a
-    border counts where the neighbour is curved: so what lies among pieces of a curved surface is
-    one of them. Writes curved (N,).
+    border, whole (N,): where segments meet others, and all of it; pairs (m, 2), points (m,), states
+    (m,): of `borders_of`. What lies among pieces of a curved surface is one of them: where the
+    neighbour is curved a border counts as if the surface went on, if it is enough of the whole.
+    Writes curved (N,).
     """
-    across, more = np.empty(border.size), True
+    across, more = np.empty((2, border.size)), True  # where it goes on, and beside curved ones, too
     for s in range(border.size):
         curved[s] = False
     while more:
         for s in range(border.size):
-            across[s] = 0.0
+            across[0, s] = across[1, s] = 0.0
         for e in range(points.size):
             u, v, on = pairs[e, 0], pairs[e, 1], states[e] & GOES_ON != 0
-            if states[e] & TOLD_U != 0 and (on or curved[v]):
-                across[u] += points[e]
-            if states[e] & TOLD_V != 0 and (on or curved[u]):
-                across[v] += points[e]
+            if states[e] & TOLD_U != 0:
+                across[0, u] += points[e] if on else 0.0
+                across[1, u] += points[e] if on or curved[v] else 0.0
+            if states[e] & TOLD_V != 0:
+                across[0, v] += points[e] if on else 0.0
+                across[1, v] += points[e] if on or curved[u] else 0.0
         more = False
         for s in range(border.size):
-            if not curved[s] and 2.0 * across[s] > border[s]:
+            among = 2.0 * across[1, s] > border[s] and across[1, s] > _AMONG * whole[s]
+            if not curved[s] and (2.0 * across[0, s] > border[s] or among):
                 curved[s] = more = True

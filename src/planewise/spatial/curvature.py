@@ -35,6 +35,7 @@ def curved_segments(
     accepted: Chosen,
     doubtful: Chosen,
     beside: Neighbours,
+    whole: Array,
     ends: Pairs,
     units: Pairs,
     at: NDArray[np.int32],
@@ -47,10 +48,11 @@ def curved_segments(
     less than half of what their planes do where they meet, one of them being clearly bent; or, if
     the planes turn by less than 60 degrees, where both are too narrow to tell, as at the rims of
     round things, and where their own cells turn by less than half of that, as in the folds of
-    cloth. A segment is curved if its surface goes on across most of its border, as are those among
-    them. Side by side there are at least three, doubtful ones among them: two that go on into each
-    other may be the sides of a rounded edge; and not only narrow ones, unless these turn one way,
-    as those of a pillar do: corrugated sheets are such, and ground that few beams see.
+    cloth. A segment is curved if its surface goes on across most of its border with others, as are
+    those among them. Side by side there are at least three, doubtful ones among them: two that go
+    on into each other may be the sides of a rounded edge; and not only narrow ones, unless these
+    turn one way, as those of a pillar do: corrugated sheets are such, and ground that few beams
+    see.
 
     Parameters
     ----------
@@ -64,6 +66,8 @@ def curved_segments(
         Others that would pay but for their border; none where there are several sectors.
     beside : Neighbours
         Which cells are beside each other.
+    whole : ndarray, shape (n,)
+        Sides of cells about each segment, those to cells of none among them.
     ends, units, at : ndarray of int32, shapes (m, 2), (m, 2) and (m,)
         Segments, units and place (`kernels.borders.segment_borders`) of the two cells at every side
         between two segments.
@@ -107,7 +111,7 @@ def curved_segments(
             states,
         )  # fmt: skip
         pairs, states = pairs[:found], states[:found]
-        spread(border, pairs, points[:found], states, curved)
+        spread(border, whole, pairs, points[:found], states, curved)
         return pairs, states, curved
 
     pairs, states, curved = surfaces()

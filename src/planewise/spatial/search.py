@@ -325,7 +325,7 @@ def _accept(
     as many as there are between segments at most, where that is known.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
-    border = np.empty(len(rows))
+    border = np.empty((2, len(rows)))
     ends = workspace.empty((sides or 2 * of_cell.size, 2), np.int32)
     units, at = workspace.empty(ends.shape, np.int32), workspace.empty(len(ends), np.int32)
     nats = workspace.empty(len(ends))
@@ -334,7 +334,7 @@ def _accept(
         at, nats,
     )  # fmt: skip
     alone = rows[:, FREE] - charges.misfit(rows) - charges.plane
-    worth = alone - border
+    worth = alone - border[0]
     if settled is not None:
         worth[segments.of_unit[settled]] = np.inf
     accepted = np.empty(len(rows), np.bool_)
@@ -343,8 +343,8 @@ def _accept(
     white = cells.error.drifting < _MOST_DRIFTING and sectors.count == 1
     doubtful = ~accepted & (alone > least) & white
     curved, sharp = curved_segments(
-        cells, segments, accepted, doubtful, beside, ends[:found], units[:found], at[:found],
-        sectors, workspace,
+        cells, segments, accepted, doubtful, beside, border[1], ends[:found], units[:found],
+        at[:found], sectors, workspace,
     )  # fmt: skip
     accepted = accepted & ~curved | sharp
     worth[curved], worth[sharp] = 0.0, alone[sharp]
