@@ -18,6 +18,7 @@ from planewise.batch import Selection, Store
 from planewise.batch.open_source import open_source
 from planewise.batch.stored_source import StoredSource, metres
 from planewise.drawing.overlay import draw_small
+from planewise.drawing.palette import distinct_colours
 from planewise.errors import PlanewiseError
 from planewise.gallery import Shown, write_gallery
 from planewise.gallery.page import _about
@@ -133,6 +134,13 @@ def test_how_it_was_made_is_said_in_words(made):
     told = _about(store)
     assert told["search"] == "joint, spatial objective, instances, significance 100.0, seed 5"
     assert told["camera"].startswith("fx 5")
+
+
+def test_colours_of_tables_are_those_of_pictures_however_many_planes_there_are(page):
+    (text,) = re.findall('id="settings">(.*?)</script>', page.read_text(encoding="utf-8"))
+    colours = json.loads(text)["colours"]
+    drawn = ["#" + each.tobytes().hex() for each in distinct_colours(300)]
+    assert [colours[index % len(colours)] for index in range(300)] == drawn  # as the script does
 
 
 def test_every_brace_of_the_style_has_its_other(page):

@@ -22,27 +22,34 @@ _TO_LINEAR = np.array(
 )  # fmt: skip
 
 
-@lru_cache(maxsize=4)
 def distinct_colours(count: int) -> NDArray[np.uint8]:
     """Colours for `count` regions; the first of them do not depend on `count`.
 
     Parameters
     ----------
     count : int
-        How many.
+        How many; beyond those of `palette` they come again, in the same order.
 
     Returns
     -------
     ndarray of uint8, shape (count, 3)
         Red, green, blue. Neither very dark nor very light, so that shading shows on them.
     """
+    return np.resize(palette(), (count, 3))
+
+
+@lru_cache(maxsize=1)
+def palette() -> NDArray[np.uint8]:
+    """All colours there are, each once: red, green, blue, not to be written to."""
     lab, rgb = _candidates()
     chosen = [int(np.argmin(np.linalg.norm(lab - (0.62, -0.05, -0.13), axis=1)))]  # blue
     apart = np.full(len(lab), np.inf)
-    while len(chosen) < min(count, len(lab)):
+    while len(chosen) < len(lab):
         apart = np.minimum(apart, np.linalg.norm(lab - lab[chosen[-1]], axis=1))
         chosen.append(int(apart.argmax()))
-    return np.asarray(rgb[np.resize(chosen, count)])
+    out = rgb[chosen]
+    out.setflags(write=False)
+    return out
 
 
 def _candidates() -> tuple[Array, NDArray[np.uint8]]:

@@ -19,7 +19,7 @@ from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
 from planewise.batch.stored_camera import described_camera
 from planewise.batch.stored_source import StoredSource
-from planewise.drawing.palette import distinct_colours
+from planewise.drawing.palette import palette
 from planewise.errors import PlanewiseError
 from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
@@ -30,7 +30,6 @@ from planewise.wording import counted
 
 _TEMPLATE, _STYLE, _SCRIPT = "page.html.jinja", "gallery.css", "gallery.js"
 _BLOCK = 48  # frames whose pictures are unpacked together
-_COLOURS = 64
 
 
 @dataclass(kw_only=True)
@@ -177,7 +176,7 @@ def _template() -> Any:
 def _head(store: Store) -> dict[str, Any]:
     """What is on the page beside the frames."""
     style, script = (_own(name) for name in (_STYLE, _SCRIPT))
-    colours = ["#" + each.tobytes().hex() for each in distinct_colours(_COLOURS)]
+    colours = ["#" + each.tobytes().hex() for each in palette()]
     return {
         "name": store.info["source"]["name"],
         "about": _about(store),
