@@ -83,6 +83,8 @@ def test_the_page_holds_what_the_store_does(made, page):
         planes = np.array(record["planes"], float).reshape(-1, 8)
         assert np.allclose(planes[:, :4], each.planes, atol=5e-5)
         assert planes[:, 5].tolist() == each.plane_table["readings"].to_pylist()
+        sizes = [each.plane_table[name].to_numpy() for name in ("rms", "area")]
+        assert np.allclose(planes[:, 6:].T, sizes, rtol=1e-4, atol=0, equal_nan=True)
         assert record["over"] == "its picture"
         assert decoded(picture).format == "WEBP"
         assert decoded(picture).size == each.labels.shape[::-1]
@@ -249,6 +251,23 @@ def test_a_curve_may_have_gaps(opened, made, tmp_path, monkeypatch):
     assert opened.complaints() == []
     assert "NaN" not in opened.value("document.getElementById('frames').outerHTML")
     assert len(names(opened)) == KNOWN
+
+
+def test_small_planes_of_exact_sensors_have_a_size(opened, made, tmp_path, monkeypatch):
+    def small(frame):
+        record = record_of(frame)
+        record["planes"] = [[0, 0, -1, 0.5, -900, 400, 2.1234e-5, 3.0468e-4], [*[1] * 6, 0.1, 104]]
+        return record
+
+    monkeypatch.setattr("planewise.gallery.page.record_of", small)
+    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
+    opened.open(tmp_path / "g.html")
+    opened.value("document.querySelector('.card button').click()")
+    sizes = opened.value(
+        "[...document.querySelectorAll('tbody tr')].map((row) => "
+        "[...row.children].slice(-2).map((each) => each.textContent))"
+    )
+    assert sizes == [["0.0212 mm", "0.000305 m²"], ["100 mm", "104 m²"]]
 
 
 def test_frames_that_changed_or_are_damaged_say_so(made, tmp_path):

@@ -28,6 +28,8 @@
 
   const whole = (value) => Math.round(value).toLocaleString("en");
   const fixed = (value, digits) => value === null ? "–" : value.toFixed(digits);
+  const size = (value, unit) => // three digits, however small
+    value === null ? "–" : `${value < 100 ? value.toPrecision(3) : whole(value)} ${unit}`;
   const planes = (count) => count === 1 ? "1 plane" : `${whole(count)} planes`;
   const noun = frames.length === 1 ? "frame" : "frames";
 
@@ -144,7 +146,7 @@
         ...[
           whole(information), whole(readings), `${(100 * readings / frame.readings).toFixed(1)} %`,
           fixed(x, 3), fixed(y, 3), fixed(z, 3), `${fixed(distance, 3)} m`,
-          rms === null ? "–" : `${(1000 * rms).toFixed(1)} mm`, area === null ? "–" : `${area.toFixed(2)} m²`,
+          size(rms === null ? null : 1000 * rms, "mm"), size(area, "m²"),
         ].map((text) => make("td", {}, text)));
     });
     const all = make("table", {},

@@ -15,7 +15,8 @@ PLANE = (
 )  # fmt: skip
 """Columns of a plane, in the order in which the page has them."""
 
-_DECIMALS = (4, 4, 4, 4, 3, 0, 5, 4)
+_FORMS = (".4f", ".4f", ".4f", ".4f", ".3f", "", ".5g", ".5g")
+"""How exactly: decimals, or digits of what spans many powers of ten."""
 
 
 def record_of(frame: StoredFrame) -> dict[str, Any]:
@@ -25,11 +26,11 @@ def record_of(frame: StoredFrame) -> dict[str, Any]:
         "id": frame.id,
         "number": row["number"],
         "readings": row["readings"],
-        "information": _rounded(row["information"], 3),
-        "curve": [_rounded(each, 1) for each in row["curve"]],
+        "information": _rounded(row["information"], ".3f"),
+        "curve": [_rounded(each, ".1f") for each in row["curve"]],
         "note": row["note"],
         "planes": [
-            [_rounded(each[name], n) for name, n in zip(PLANE, _DECIMALS, strict=True)]
+            [_rounded(each[name], form) for name, form in zip(PLANE, _FORMS, strict=True)]
             for each in frame.plane_table.select(list(PLANE)).to_pylist()
         ],
     }
@@ -40,7 +41,7 @@ def record_of_failure(number: int, frame: str, reason: str) -> dict[str, Any]:
     return {"id": frame, "number": number, "failed": reason, "curve": [], "planes": []}
 
 
-def _rounded(value: float | None, decimals: int) -> float | int | None:
+def _rounded(value: float | None, form: str) -> float | int | None:
     if value is None or not math.isfinite(value):
         return None
-    return round(value, decimals) if decimals else int(value)
+    return value if isinstance(value, int) else float(format(value, form))
