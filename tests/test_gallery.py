@@ -253,6 +253,43 @@ def test_a_curve_may_have_gaps(opened, made, tmp_path, monkeypatch):
     assert len(names(opened)) == KNOWN
 
 
+@pytest.mark.parametrize(
+    ("curve", "unit", "levels"),
+    [
+        (
+            [19_000.0, 15_500.0, 15_000.0],
+            "nats",
+            ["15,000", "16,000", "17,000", "18,000", "19,000"],
+        ),
+        ([1.25e6, 1.19e6, 1.1e6], "thousand nats", ["1,100", "1,150", "1,200", "1,250"]),
+        (
+            [19e6, 12e6, 8e6],
+            "thousand nats",
+            ["8,000", "10,000", "12,000", "14,000", "16,000", "18,000"],
+        ),
+        ([2.4e9, 2.396e9, 2.3951e9], "million nats", ["2,396", "2,397", "2,398", "2,399", "2,400"]),
+        ([20.4e6, 20.1e6, 20e6], "million nats", ["20.0", "20.1", "20.2", "20.3", "20.4"]),
+        ([98_765_432.1], "million nats", ["98.8"]),
+    ],
+)
+def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, curve, unit, levels):
+    def with_curve(frame):
+        return record_of(frame) | {"curve": curve}
+
+    monkeypatch.setattr("planewise.gallery.page.record_of", with_curve)
+    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
+    opened.open(tmp_path / "g.html")
+    opened.value("document.querySelector('.card button').click()")
+    texts = opened.value(
+        "[...document.querySelectorAll('.curve text')].map((each) => "
+        "[each.textContent, each.getBBox().x, each.getBBox().x + each.getBBox().width])"
+    )
+    assert [text for text, _, _ in texts][: len(levels)] == levels
+    assert unit in [text for text, _, _ in texts]
+    assert min(left for _, left, _ in texts) >= 0
+    assert max(right for _, _, right in texts) <= 400
+
+
 def test_small_planes_of_exact_sensors_have_a_size(opened, made, tmp_path, monkeypatch):
     def small(frame):
         record = record_of(frame)

@@ -163,6 +163,11 @@
     return count > 0 ? Array.from({ length: count }, (_, k) => (first + k) * step) : [low];
   }
 
+  // In which numbers as large as this are short enough for the axis.
+  function units(largest) {
+    return largest >= 2e7 ? [1e6, "million nats"] : largest >= 2e4 ? [1e3, "thousand nats"] : [1, "nats"];
+  }
+
   function curve(frame) {
     const [width, height, left, right, top, bottom] = [400, 220, 66, 10, 24, 34];
     const values = frame.curve;
@@ -179,16 +184,21 @@
     const line = (kind, x1, y1, x2, y2) => make("svg:line", { class: kind, x1, y1, x2, y2 });
     const word = (text, px, py, anchor, kind = "") =>
       make("svg:text", { x: px, y: py, "text-anchor": anchor, class: kind }, text);
-    for (const value of roundValues(low, high)) {
+    const levels = roundValues(low, high);
+    const [unit, name] = units(Math.max(Math.abs(low), Math.abs(high)));
+    const step = levels.length > 1 ? levels[1] - levels[0] : Math.max(1, unit / 10);
+    const digits = Math.max(0, -Math.floor(Math.log10(step / unit) + 1e-9));
+    const form = { minimumFractionDigits: digits, maximumFractionDigits: digits };
+    for (const value of levels) {
       picture.append(line("grid", left, y(value), width - right, y(value)),
-        word(whole(value), left - 8, y(value) + 4, "end"));
+        word((value / unit).toLocaleString("en", form), left - 8, y(value) + 4, "end"));
     }
     const spots = [...values.entries()].filter((each) => each[1] !== null);
     const every = Math.max(1, Math.ceil(last / 10));
     for (let number = 0; number < values.length; number += every) {
       picture.append(word(String(number), x(number), height - bottom + 16, "middle"));
     }
-    picture.append(word("nats", left - 8, 12, "end"), word("planes", width - right, height - 4, "end"),
+    picture.append(word(name, 2, 12, "start"), word("planes", width - right, height - 4, "end"),
       line("mark", x(chosen), top, x(chosen), height - bottom),
       make("svg:polyline", { class: "line", points: spots.map(([number, value]) => `${x(number)},${y(value)}`).join(" ") }),
       ...spots.map(([number, value]) => make("svg:circle", { class: "dot", cx: x(number), cy: y(value), r: 2.2 })),
