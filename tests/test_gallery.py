@@ -438,6 +438,20 @@ def test_sorting_and_filtering_by_keyboard(opened, made, page):
     assert opened.complaints() == []
 
 
+def test_failures_are_first_whatever_the_direction(opened, page):
+    opened.look()
+    opened.open(page)
+    opened.tab_to("e.id === 'direction'")
+    opened.press("Enter")
+    opened.tab_to("e.id === 'sort'")
+    opened.type("fail")
+    assert names(opened)[0] == "broken"
+    assert opened.value("document.getElementById('direction').disabled")
+    opened.press("Home")
+    assert not opened.value("document.getElementById('direction').disabled")
+    assert names(opened)[0] != "broken"  # the largest number is another's
+
+
 def test_details_open_by_keyboard_and_are_named(opened, made, page):
     opened.look()
     opened.open(page)

@@ -74,8 +74,10 @@
   }
 
   function choose() {
-    const value = values[at("sort").value];
-    const sign = state.descending ? -1 : 1;
+    const key = at("sort").value;
+    const value = values[key];
+    at("direction").disabled = key === "failed"; // failures are first, or nobody would find them
+    const sign = state.descending && key !== "failed" ? -1 : 1;
     const end = (number) => Number.isNaN(number) ? Infinity : sign * number; // what has none is last
     state.chosen = frames.filter(wanted()).sort((a, b) => {
       const [left, right] = [end(value(a)), end(value(b))];
