@@ -290,6 +290,21 @@ def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, c
     assert max(right for _, _, right in texts) <= 400
 
 
+def test_names_are_found_however_their_letters_are_written(opened, made, tmp_path, monkeypatch):
+    """As macOS names files: a letter, and what stands above it."""
+    monkeypatch.setattr(
+        "planewise.gallery.page.record_of", lambda frame: record_of(frame) | {"id": "Ku\u0308che"}
+    )
+    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
+    opened.open(tmp_path / "g.html")
+    for typed in ("k\u00fc", "KU\u0308"):
+        opened.value(
+            f"((e) => {{ e.value = {typed!r}; e.dispatchEvent(new Event('input', "
+            "{ bubbles: true })); })(document.getElementById('name'))"
+        )
+        assert len(names(opened)) == 1
+
+
 def test_small_planes_of_exact_sensors_have_a_size(opened, made, tmp_path, monkeypatch):
     def small(frame):
         record = record_of(frame)

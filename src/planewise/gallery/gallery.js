@@ -56,15 +56,18 @@
     return Number.isNaN(value) ? otherwise : value;
   }
 
+  // One spelling of letters with marks: macOS writes these apart.
+  const folded = (text) => text.normalize("NFC").toLowerCase();
+
   function wanted() {
-    const name = at("name").value.toLowerCase();
+    const name = folded(at("name").value);
     const [fewest, most] = [bound("fewest", -Infinity), bound("most", Infinity)];
     const [least, largest] = [bound("least", -Infinity), bound("largest", Infinity)];
     const limited = [fewest, most, least, largest].some(Number.isFinite);
     const status = at("status").value;
     return (frame) => {
       const failed = frame.failed !== undefined;
-      if (name && !frame.id.toLowerCase().includes(name)) return false;
+      if (name && !folded(frame.id).includes(name)) return false;
       if (status === "failed" && !failed || (status === "done" || status === "none") && failed) return false;
       if (status === "none" && frame.planes.length) return false;
       if (failed) return !limited;
