@@ -290,6 +290,28 @@ def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, c
     assert max(right for _, _, right in texts) <= 400
 
 
+def test_captions_of_tables_are_seen_whole(opened, made, tmp_path, monkeypatch):
+    name = 18 * "averylongname"
+    monkeypatch.setattr(
+        "planewise.gallery.page.record_of", lambda frame: record_of(frame) | {"id": name}
+    )
+    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
+    for width in (1280, 390):
+        opened.look(width=width)
+        opened.open(tmp_path / "g.html")
+        opened.value("document.querySelector('.card button').click()")
+        table, seen = opened.value(
+            "((e) => [e.scrollWidth, e.clientWidth])(document.querySelector('.scroll'))"
+        )
+        assert width == 390 or table == seen  # a name makes no table wide
+        opened.value("document.querySelector('.scroll').scrollLeft = 99")
+        left, right = opened.value(
+            "((e) => [e.left, e.right])("
+            "document.querySelector('caption span').getBoundingClientRect())"
+        )
+        assert 0 <= left < right <= width
+
+
 def test_names_are_found_however_their_letters_are_written(opened, made, tmp_path, monkeypatch):
     """As macOS names files: a letter, and what stands above it."""
     monkeypatch.setattr(

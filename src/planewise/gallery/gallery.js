@@ -154,8 +154,9 @@
           size(rms === null ? null : 1000 * rms, "mm"), size(area, "m²"),
         ].map((text) => make("td", {}, text)));
     });
+    const caption = make("span", {}, `Planes of ${frame.id}, best first; nats against outliers`);
     const all = make("table", {},
-      make("caption", {}, `Planes of ${frame.id}, best first; nats against outliers`), make("thead", {}, head), make("tbody", {}, ...rows));
+      make("caption", {}, caption), make("thead", {}, head), make("tbody", {}, ...rows));
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Planes of ${frame.id}` }, all);
   }
 
