@@ -11,6 +11,7 @@ from PIL import Image
 
 import planewise as pw
 from planewise import compilation, scenes
+from tests import browser
 
 # How long an example takes is not what it tests, and machines are busy. Where others wait for the
 # verdict, examples are the same in every run.
@@ -87,6 +88,17 @@ def depth(tmp_path, scene):
     path.parent.mkdir()
     Image.fromarray(scene.depth).save(path)
     return path
+
+
+@pytest.fixture(scope="module")
+def opened(tmp_path_factory):
+    """A page of a browser; skips where none is installed."""
+    program = browser.find()
+    if program is None:
+        pytest.skip(f"no browser is installed: none of {', '.join(browser.NAMES)}")
+    page = browser.Page(program, tmp_path_factory.mktemp("profile"))
+    yield page
+    page.close()
 
 
 def render(planes, camera, shape):

@@ -24,7 +24,7 @@ from planewise.gallery import Shown, write_gallery
 from planewise.gallery.page import _about
 from planewise.gallery.records import record_of
 from planewise.gallery.thumbnail import HEIGHT, Thumbnail, thumbnail_of
-from tests import browser, dataset_files
+from tests import dataset_files
 from tests.batch_sources import Renamed
 from tests.command import run
 from tests.stores import SIZE, Cloning, Many, Sweeps, make_folder_store, make_store, write_frames
@@ -411,16 +411,6 @@ def test_small_pictures_of_large_frames():
 
 
 # In a browser
-
-
-@pytest.fixture(scope="module")
-def opened(tmp_path_factory):
-    program = browser.find()
-    if program is None:
-        pytest.skip(f"no browser is installed: none of {', '.join(browser.NAMES)}")
-    page = browser.Page(program, tmp_path_factory.mktemp("profile"))
-    yield page
-    page.close()
 
 
 def names(tab):

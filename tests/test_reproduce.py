@@ -23,6 +23,7 @@ from planewise.reproduce.experiments import EXPERIMENTS
 from planewise.reproduce.flatness import order_found
 from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Found, Frame, detect
 from planewise.reproduce.open3d_ransac import one_after_the_other, why_missing
+from planewise.reproduce.page import page
 from planewise.reproduce.scores import (
     like_the_truth,
     parameter_errors,
@@ -30,7 +31,7 @@ from planewise.reproduce.scores import (
     placed,
     scored,
 )
-from planewise.reproduce.section import Section
+from planewise.reproduce.section import Section, Table
 
 from .command import run
 
@@ -306,6 +307,9 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
     assert [each["id"] for each in page.all("section")] == list(EXPERIMENTS)
     assert all(each["alt"] for each in page.all("img"))
     assert all(each["src"].startswith("data:image/png;base64,") for each in page.all("img"))
+    scrollers = [each for each in page.all("div") if "wide" in each.get("class", "")]
+    assert all((each["tabindex"], each["role"]) == ("0", "region") for each in scrollers)
+    assert len({each["aria-label"] for each in scrollers}) == len(scrollers) > 10
     links = [each["href"] for each in page.all("a")]
     assert links == [f"#{name}" for name in EXPERIMENTS]
     addresses = set(re.findall(r"https?://[^\s\"'<>)]+", source))
@@ -338,6 +342,27 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
         if row["rms_normal_error_deg"]:
             ratio = float(row["rms_normal_error_deg"]) / float(bound["rms_normal_error_deg"])
             assert ratio == pytest.approx(float(row["normal_error_deg_over_bound"]))
+
+
+def test_captions_are_seen_whole_on_narrow_screens(opened, tmp_path):
+    table = Table(
+        caption="What was measured, and how. " * 5,
+        header=["scene", "method", *10 * ["misassigned"]],
+        rows=[["without noise", "planewise", *10 * ["1,234"]]],
+    )
+    section = Section(title="Scenes", text=(), blocks=(table,))
+    (tmp_path / "report.html").write_text(page({}, {"scenes": section}), encoding="utf-8")
+    opened.look(width=390)
+    opened.open(tmp_path / "report.html")
+    scroller = "document.querySelector('.wide:has(caption)')"
+    assert opened.value(f"{scroller}.scrollWidth > {scroller}.clientWidth")
+    for place in (0, 200):
+        opened.value(f"{scroller}.scrollLeft = {place}")
+        left, right = opened.value(
+            "((e) => [e.left, e.right])("
+            "document.querySelector('caption span').getBoundingClientRect())"
+        )
+        assert 0 <= left < right <= 390
 
 
 def test_the_command_knows_every_experiment():
