@@ -317,6 +317,7 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
     assert "prefers-color-scheme: dark" in source
     assert "@media print" in source
     assert "ModuleNotFoundError: open3d" in source
+    assert "and standard deviation" not in source  # of one frame there is none
     assert source.count("<svg") == 1
     assert "nan" not in re.sub(r"<svg.*?</svg>|base64,[^\"]*", "", source, flags=re.DOTALL)
 

@@ -20,6 +20,7 @@ from planewise.reproduce.pictures import depth, mask
 from planewise.reproduce.scores import placed
 from planewise.reproduce.section import Check, Picture, Pictures, Section, Table, length, spread
 from planewise.scenes.scene import Scene
+from planewise.wording import counted
 
 INLIER_RATIO, MOST = 0.25, 8
 FACTOR = 10
@@ -92,7 +93,7 @@ def _section(settings: Settings, measured: Sequence[Measured]) -> Section:
             "reading is misassigned if it was put on a plane that is not its own; those on no "
             "plane are counted apart.",
         ),
-        blocks=(_table(rows), _masks(settings, measured)),
+        blocks=(_table(settings, rows), _masks(settings, measured)),
         checks=_checks(rows),
         files={"limitation": rows},
     )
@@ -102,9 +103,13 @@ def _said(noise: float) -> str:
     return f"noise of {length(noise)}" if noise else "without noise"
 
 
-def _table(rows: Sequence[Row]) -> Table:
+def _table(settings: Settings, rows: Sequence[Row]) -> Table:
     return Table(
-        caption=(f"Misassigned readings of {rows[0]['readings']:,}: mean and standard deviation."),
+        caption=(
+            f"Misassigned readings of {rows[0]['readings']:,}"
+            f"{', mean and standard deviation' if settings.seeds > 1 else ''}: "
+            f"{counted(settings.seeds, 'run')}."
+        ),
         header=("scene", "method", "planes", "misassigned", "on no plane"),
         rows=[
             (

@@ -123,7 +123,8 @@ def _table(settings: Settings, rows: Sequence[Row]) -> Table:
         caption=(
             f"{'Mean and standard deviation over' if settings.seeds > 1 else 'Scores of'} "
             f"{counted(settings.seeds, 'noisy frame')} "
-            f"({TRUE_PLANES} true planes). Times are of one thread, measured while others ran."
+            f"({TRUE_PLANES} true planes). Times are of one thread, beside which others may "
+            "have run."
         ),
         header=("assumed σ", "method", *(title for _, title, _ in _COLUMNS)),
         rows=[
