@@ -538,6 +538,18 @@ def test_it_fits_screens_and_eyes(opened, page, width, dark):
     assert (corner < 60) == dark
 
 
+def test_print_has_no_writing_larger_than_its_text_but_headings(opened, page):
+    opened.look(media="print")
+    opened.open(page)
+    opened.value("document.querySelectorAll('.card button').forEach((each) => each.click())")
+    text, *others = opened.value(
+        "[document.body, ...document.querySelectorAll('h3, .text, caption, td')]"
+        ".map((each) => parseFloat(getComputedStyle(each).fontSize))"
+    )
+    assert text == pytest.approx(9 * 96 / 72)
+    assert max(others) <= text
+
+
 _CONTRASTS = """(() => {
   const light = (colour) => {
     const part = colour.match(/[\\d.]+/g).slice(0, 3).map((each) => each / 255)

@@ -364,6 +364,12 @@ def test_captions_are_seen_whole_on_narrow_screens(opened, tmp_path):
             "document.querySelector('caption span').getBoundingClientRect())"
         )
         assert 0 <= left < right <= 390
+    opened.look(media="print")
+    text, caption = opened.value(
+        "['body', 'caption span'].map((each) => "
+        "parseFloat(getComputedStyle(document.querySelector(each)).fontSize))"
+    )
+    assert caption < text
 
 
 def test_the_command_knows_every_experiment():
