@@ -291,7 +291,7 @@ def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, c
 
 
 def test_captions_of_tables_are_seen_whole(opened, made, tmp_path, monkeypatch):
-    name = 18 * "averylongname"
+    name = 18 * "averylongname" + "\u202e"  # what follows would run to the left
     monkeypatch.setattr(
         "planewise.gallery.page.record_of", lambda frame: record_of(frame) | {"id": name}
     )
@@ -304,6 +304,7 @@ def test_captions_of_tables_are_seen_whole(opened, made, tmp_path, monkeypatch):
             "((e) => [e.scrollWidth, e.clientWidth])(document.querySelector('.scroll'))"
         )
         assert width == 390 or table == seen  # a name makes no table wide
+        assert opened.value("document.querySelector('caption bdi').textContent") == name
         opened.value("document.querySelector('.scroll').scrollLeft = 99")
         left, right = opened.value(
             "((e) => [e.left, e.right])("

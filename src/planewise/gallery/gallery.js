@@ -154,7 +154,8 @@
           size(rms === null ? null : 1000 * rms, "mm"), size(area, "m²"),
         ].map((text) => make("td", {}, text)));
     });
-    const caption = make("span", {}, `Planes of ${frame.id}, best first; nats against outliers`);
+    // Apart, for a name may turn the direction of what follows it.
+    const caption = make("span", {}, "Planes of ", make("bdi", {}, frame.id), ", best first; nats against outliers");
     const all = make("table", {},
       make("caption", {}, caption), make("thead", {}, head), make("tbody", {}, ...rows));
     return make("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": `Planes of ${frame.id}` }, all);
