@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageFont
 
 import planewise as pw
 from planewise.drawing.axes import CHOSEN, LINE
@@ -85,12 +85,16 @@ def test_pictures_are_read(tmp_path):
     ("nats", "text"),
     [
         (-949.6, "-950"), (-9949.4, "-9,949"), (-9950.0, "-9.9 k"), (-999_949.0, "-999.9 k"),
-        (-1_370_500.0, "-1.37 M"), (-133_174_321.0, "-133.17 M"),
+        (-1_370_500.0, "-1.37 M"), (-9_995_000.0, "-10.0 M"), (-99_950_000.0, "-100 M"),
+        (-133_174_321.0, "-133 M"), (-888_888_888.0, "-889 M"), (-999_500_000.0, "-1.00 G"),
     ],
 )  # fmt: skip
 def test_nats_of_the_legend_fit_their_column(nats, text):
     assert _short(nats) == text
-    assert len(text) <= len("-999.9 k") + 1
+    pen = ImageDraw.Draw(Image.new("RGB", (9, 9)))
+    for size in (13, 21, 40):
+        left = pen.textbbox((7 * size, 0), text, font=ImageFont.load_default(size), anchor="rm")[0]
+        assert left > 3.2 * size  # ranks end at 2.9
 
 
 def ranks_on(labels):

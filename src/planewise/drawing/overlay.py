@@ -385,7 +385,11 @@ def _legend_columns(planes: int, height: int, row: int) -> int:
 
 
 def _short(nats: float) -> str:
-    """In a few digits, for a column of the legend."""
-    if abs(nats) >= 999_950:
-        return f"{nats / 1e6:,.2f} M"
-    return f"{nats / 1000:,.1f} k" if abs(nats) >= 9950 else f"{nats:,.0f}"
+    """In three or four digits, for a column of the legend."""
+    size = abs(nats)
+    if size >= 999.5e6:
+        return f"{nats / 1e9:.2f} G"
+    if size >= 999_950:
+        decimals = 2 if size < 9.995e6 else 1 if size < 99.95e6 else 0
+        return f"{nats / 1e6:.{decimals}f} M"
+    return f"{nats / 1000:,.1f} k" if size >= 9950 else f"{nats:,.0f}"
