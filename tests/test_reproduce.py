@@ -1,6 +1,7 @@
 """planewise reproduce: what the report is made of, and a short version of the whole."""
 
 import csv
+import io
 import math
 import re
 import sys
@@ -10,9 +11,11 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from planewise import scenes
 from planewise.commands import reproduce as reproduce_command
+from planewise.drawing.palette import distinct_colours
 from planewise.metrics import contingency_table
 from planewise.reproduce import methods, report, tasks
 from planewise.reproduce.angle_errors import ERRORS, Case, cases, rms
@@ -24,6 +27,7 @@ from planewise.reproduce.flatness import order_found
 from planewise.reproduce.methods import OPEN3D, OURS, PAPER, Found, Frame, detect
 from planewise.reproduce.open3d_ransac import one_after_the_other, why_missing
 from planewise.reproduce.page import page
+from planewise.reproduce.pictures import BORDER, mask
 from planewise.reproduce.scores import (
     like_the_truth,
     parameter_errors,
@@ -343,6 +347,24 @@ def test_a_short_version_of_everything(tmp_path, without_open3d):
         if row["rms_normal_error_deg"]:
             ratio = float(row["rms_normal_error_deg"]) / float(bound["rms_normal_error_deg"])
             assert ratio == pytest.approx(float(row["normal_error_deg_over_bound"]))
+
+
+def test_planes_of_masks_are_parted_by_lines_but_stray_readings_are_seen():
+    scene = scenes.corner(size=(48, 64))
+    labels = scene.labels.copy()
+    labels[5, 5] = 2 if labels[5, 5] != 2 else 3
+    shown = mask(scene, labels, "name", "title", "note")
+    seen = np.asarray(Image.open(io.BytesIO(shown.png)).convert("RGB")).astype(int)
+    line = (seen == BORDER).all(axis=2)
+    inside = ~line
+    meet = labels[:, 1:] != labels[:, :-1]
+    meet[5, 4:6] = False
+    assert (line[:, 1:] | line[:, :-1])[meet].mean() > 0.85  # but at tips
+    assert inside.mean() > 0.9
+    for label in np.unique(labels):
+        colours = np.unique(seen[inside & (labels == label)], axis=0)
+        assert colours.tolist() == [distinct_colours(int(label))[-1].tolist()]
+    assert inside[4:7, 4:7].all()
 
 
 def test_captions_are_seen_whole_on_narrow_screens(opened, tmp_path):

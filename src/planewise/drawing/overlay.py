@@ -243,14 +243,26 @@ def _tint(base: Light, labels: NDArray[np.uint16], valid: NDArray[np.bool_]) -> 
 
 def _outline(picture: Picture, labels: NDArray[np.uint16]) -> None:
     """Draw a thin light line on the border of every plane, in place."""
-    solid = _coherence(labels) >= 0.45  # lines around single stray pixels would hide the rest
-    edge = np.zeros(labels.shape, bool)
-    edge[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & solid[:, 1:] & solid[:, :-1]
-    edge[1:] |= (labels[1:] != labels[:-1]) & solid[1:] & solid[:-1]
+    edge = borders(labels)
     picture[edge] = (0.3 * picture[edge] + 0.7 * 255).astype(np.uint8)
 
 
-def _coherence(labels: NDArray[np.uint16]) -> Array:
+def borders(labels: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """Pixels on the borders of planes, but none around single stray ones, which would be hidden.
+
+    Parameters
+    ----------
+    labels : ndarray of integers, shape (H, W)
+        0 for no plane.
+    """
+    solid = _coherence(labels) >= 0.45
+    edge = np.zeros(labels.shape, bool)
+    edge[:, 1:] |= (labels[:, 1:] != labels[:, :-1]) & solid[:, 1:] & solid[:, :-1]
+    edge[1:] |= (labels[1:] != labels[:-1]) & solid[1:] & solid[:-1]
+    return edge
+
+
+def _coherence(labels: NDArray[np.integer]) -> Array:
     """Share of the square around each pixel that has its label."""
     height, width = labels.shape
     side = 2 * _NEAR + 1

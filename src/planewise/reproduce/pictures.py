@@ -7,6 +7,7 @@ import io
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.drawing.overlay import borders
 from planewise.drawing.palette import distinct_colours
 from planewise.errors import needs
 from planewise.reproduce.scores import like_the_truth
@@ -15,6 +16,9 @@ from planewise.scenes.scene import Scene
 
 NO_PLANE = (38, 41, 46)
 """Colour of readings on no plane."""
+
+BORDER = (255, 255, 255)
+"""Colour of the lines between planes."""
 
 
 def mask(scene: Scene, labels: NDArray[np.integer], name: str, title: str, note: str) -> Picture:
@@ -46,10 +50,12 @@ def depth(scene: Scene, name: str) -> Picture:
 
 
 def _labels(labels: NDArray[np.int64]) -> bytes:
-    """PNG of labels with a palette."""
-    most = min(int(labels.max(initial=0)), 255)
-    palette = [*NO_PLANE, *distinct_colours(max(most, 1)).ravel().tolist()]
-    return _encoded(np.minimum(labels, 255).astype(np.uint8), palette)
+    """PNG of labels with a palette; lines between planes, as not all eyes tell all colours."""
+    line = 1 + min(int(labels.max(initial=0)), 254)
+    image = np.minimum(labels, line - 1).astype(np.uint8)
+    image[borders(labels)] = line
+    palette = [*NO_PLANE, *distinct_colours(line - 1).ravel().tolist(), *BORDER]
+    return _encoded(image, palette)
 
 
 def _encoded(grey: NDArray[np.uint8], palette: list[int] | None = None) -> bytes:

@@ -166,7 +166,8 @@ def _masks(name: str, settings: Settings, measured: Sequence[Measured]) -> Pictu
     return Pictures(
         caption=(
             "Planes found in the first frame. A true plane has the same colour everywhere, what "
-            "was found besides has others, and readings on no plane are dark."
+            "was found besides has others, readings on no plane are dark, and white lines part "
+            "planes."
         ),
         rows=rows,
     )
