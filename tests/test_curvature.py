@@ -98,6 +98,33 @@ def test_walls_of_a_tower_with_edges_are_planes(sides):
         assert np.bincount(walls[model.labels == rank]).max() > 0.97 * (model.labels == rank).sum()
 
 
+def facets(count, degrees):
+    """Flat walls side by side, each turned by so much from the next."""
+    turns = np.radians(degrees) * (np.arange(count) - (count - 1) / 2)
+    across = np.cos(turns) + np.sin(turns) * U[..., None]
+    return 2.5 / across.max(axis=-1), across.argmax(axis=-1)
+
+
+@pytest.mark.parametrize(("count", "degrees", "seed"), [(4, 4, 1), (6, 6, 5), (8, 6, 0), (8, 6, 8)])
+def test_wide_flat_walls_whose_edges_noise_moves_are_not_round(count, degrees, seed):
+    z, walls = facets(count, degrees)
+    model = found(z, 0.002, seed)
+    assert len(model.planes) == count
+    assert_array_equal(np.unique(walls[model.labels > 0]), np.arange(count))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 6])
+def test_walls_are_no_curved_surface_for_some_of_them_being_joined(seed):
+    """They are where planes may bend more than readings tell, for the sake of mixed pixels."""
+    z, walls = facets(8, 6)
+    rng, focal_baseline = np.random.default_rng(seed), 525 * 0.075
+    disparity = focal_baseline * (1 / z + rng.normal(0, 0.0015, z.shape))
+    depth = focal_baseline / (np.round(8 * disparity) / 8)
+    model = pw.detect_planes(np.round(1000 * depth).astype(np.uint16), CAMERA, pw.sensors.KINECT_V1)
+    assert len(model.planes) == 8
+    assert_array_equal(np.unique(walls[model.labels > 0]), np.arange(8))
+
+
 def test_a_ball_is_no_plane_and_the_wall_behind_it_is():
     ball = curved_frames.sphere((0, 0, 2.5), 1.0, curved_frames.rays())
     model = found(np.minimum(ball, 4.0), 0.005)
@@ -389,8 +416,11 @@ def test_where_surfaces_go_on(seed):
         a, b = quadrics[u], quadrics[v]
         x, y = (units[[i, j], 1:3] / units[[i, j], :1]).mean(axis=0)
         turn, extents = np.hypot(*(a - b)[1:3]), a[EXTENT] + b[EXTENT]
-        states = GOES_ON | SURE | TOLD_U | TOLD_V
-        if beside != ROUND:
+        states = GOES_ON | SURE
+        if beside == ROUND:
+            for q, flag in ((a, TOLD_U), (b, TOLD_V)):
+                states |= flag * int(q[BENT] != FLAT or q[SIZE] * extents >= OWN * turn)
+        else:
             more = max(a[BENT], b[BENT])
             if more in (FLAT, UNTOLD):
                 continue

@@ -198,6 +198,13 @@ def find_round(ends, at, grid, of_unit, rows, quadrics, chosen, wraps, how):  # 
 
 
 @inlined
+def _least(a, b):  # type: ignore[no-untyped-def]
+    """By how much, at least, either of two quadrics bends if their surface goes on."""
+    d1, d2 = a[1] - b[1], a[2] - b[2]
+    return OWN * np.sqrt(d1 * d1 + d2 * d2) / (a[EXTENT] + b[EXTENT])
+
+
+@inlined
 def _state(a, b, i, j, near):  # type: ignore[no-untyped-def]
     """State of a side, by quadrics of parts and unit rows of cells; 0 if they say nothing."""
     told = max(a[BENT], b[BENT])
@@ -205,7 +212,7 @@ def _state(a, b, i, j, near):  # type: ignore[no-untyped-def]
         return 0
     d1, d2 = a[1] - b[1], a[2] - b[2]
     turn, extents = d1 * d1 + d2 * d2, a[EXTENT] + b[EXTENT]
-    least, state = OWN * np.sqrt(turn) / extents, 0
+    least, state = _least(a, b), 0
     if near if a[BENT] < 0.0 else a[SIZE] >= least:
         state |= TOLD_U
     if near if b[BENT] < 0.0 else b[SIZE] >= least:
@@ -236,8 +243,8 @@ def surface_borders(  # type: ignore[no-untyped-def]
     points (.), which are 1, and states (.): GOES_ON, SURE if it is ROUND or if half way between the
     cells the quadrics, the step from one to the other included, turn by at most half of what the
     planes do; GOES_ON alone if one is told in part and the other no more; TOLD_U, TOLD_V of a part
-    whose own quadric makes a fair share of that, or is not told; and what turns says. Returns how
-    many there are.
+    whose own quadric makes a fair share of that, or is not told, or of what is ROUND bends in any
+    way; and what turns says. Returns how many there are.
     """
     found = 0
     border[:] = 0.0
@@ -247,10 +254,15 @@ def surface_borders(  # type: ignore[no-untyped-def]
         u, v = ends[e, 0], ends[e, 1]
         border[segment[u]] += 1.0
         border[segment[v]] += 1.0
-        state = GOES_ON | SURE | TOLD_U | TOLD_V
-        if how[e] != ROUND:
-            i, j = rows[units[e, 0]], rows[units[e, 1]]
-            state = _state(quadrics[u], quadrics[v], i, j, how[e] == NEAR)
+        a, b = quadrics[u], quadrics[v]
+        if how[e] == ROUND:  # but where noise moved the edge of what is flat elsewhere
+            least, state = _least(a, b), GOES_ON | SURE
+            if a[BENT] != FLAT or a[SIZE] >= least:
+                state |= TOLD_U
+            if b[BENT] != FLAT or b[SIZE] >= least:
+                state |= TOLD_V
+        else:
+            state = _state(a, b, rows[units[e, 0]], rows[units[e, 1]], how[e] == NEAR)
         if state == 0:
             continue
         pairs[found, 0], pairs[found, 1] = segment[u], segment[v]

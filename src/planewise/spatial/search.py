@@ -105,6 +105,8 @@ class Segmentation:
         The same planes as w = t0 + t1 x + t2 y (`spatial.frame.Frame`) in every sector.
     residual_correlation : ndarray, shape (N,)
         Of cells side by side on each plane (`spatial.units`), once that was looked at.
+    left_out : float
+        Readings of the largest segment that is no plane.
     """
 
     information: Array
@@ -112,6 +114,7 @@ class Segmentation:
     significance: Array
     affine: Array
     residual_correlation: Array = field(default_factory=lambda: np.empty(0))
+    left_out: float = 0.0
 
 
 def segment(
@@ -163,13 +166,14 @@ def segment(
             segments, worth, accepted = _looked_at_again(
                 cells, frame.sectors, segments, worth, accepted, cost, significance, workspace
             )
+        left_out = float(segments.rows[~accepted, COUNT].max(initial=0.0))
         chosen, owner, planes = join_through_gaps(segments, worth, accepted, frame.sectors)
         worth = worth[chosen]
     count, most = planes.shape[1], _MOST_NUMBERS // frame.sectors.count
     if count > most:
         planes, owner = _most_significant(planes, owner, worth, most)
     if not count:
-        return _nothing(frame.w.shape)
+        return replace(_nothing(frame.w.shape), left_out=left_out)
     with stage("labels"), workspace.stage():
         rows, labels, saved, owner = label_planes(
             frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace,
@@ -177,7 +181,8 @@ def segment(
         )  # fmt: skip
     left = len(rows) // frame.sectors.count - len(saved)
     total = np.bincount(owner + 1, worth, left + 1)[1:]  # -1 is no plane
-    return _segmentation(rows, labels, np.concatenate((total, saved)), frame.sectors)
+    found = _segmentation(rows, labels, np.concatenate((total, saved)), frame.sectors)
+    return replace(found, left_out=left_out)
 
 
 def planes_within(

@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 _LEAST = 3.0, prices.LEAST  # as `spatial.search.price_of_planes` takes it
 _PAID = _LEAST[0] - 1, _LEAST[1] - 1  # the same of one whose parameters are paid for
 _WIDE = 0.01  # of the readings: no search is made again for a plane of fewer
+_LEFT_OUT = 0.05  # the same, for what may be planes that were joined to what bends
 _SURE = 4.0  # times `prices.LEAST`: no plane that saves more is cut
 
 
@@ -94,9 +95,9 @@ def solve(
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
     sake of mixed pixels and surfaces that are nearly flat. Of what was joined only for that, such
-    as two walls at 175 degrees, residuals are correlated. Then readings are taken at their word, if
-    that makes Phi lower and residuals white; surfaces that bend all the way would fall into as many
-    planes as the noise lets one see.
+    as two walls at 175 degrees, residuals are correlated; or it bends so much that it is taken for
+    a curved surface. Then readings are taken at their word, if that makes Phi lower and residuals
+    white; surfaces that bend all the way would fall into as many planes as the noise lets one see.
 
     Parameters
     ----------
@@ -141,17 +142,21 @@ def solve(
     # Of planes that hardly pay, bends say nothing.
     sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
     telling = first.bent & (first.found.significance > sure)
-    if not telling.any() or not (telling & _wide(frame, first.found)).any():
+    readings = np.count_nonzero(frame.p)
+    if (
+        first.found.left_out < _LEFT_OUT * readings
+        and not (telling & (_readings(frame, first.found) >= _WIDE * readings)).any()
+    ):
         return first
     closer = look(replace(cells, drift=cells.told_drift))
     bent = closer.bent & (closer.found.significance > sure)
     return closer if closer.information < first.information and not bent.any() else first
 
 
-def _wide(frame: Frame, found: Segmentation) -> NDArray[np.bool_]:
-    """Planes of so many of the readings that it is worth while to search again for their sake."""
+def _readings(frame: Frame, found: Segmentation) -> NDArray[np.int64]:
+    """Of each plane."""
     count = np.bincount(found.labels.reshape(-1), minlength=len(found.affine) + 1)[1:]
-    return np.asarray(frame.sectors.summed(count) >= _WIDE * np.count_nonzero(frame.p))
+    return np.asarray(frame.sectors.summed(count))
 
 
 def judged(
