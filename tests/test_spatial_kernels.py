@@ -1,5 +1,7 @@
 """Every compiled loop of the spatial search against its plain NumPy version."""
 
+import time
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -505,6 +507,24 @@ def test_join_through_gaps(seed):
     ids = np.unique(owner)
     assert_allclose(rows[ids], exact_rows[ids], rtol=1e-5, atol=1e-9)
     assert len(ids) == len(np.unique(np.column_stack((owner, of)), axis=0)) <= 5
+
+
+def test_pairs_are_compared_as_often_as_segments_change():
+    """Joining many takes as long as a few looks at all pairs, not as one at every join."""
+    sets = [pieces_of_planes(seed)[:2] for seed in range(150)]
+    all_rows, all_drift = (np.concatenate(of) for of in zip(*sets, strict=True))
+    for count in (24, len(all_rows)):  # the first time they may have to be compiled
+        rows, drift, half = all_rows[None, :count].copy(), all_drift[:count], count // 2
+        of_rows, owner = forms_of(rows[0], drift, 0.0)[None], np.empty(count, int)
+        segments = rows, of_rows, np.zeros(count, np.int32)
+        priors = np.full(count, 0.25), 0.3
+        start = time.thread_time()
+        gaps.find_planes(*segments, *priors, np.arange(half), *np.empty((2, half), int))
+        looked = time.thread_time()
+        gaps.join_through_gaps(*segments, drift, *priors, owner)
+        end = time.thread_time()
+    assert len(np.unique(owner)) < 10
+    assert end - looked < 30 * (looked - start)
 
 
 @pytest.mark.parametrize("seed", range(4))

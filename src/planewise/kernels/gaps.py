@@ -21,8 +21,11 @@ def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # typ
     here = forms[home[small]]
     offset = gap_offset * gap_offset * here[small, W] * here[small, W]
     discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
+    saved = evidence - 0.5 * discord - naming
+    if saved <= 0.0:  # as of most pairs
+        return saved, discord
     parallel = compare_parallel(here[small], here[i + j - small], gap_offset)
-    return min(evidence - 0.5 * discord - naming, parallel), discord
+    return min(saved, parallel), discord
 
 
 @compiled
@@ -36,40 +39,48 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
     """
     sectors, n = segments.shape[0], owner.size
     naming = np.log(n)  # nats to say which other segment it is
-    gain, discord = np.empty((n, n)), np.empty((n, n))
+    # Of every segment the partner behind it that saves most, and their discord. Where that partner
+    # has changed since, it is -1, and gain what it saved at most: looked for again if that is best.
+    partner, gain, discord = np.empty(n, np.intp), np.empty(n), np.empty(n)
     for i in range(n):
         owner[i] = i
-        for j in range(n):
-            gain[i, j] = -np.inf
-    changed = -1  # at first, all are compared with all
+        partner[i], gain[i] = -1, 0.0
+    first, last, start = 0, n, n  # these are compared with what is behind them, or at `start`
     while True:
-        for one in range(n if changed < 0 else 1):
-            i = max(one, changed)
-            for k in range(0 if changed >= 0 else i + 1, n):
+        for i in range(first, last):
+            for k in range(min(start, i + 1), n):
                 if owner[k] == k and k != i:
                     a, b = min(i, k), max(i, k)
-                    gain[a, b], discord[a, b] = _saved(
+                    saved, differs = _saved(
                         segments, forms, home, slope_prior, gap_offset, naming, a, b
                     )
-        best, i, j = 0.0, 0, 0
+                    if saved > gain[a] or (saved == gain[a] and b <= partner[a]):
+                        partner[a], gain[a], discord[a] = b, saved, differs
+                    elif b == partner[a]:
+                        partner[a] = -1
+        best, i = 0.0, -1
         for a in range(n):
-            for b in range(a + 1, n):
-                if gain[a, b] > best:
-                    best, i, j = gain[a, b], a, b
-        if best <= 0.0:
+            if gain[a] > best:
+                best, i = gain[a], a
+        if i < 0:
             break
+        first, last, start, j = i, i + 1, n, partner[i]
+        gain[i], partner[i] = 0.0, -1
+        if j < 0:
+            continue
         if segments[0, i, COUNT] < segments[0, j, COUNT]:
             home[i] = home[j]
         for sector in range(sectors):
-            segments[sector, i, MISFIT] += discord[i, j]
+            segments[sector, i, MISFIT] += discord[i]
             for e in range(SEGMENT):
                 segments[sector, i, e] += segments[sector, j, e]
             write_form(segments[sector, i], drift[i], 0.0, forms[sector, i])
+        gain[j], start = 0.0, 0
         for k in range(n):
-            gain[j, k] = gain[k, j] = -np.inf
+            if partner[k] == j:
+                partner[k] = -1
             if owner[k] == j:
                 owner[k] = i
-        changed = i
 
 
 @compiled
