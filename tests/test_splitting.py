@@ -134,6 +134,23 @@ def test_what_stands_a_little_off_a_wall_is_a_plane_of_its_own(name, sigma):
     assert max(plane.rms for plane in model.planes) < 1.05 * sigma
 
 
+@pytest.mark.parametrize(
+    ("boards", "seed"),
+    [(4, 0), (4, 1), (1, 3)],  # of the last, cells along its edge stay bent
+)
+def test_boards_less_than_two_sigma_off_a_wall_are_planes_of_their_own(boards, seed):
+    sigma, places = 0.002, np.array([(-0.75, -0.55), (0.65, -0.5), (-0.7, 0.4), (0.7, 0.45)])
+    on = [(np.abs(X - x) < 0.25) & (np.abs(Y - y) < 0.28) for x, y in places[:boards]]
+    relief, truth = flat_edges.off(np.any(on, axis=0), 1.7 * sigma)
+    with flat_edges.unsplit():
+        before = flat_edges.found(relief, sigma, seed)
+    after = flat_edges.found(relief, sigma, seed)
+    assert len(before) == 1
+    assert len(after) == 2
+    assert after.information < before.information - 1000
+    assert flat_edges.wrong(after.labels, truth) < 0.05
+
+
 @pytest.mark.parametrize("name", ["edge, 1 degree", "four planes about a point, 0.6 degrees"])
 def test_phi_is_lower_once_they_are_split(name):
     scene, degrees = flat_edges.EDGES[name]

@@ -38,6 +38,7 @@ from planewise.spatial.units import BENT, residual_correlation
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
+Bools = NDArray[np.bool_]
 
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
@@ -45,7 +46,8 @@ _MANY = 2000  # of which some can stand for all
 _FEWEST_BENT = 48  # units of a segment that bends
 _SHARP = 0.5  # times the price: how much worse a smooth surface fits at the border of two planes
 _ALL_BUT = 0.95  # of the points of a part: its reach
-_MOST = 12  # parts of a segment
+_LEFT = 0.1  # most of a segment that may stay bent: cells along edges, with some beside them
+_MOST = 64  # parts of a segment, before those of one plane are joined: half a millisecond each
 _SMOOTH = 0.85, 0.7  # of the misfit of a plane and of two, but for noise: what is round has less
 _ROUND = 0.5, 2.0  # radians that it turns by: walls turn by less, and an edge would by more
 
@@ -53,10 +55,10 @@ _ROUND = 0.5, 2.0  # radians that it turns by: walls turn by less, and an edge w
 def split(
     cells: Cells,
     segments: Segments,
-    accepted: NDArray[np.bool_],
+    accepted: Bools,
     sectors: Sectors,
     price: float,
-) -> tuple[Segments, NDArray[np.bool_]]:
+) -> tuple[Segments, Bools]:
     """Split those segments of a frame that are several planes, and find those that are round.
 
     Parameters
@@ -89,21 +91,21 @@ def split(
         bent, planes, excess = _bends(cells, whole, accepted, sectors, price)
     out, curved = whole, np.zeros(len(whole.rows), np.bool_)
     for s, units, points, mine in points_of_segments(cells, whole, planes, bent, sides):
-        part = _parts(points, mine, price) if excess[s] > 2 * CLEAR * price else None
-        if part is None:
+        found = _parts(points, mine, price) if excess[s] > 2 * CLEAR * price else None
+        if found is None:
             curved[s] = _is_round(points, cells.rows[units], planes[s], sectors, price)
         else:
-            out = divided(out, s, part, is_small(part), cells, price) or out
+            out = divided(out, s, *found, cells, price) or out
     return out, curved
 
 
 def _bends(
     cells: Cells,
     segments: Segments,
-    accepted: NDArray[np.bool_],
+    accepted: Bools,
     sectors: Sectors,
     price: float,
-) -> tuple[NDArray[np.bool_], Array, Array]:
+) -> tuple[Bools, Array, Array]:
     """Which planes among segments have residuals that are no white noise.
 
     And the planes (n, 3) of all, and what their chi^2 (n,) is more than noise would make it.
@@ -119,10 +121,11 @@ def _bends(
     return bent, planes, excess
 
 
-def _parts(points: Array, sides: Index, price: float) -> Index | None:
-    """Part of every point of a bent segment that is several planes; None if it is not.
+def _parts(points: Array, sides: Index, price: float) -> tuple[Index, Bools] | None:
+    """Part of every point of a bent segment that is several planes, and which parts are none.
 
-    sides (m, 2): points side by side, each as often as they share a side of a cell.
+    None if it is not. sides (m, 2): points side by side, each as often as they share a side of a
+    cell.
     """
     part, count, bent = np.zeros(len(points), np.intp), 1, [0]
     while bent:
@@ -140,13 +143,13 @@ def _parts(points: Array, sides: Index, price: float) -> Index | None:
         bent = [k for k in fresh if is_bent[k]]
     part = joined(part, sums, side_by_side(part, sides), price)
     is_bent, sums = _bent(points, part, sides)
-    large = ~is_small(part)
-    if is_bent.any() or np.count_nonzero(large) < 2:
+    mixed = is_small(part) | is_bent
+    if np.count_nonzero(is_bent[part]) > _LEFT * len(part) or np.count_nonzero(~mixed) < 2:
         return None
-    return part if _has_edges(points, part, sides, sums, price) else None
+    return (part, mixed) if _has_edges(points, part, sides, sums, mixed, price) else None
 
 
-def _bent(points: Array, part: Index, sides: Index) -> tuple[NDArray[np.bool_], Array]:
+def _bent(points: Array, part: Index, sides: Index) -> tuple[Bools, Array]:
     """Whether residuals of every part are correlated, as those of small ones may be; its sums."""
     count = int(part.max()) + 1
     sums, out = np.empty((count, kernels.SUMS)), np.empty((count, 3))
@@ -157,15 +160,17 @@ def _bent(points: Array, part: Index, sides: Index) -> tuple[NDArray[np.bool_], 
     return (product > limit * square) & ~is_small(part), sums
 
 
-def _has_edges(points: Array, part: Index, sides: Index, sums: Array, price: float) -> bool:
+def _has_edges(
+    points: Array, part: Index, sides: Index, sums: Array, mixed: Bools, price: float
+) -> bool:
     """Whether two planes fit any two parts side by side better than a smooth surface does.
 
     A strip of a rounded edge and the wall beside it are no smooth surface, but are one near where
     they meet.
     """
-    chi2, small = chi2_of(sums), is_small(part)
+    chi2 = chi2_of(sums)
     for a, b in side_by_side(part, sides).tolist():
-        if small[a] or small[b]:
+        if mixed[a] or mixed[b]:
             continue
         if chi2_of_cubic(points[(part == a) | (part == b)]) <= chi2[a] + chi2[b]:
             return False
