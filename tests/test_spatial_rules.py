@@ -195,13 +195,16 @@ def solved(parts, monkeypatch):
     price = solution._SURE * solution.prices.LEAST
     price *= plane_information(3, observation.range, observation.resolution)
 
-    def solve(*given):
+    def solve(*given, left_out=0.0):
         drifts, left = [], list(given)
 
         def judged(*_, **__):
             information, saved, bent = left.pop(0)
             found = SimpleNamespace(
-                labels=mask, affine=np.zeros((2, 3)), significance=price * np.array(saved)
+                labels=mask,
+                affine=np.zeros((2, 3)),
+                significance=price * np.array(saved),
+                left_out=left_out * np.count_nonzero(frame.p),
             )
             return SimpleNamespace(information=information, bent=np.array(bent), found=found)
 
@@ -222,6 +225,12 @@ def test_a_search_is_made_again_where_a_wide_plane_that_clearly_pays_bends(solve
     saved, bent, again = LOOKS[name]
     closer = 90.0, (9.0, 9.0), (False, False)
     assert solved((100.0, saved, bent), closer) == ((2, 90.0) if again else (1, 100.0))
+
+
+def test_a_search_is_made_again_where_much_is_on_no_plane(solved):
+    first, closer = ((phi, (9.0, 9.0), (False, False)) for phi in (100.0, 90.0))
+    assert solved(first, closer, left_out=0.04) == (1, 100.0)
+    assert solved(first, closer, left_out=0.06) == (2, 90.0)
 
 
 @pytest.mark.parametrize("name", CLOSER)
