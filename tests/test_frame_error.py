@@ -199,15 +199,35 @@ def told(z, sensor):
 @pytest.mark.parametrize("told", [0.008, "auto"])
 def test_relief_is_not_taken_for_drift(height, told):
     """It is farther from a plane at 12 px than a camera's error, and at 24 px farther still."""
-    shape, rng = (240, 320), np.random.default_rng(0)
-    squared = sum(np.square(np.fft.fftfreq(n)).reshape(at) for n, at in
-                  zip(shape, ((-1, 1), (1, -1)), strict=True))  # fmt: skip
-    kernel = np.exp(-2 * (np.pi * 13) ** 2 * squared)
-    relief = np.fft.ifft2(np.fft.fft2(rng.normal(size=shape)) * kernel).real
-    depth = 2.5 + height * relief / relief.std() + rng.normal(0, 0.008, shape)
+    rng = np.random.default_rng(0)
+    relief = smooth((240, 320), 13, rng)
+    depth = 2.5 + height * relief + rng.normal(0, 0.008, relief.shape)
     camera = pw.PinholeCamera(fx=262.5, fy=262.5, cx=159.5, cy=119.5)
     sensor = pw.Sensor(max_depth=8, resolution=1e-4, noise=told)
     assert not len(pw.detect_planes(depth, camera, sensor))
+
+
+@pytest.mark.parametrize(("width", "seed"), [(10, 0), (10, 2), (12, 0), (12, 1)])
+def test_error_as_large_as_it_is_described_is_no_relief(width, seed):
+    """That of stereo, 1.5 % of the depth and smooth over so many pixels, of a floor and a wall."""
+    rng, down = np.random.default_rng(seed), (np.arange(480)[:, None] - 239.5) / 525
+    z = np.broadcast_to(np.minimum(3.0, 1 / np.maximum(down, 1e-9)), (480, 640))
+    depth = z + 0.0055 * z**2 * smooth(z.shape, width, rng)
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+    model = pw.detect_planes(
+        np.round(1000 * depth).astype(np.uint16), camera, pw.sensors.REALSENSE_D435
+    )
+    assert len(model) == 2
+    assert np.count_nonzero(model.labels) > 0.99 * model.labels.size
+
+
+def smooth(shape, width, rng):
+    """White noise smoothed by a Gaussian of so many pixels, with a standard deviation of 1."""
+    squared = sum(np.square(np.fft.fftfreq(n)).reshape(at) for n, at in
+                  zip(shape, ((-1, 1), (1, -1)), strict=True))  # fmt: skip
+    kernel = np.exp(-2 * (np.pi * width) ** 2 * squared)
+    field = np.fft.ifft2(np.fft.fft2(rng.normal(size=shape)) * kernel).real
+    return field / field.std()
 
 
 SIGMA = 0.0015  # of inverse depth

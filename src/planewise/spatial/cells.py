@@ -299,6 +299,7 @@ def _without_shared_error(
         # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
+        w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
         focal = frame.sectors.mean_focal
         measured = drift_factor(calm, planes, inflation, described, focal, workspace)
         local = 1.0 if measured is None or measured == math.inf else measured
@@ -306,11 +307,11 @@ def _without_shared_error(
             factor = walk = local = min(local, 1.0)
             own = 0.0
         else:
+            of_one, _, _, step = table.at(w)
             factor, own, walk = walk_and_shared(
-                calm, planes, inflation, described, local, focal, workspace
+                calm, planes, inflation, described, local, of_one + step, focal, workspace
             )
             own *= described.sum() / offset.sum() if own else 0.0
-        w = float(medians.smallest(depths, len(count) // 2, workspace.empty(len(count))))
         between = quiet * SATURATION * factor
         drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)

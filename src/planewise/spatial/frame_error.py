@@ -48,6 +48,7 @@ _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
+_UNTOLD = 2.25  # times its described variance: more from one cell to the next but one is no error
 _AT_LEAST = 0.25  # of the drift: few distances may show none by chance
 _BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _BISECTIONS = 12
@@ -289,6 +290,7 @@ def walk_and_shared(
     inflation: Array,
     drift: Array,
     nearest: float,
+    reading: float,
     focal: float,
     workspace: Workspace,
 ) -> tuple[float, float, float]:
@@ -302,13 +304,14 @@ def walk_and_shared(
     another one, D the random walk. Where an error levels off, D lies between the least slope of V
     and the walk without s that explains as much: their mean is taken. Where that is about
     `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
-    certain. Both against the described variance of the drift.
+    certain. Both against the described variance of the drift; reading: that of one reading.
     """
     told: list[float] = []
     of_three: list[float] = []
     cluttered = False
     usual, w = float(drift.mean()), float(planes[2, : len(drift)].mean())
     farthest = (_FARTHEST * w) ** 2
+    relief = max(farthest, _UNTOLD * reading / _of_three(_LAG * _CELL))
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     for lag in _LAGS:
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
@@ -316,7 +319,7 @@ def walk_and_shared(
             break
         cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
         if cluttered:
-            if not told and nearest * usual > farthest and factor > _RELIEF * nearest:
+            if not told and nearest * usual > relief and factor > _RELIEF * nearest:
                 return 0.0, 0.0, 0.0  # no camera errs by so much
             break
         of_three.append(_of_three(lag * _CELL))
