@@ -1308,6 +1308,57 @@ def test_what_a_header_claims_is_held_against_the_size_of_the_file(tmp_path, nam
         open_cloud(write_bad(tmp_path, name))
 
 
+def cloud_text(kind, encoding, claimed, faces=()):
+    """Header of points x, y, z, and lines or bytes of faces that it claims."""
+    if kind == "pcd":
+        head = f"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH {claimed}\nHEIGHT 1\nDATA {encoding}\n"
+        return head.encode()
+    order = "ascii" if encoding == "ascii" else "binary_little_endian"
+    xyz = "".join(f"property float {axis}\n" for axis in "xyz")
+    after = f"element face {len(faces)}\nproperty list uchar int vertex_indices\n"
+    head = f"ply\nformat {order} 1.0\nelement vertex {claimed}\n{xyz}{after}end_header\n"
+    return head.encode()
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+@pytest.mark.parametrize("kind", ["ply", "pcd"])
+def test_more_points_than_the_header_claims_are_refused(tmp_path, points, kind, encoding):
+    """In memory and in blocks; what is no whole point, or but zeros, is not of account."""
+    path = tmp_path / f"a.{kind}"
+    points = points.astype(np.float32)
+    lines = "".join(f"{x} {y} {z}\n" for x, y, z in points).encode()
+    body = lines if encoding == "ascii" else points.tobytes()
+    rest = b"\n# end\n 7\n\x1a" if encoding == "ascii" else b"\n" * 11
+    path.write_bytes(cloud_text(kind, encoding, 500) + body + rest)
+    assert len(in_blocks(path)) == 500
+    if encoding == "binary":
+        path.write_bytes(cloud_text(kind, encoding, 500) + body + bytes(4096))
+        assert len(in_blocks(path)) == 500
+    for claimed in (499, 100, 1, 0):
+        path.write_bytes(cloud_text(kind, encoding, claimed) + body.removesuffix(b"\n"))
+        said = f"a.{kind} holds more than the {claimed} points? it claims: .*; mend its header"
+        with pytest.raises(PlanewiseError, match=said):
+            read_cloud(path)
+        with pytest.raises(PlanewiseError, match=said):
+            list(open_cloud(path).chunks(77))
+
+
+def test_faces_behind_the_points_of_a_ply_are_no_points(tmp_path, points):
+    path = tmp_path / "a.ply"
+    lines = "".join(f"{x} {y} {z}\n" for x, y, z in points)
+    faces = ["3 0 1 2", "40000 " + "3 " * 40_000, "3 2 3 4"]
+    for behind, more in (("\n".join(faces), False), ("\n".join([*faces, "1 2 3"]), True)):
+        path.write_bytes(cloud_text("ply", "ascii", 500, faces) + (lines + behind).encode())
+        if more:
+            with pytest.raises(PlanewiseError, match="holds more than the 500 points it claims"):
+                read_cloud(path)
+        else:
+            assert len(in_blocks(path)) == 500
+    binary = cloud_text("ply", "binary", 500, faces[:1]) + points.astype(np.float32).tobytes()
+    path.write_bytes(binary + struct.pack("<B3i", 3, 0, 1, 2))
+    assert len(in_blocks(path)) == 500
+
+
 def test_archives_that_swell_to_more_points_than_they_have_bits_are_refused(tmp_path, monkeypatch):
     """Those of a few points may: a grid without noise packs a hundred times."""
     path = tmp_path / "a.npz"

@@ -21,6 +21,7 @@ LONGEST_HEADER = 1 << 20
 """Bytes after which a header that has not ended is none."""
 
 _LONGEST_LINE = 1 << 16
+_PAGE = 1 << 16  # of memory, at most
 
 
 def check_length(path: Path, start: int, count: int, width: int) -> None:
@@ -41,6 +42,46 @@ def check_length(path: Path, start: int, count: int, width: int) -> None:
             f"is cut short or its header is wrong: it claims {counted(count, 'point')}, "
             f"there is room for {max(there, 0) // width:,}"
         )
+
+
+def check_end(path: Path, end: int, count: int, width: int) -> None:
+    """Refuse a file in which whole points are left behind all that its header claims.
+
+    Zeros are none: the Point Cloud Library long stretched its files by a page of memory.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    end : int
+        Where all that it claims ends.
+    count, width : int
+        How many points it claims, and the bytes of one.
+    """
+    rest = path.stat().st_size - end
+    if rest < width:
+        return
+    with path.open("rb") as stream:
+        stream.seek(end)
+        if any(stream.read(_PAGE)):
+            raise PlanewiseError(
+                f"holds more than the {counted(count, 'point')} it claims: behind them and all "
+                f"else there is room for {rest // width:,}; mend its header"
+            )
+
+
+def check_last(stream: IO[str], count: int, columns: int, others: int = 0) -> None:
+    """Refuse text in which lines of points are left behind `others`, all else that it claims."""
+    while line := stream.readline(_LONGEST_LINE):
+        text = line.strip()
+        if not text or text.startswith(("#", "//")):
+            continue
+        others -= len(line) < _LONGEST_LINE  # lists may be longer, and come in pieces
+        if others < 0 and len(text.split()) >= columns:
+            raise PlanewiseError(
+                f"holds more than the {counted(count, 'point')} it claims: behind them and all "
+                "else there are lines of numbers; mend its header"
+            )
 
 
 def read_rows(path: Path, start: int, count: int, row: np.dtype[Any], size: int) -> Iterator[Table]:

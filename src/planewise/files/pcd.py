@@ -14,7 +14,14 @@ from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import COLOUR, cloud_file, positions
-from planewise.files.cloud_records import LONGEST_HEADER, check_length, read_rows, read_words
+from planewise.files.cloud_records import (
+    LONGEST_HEADER,
+    check_end,
+    check_last,
+    check_length,
+    read_rows,
+    read_words,
+)
 from planewise.point_cloud import Array, CloudFile
 
 _KINDS = {("F", 4), ("F", 8)} | {(kind, size) for kind in "IU" for size in (1, 2, 4, 8)}
@@ -65,6 +72,8 @@ def open_pcd(path: Path) -> CloudFile:
     width = 2 * sum(header.counts) if header.encoding == "ascii" else header.row.itemsize
     if header.encoding != "binary_compressed":
         check_length(path, header.start, header.points, width)
+    if header.encoding == "binary":
+        check_end(path, header.start + header.points * width, header.points, width)
     return cloud_file(path, header.points, tables, header.origin, header.shape)
 
 
@@ -101,6 +110,7 @@ def _ascii(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDAr
                 packed = [name for name in header.fields if name in ("rgb", "rgba")]
                 colours = _columns(header, rows) if packed else {}
                 yield out | {name: colours[name] for name in COLOUR if name in colours}
+            check_last(text, header.points, int(first[-1]))
 
 
 def _unpacked(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDArray[Any]]]:

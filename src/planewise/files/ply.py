@@ -18,6 +18,8 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_file, positions
 from planewise.files.cloud_records import (
     LONGEST_HEADER,
+    check_end,
+    check_last,
     check_length,
     point_lines,
     read_rows,
@@ -67,28 +69,33 @@ def open_ply(path: Path) -> CloudFile:
         raise PlanewiseError("holds no element named vertex, which is where PLY has its points")
     if vertex.lists:
         raise PlanewiseError("has lists in its points; a point has one number of each kind")
+    after = header.elements[len(before) + 1 :]
     names = list(vertex.fields)
     positions(names)
     if not header.order:
         lines = sum(element.count for element in before)
         check_length(path, header.start, lines, 1)
         check_length(path, header.start, vertex.count, 2 * len(names))
-        return _ascii(path, header, vertex, lines)
+        return _ascii(path, header, vertex, lines, sum(element.count for element in after))
     if any(element.lists for element in before):
         raise PlanewiseError("has lists before its points; write the element vertex first")
     row = vertex.row(header.order)
     start = header.start + sum(each.count * each.row(header.order).itemsize for each in before)
     check_length(path, start, vertex.count, row.itemsize)
+    end = start + vertex.count * row.itemsize
+    if not any(each.count and each.lists for each in after):  # lists are of any length
+        rest = sum(each.count * each.row(header.order).itemsize for each in after)
+        check_end(path, end + rest, vertex.count, row.itemsize)
 
     def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
         for rows in read_rows(path, start, vertex.count, row, size):
             yield {name: rows[name] for name in names}
 
-    origin = _camera(path, header, start + vertex.count * row.itemsize)
+    origin = _camera(path, header.order, after, end)
     return cloud_file(path, vertex.count, tables, origin)
 
 
-def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudFile:
+def _ascii(path: Path, header: _Header, vertex: _Element, before: int, after: int) -> CloudFile:
     names = list(vertex.fields)
     at = positions(names)
 
@@ -100,6 +107,7 @@ def _ascii(path: Path, header: _Header, vertex: _Element, before: int) -> CloudF
                 for _ in range(before):
                     next(lines, None)
                 yield from read_words(text, len(names), size, count=vertex.count)
+                check_last(text, vertex.count, len(names), after)
 
     def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
         for table in words(size):
@@ -119,11 +127,10 @@ def _as_text(stream: IO[bytes]) -> Any:
     return io.TextIOWrapper(stream, encoding="ascii", errors="replace")
 
 
-def _camera(path: Path, header: _Header, end: int) -> Array | None:
+def _camera(path: Path, order: str, after: list[_Element], end: int) -> Array | None:
     """Place of the scanner, where the element `camera` follows the points."""
-    after = header.elements[[each.name for each in header.elements].index("vertex") + 1 :]
     for element in after:
-        row = element.row(header.order)
+        row = element.row(order)
         names = ("view_px", "view_py", "view_pz")
         if element.name == "camera" and not element.lists and set(names) <= set(row.names or ()):
             if not element.count or path.stat().st_size < end + row.itemsize:
