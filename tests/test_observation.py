@@ -122,7 +122,7 @@ NO_PARTS = pw.noise.ErrorParts(**dict.fromkeys(("white", "shared", "drift"), pw.
         ({"parts": "kinect"}, "parts must be planewise.noise.ErrorParts or None, got 'kinect'"),
         ({"noise": pw.noise.NOTHING}, "noise must be more than nothing"),
         ({"parts": NO_PARTS}, "parts.white must be more than"),
-        ({"noise": 0.0}, "sigma must be positive"),
+        ({"noise": 0.0}, "noise: sigma must be positive, got 0 m$"),
         ({"noise": -1.0}, "sigma must be positive"),
         ({"noise": float("nan")}, "sigma must be positive"),
         ({"max_depth": 1e30}, r"max_depth must be at most 1e\+09 .* the largest depth that"),

@@ -73,7 +73,7 @@ class Polynomial:
         """Write the formula, terms that are zero left out."""
         base = f"(z - {self.offset:g})^2" if self.offset else "z^2"
         parts = [(self.constant, ""), (self.linear, " z"), (self.quadratic, " " + base)]
-        return " + ".join(f"{size:g}{name}" for size, name in parts if size) + " m"
+        return (" + ".join(f"{size:g}{name}" for size, name in parts if size) or "0") + " m"
 
 
 @dataclass(frozen=True)
