@@ -466,6 +466,16 @@ def test_copies_of_points_are_no_readings(share, times):
         assert found.readings == len(rows)
 
 
+@pytest.mark.parametrize("places", [1, 2])
+def test_copies_of_too_few_points_are_named_as_such(places):
+    model = pw.detect_planes_in_points(np.repeat(np.eye(3)[:places], 500, axis=0), SENSOR)
+    points = "1 distinct point" if places == 1 else "2 distinct points"
+    assert model.note == model.curve.reason == f"{points}; 3 are needed for a plane"
+    assert model.readings == 500 * places
+    alone = pw.detect_planes_in_points(np.eye(3)[:places], SENSOR)
+    assert alone.note == model.note.replace("distinct", "finite")
+
+
 def test_places_of_points():
     """Against a NumPy oracle; rows that are not finite are no copies of each other."""
     rng = np.random.default_rng(3)

@@ -38,8 +38,14 @@ class Places:
         labels = model.labels[self.of_point]
         count = np.bincount(labels, minlength=len(model) + 1)[1:]
         planes = zip(model.planes, count.tolist(), strict=True)
+        note, reason = (
+            said.replace("finite point", "distinct point")
+            for said in (model.note, model.curve.reason)
+        )
         return replace(
             model,
+            note=note,
+            curve=replace(model.curve, reason=reason),
             labels=labels,
             planes=tuple(replace(plane, count=n) for plane, n in planes),
             readings=model.readings + len(self.of_point) - len(self.rows),
