@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -145,6 +146,22 @@ def test_no_number_is_cut_off_in_a_narrow_terminal(monkeypatch):
     terminal.show_scores({"voi_labelled": Interval(mean=0.571, low=0.48, high=0.66, count=35)})
     for text in (*rows[0], "0.4800 ... 0.6600", "voi_labelled"):
         assert text in shown.getvalue()
+
+
+def test_small_areas_have_three_digits_their_points_below_each_other(monkeypatch, scene):
+    shown = io.StringIO()
+    monkeypatch.setattr(sys, "stdout", shown)
+    camera = pw.PinholeCamera(fx=125, fy=125, cx=80, cy=60)
+    model = pw.detect_planes(scene.depth, camera, pw.Sensor(noise=0.005))
+    areas = (12.3456, 0.01912, 0.00041234, float("nan"))
+    planes = (replace(plane, area=area) for plane, area in zip(model.planes, areas, strict=True))
+    terminal.show_planes(replace(model, planes=tuple(planes)))
+    *lines, unknown = (line.partition(" m ")[2] for line in shown.getvalue().splitlines()[1:5])
+    assert [line.split()[0] for line in lines] == ["12.346", "0.0191", "0.000412"]
+    assert (
+        len({line.index(".") for line in lines}) == len({line.index(" m2") for line in lines}) == 1
+    )
+    assert "m2" not in unknown
 
 
 @pytest.mark.parametrize("columns", [40, 80])

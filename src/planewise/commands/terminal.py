@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -124,7 +125,8 @@ def show_planes(model: PlaneModel) -> None:
     table = _table(_gap())
     for name in ("rank", "nats", "readings", "share", "normal", "distance", "area", "rms"):
         table.add_column(name, justify="right", no_wrap=True)
-    for rank, plane in enumerate(model.planes, start=1):
+    areas = _aligned([plane.area for plane in model.planes])
+    for rank, (plane, area) in enumerate(zip(model.planes, areas, strict=True), start=1):
         normal = " ".join(f"{part:6.3f}" for part in plane.normal)
         table.add_row(
             str(rank),
@@ -133,15 +135,24 @@ def show_planes(model: PlaneModel) -> None:
             f"{plane.count / model.readings:.1%}",
             normal,
             f"{_short(plane.distance)} m",
-            f"{_short(plane.area)} m2" if np.isfinite(plane.area) else "",
+            f"{area} m2" if np.isfinite(plane.area) else "",
             f"{1000 * plane.rms:,.1f} mm",
         )
     _show(table)
     say("nats of planes are against outliers, and add up to more than Phi falls by")
 
 
-def _short(number: float) -> str:
-    return f"{number:z.3f}" if abs(number) < 1000 else f"{number:,.0f}"
+def _short(number: float, decimals: int = 3) -> str:
+    return f"{number:z.{decimals}f}" if abs(number) < 1000 else f"{number:,.0f}"
+
+
+def _aligned(areas: Iterable[float]) -> list[str]:
+    """Areas as short numbers, small ones of three digits, their points below each other."""
+    texts = [
+        _short(each, 2 - math.floor(math.log10(each)) if 0 < each < 0.1 else 3) for each in areas
+    ]
+    behind = [len(text) - len(text.partition(".")[0]) for text in texts]
+    return [text + " " * (max(behind) - n) for text, n in zip(texts, behind, strict=True)]
 
 
 def _gap() -> int:
