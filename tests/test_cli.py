@@ -136,6 +136,15 @@ def test_what_a_stream_cannot_encode_is_no_error():
     assert "kinect-v1" in told.stdout
 
 
+@pytest.mark.parametrize("errors", ["strict", "surrogateescape"])
+def test_signs_that_a_stream_does_not_have_are_words(errors):
+    """As in the C locale, whose streams take bytes of names for granted, and else nothing."""
+    code = "from planewise import cli; from planewise.commands import terminal as t\n"
+    code += "cli._encode_all(); t.say('\\u03c3 = 5 mm \\xb1 1 \\u2603 \\udc9b')"
+    told = run_python(code, PYTHONIOENCODING=f"ascii:{errors}")
+    assert told.stdout == "sigma = 5 mm +- 1 ? ?\n"
+
+
 def test_no_number_is_cut_off_in_a_narrow_terminal(monkeypatch):
     shown = io.StringIO()
     monkeypatch.setattr(sys, "stdout", shown)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import gc
 import io
 import sys
@@ -9,15 +10,28 @@ import sys
 from planewise.commands.exit_codes import CLOSED_PIPE
 from planewise.commands.interrupts import heed_interrupts, interrupted, was_interrupted
 
+_WORDS = {"σ": "sigma", "±": "+-", "×": "x", "–": "-"}
 _COLLECT_AFTER = 1_000_000  # objects; what is imported and loaded lives on, and looking takes 0.2 s
+
+
+def _encode_all() -> None:
+    """Have the streams write words for what they cannot encode, which is no error."""
+    codecs.register_error("planewise", _in_words)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors in ("strict", "surrogateescape"):
+            stream.reconfigure(errors="planewise")
+
+
+def _in_words(error: UnicodeError) -> tuple[str, int]:
+    assert isinstance(error, UnicodeEncodeError)
+    signs = error.object[error.start : error.end]
+    return "".join(_WORDS.get(sign, "?") for sign in signs), error.end
 
 
 def main() -> None:
     """Run the command line; never ends with a traceback for what a user can put right."""
     gc.set_threshold(_COLLECT_AFTER)
-    for stream in (sys.stdout, sys.stderr):  # what they cannot encode is no error
-        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
-            stream.reconfigure(errors="replace")
+    _encode_all()
     heed_interrupts()
     try:
         try:
