@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 _SHOWN_FAILURES = 20
 _SECONDS_A_LINE = 30.0  # where there is no terminal to draw a bar on
+_SECONDS_TO_TELL = 10.0  # behind the first frame, before which loops were compiled and loaded
 _UNITS = ((3600.0, "h"), (60.0, "min"), (1.0, "s"))
 
 
@@ -54,6 +55,7 @@ class Progress:
         self._unit = unusual_unit(recipe.sensor.resolution)
         self.milliseconds = np.zeros(3)
         self._start = self._last_line = time.monotonic()
+        self._first: float | None = None  # when the first frame ended
         self._bar: bars.Progress | None = None
 
     def __enter__(self) -> Self:
@@ -95,24 +97,31 @@ class Progress:
         self._show()
 
     @property
-    def rate(self) -> float:
-        """Frames a second, since the first was asked for."""
-        return (self.done + self.failed) / max(time.monotonic() - self._start, 1e-9)
+    def rate(self) -> float | None:
+        """Frames a second since the first ended; ``None`` as long as they tell little."""
+        since = 0.0 if self._first is None else time.monotonic() - self._first
+        ended = self.done + self.failed - 1
+        return ended / since if since >= _SECONDS_TO_TELL and ended else None
 
     def _show(self) -> None:
         ended = self.done + self.failed
+        if self._first is None:
+            self._first = time.monotonic()
         if self._bar is not None:
             task = self._bar.tasks[0]
-            rate = f"{task.speed or self.rate:.1f} frames/s"
+            speed = task.speed or self.rate
+            rate = f"{speed:.1f} frames/s" if speed else ""
             self._bar.update(
                 task.id, completed=ended, planes=self.planes, failed=self.failed, rate=rate
             )
         elif time.monotonic() - self._last_line > _SECONDS_A_LINE and ended < self.total:
             self._last_line = time.monotonic()
-            left = duration((self.total - ended) / self.rate)
+            told = ""
+            if speed := self.rate:
+                told = f"{speed:.1f} frames/s, {duration((self.total - ended) / speed)} left, "
             terminal.notice(
-                f"{ended:,} of {counted(self.total, 'frame')}, {self.rate:.1f} frames/s, "
-                f"{left} left, {counted(self.planes, 'plane')}, {self.failed:,} failed"
+                f"{ended:,} of {counted(self.total, 'frame')}, {told}"
+                f"{counted(self.planes, 'plane')}, {self.failed:,} failed"
             )
 
 
