@@ -761,7 +761,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
     anew = {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PLANEWISE_COMPILES_FOR_ANOTHER": "1"}
     ended, (announced, *rest) = detect_after(code, depth, out, **anew)
     assert ended == 130
-    assert announced.startswith("compiling for this machine")
+    assert announced.startswith("compiling for this machine, once (10 s, or minutes on a busy ")
     assert rest == [INTERRUPTED]
 
 

@@ -81,11 +81,11 @@ def announce(loops: Loops) -> None:
     _said.add(cloud)
     if score_rays.stats.cache_path is None:
         _LOG.warning(
-            "compiling (10 s to a minute), as in every process: nothing can be kept in the folder "
-            "of planewise or the user's cache; NUMBA_CACHE_DIR names another ..."
+            "compiling (10 s, or minutes on a busy machine), as in every process: nothing can be "
+            "kept in the folder of planewise or the user's cache; NUMBA_CACHE_DIR names another ..."
         )
         return
-    _LOG.warning("compiling for this machine, once (10 s to a minute) ...")
+    _LOG.warning("compiling for this machine, once (10 s, or minutes on a busy machine) ...")
     if loops not in ("paper", "points") and _is_interpreter() and not os.environ.get(_HELPED):
         from multiprocessing import parent_process  # few wait for this import
 
