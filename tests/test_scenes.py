@@ -60,6 +60,13 @@ def test_staircase_is_that_of_the_paper():
     assert scene.sensor.range == pytest.approx(np.ptp(scene.depth))
 
 
+def test_readings_on_a_ridge_of_the_corner_are_all_of_one_face():
+    """Both faces are as deep there: which is deeper was decided by rounding."""
+    labels = scenes.corner(sigma=0.0, quantise=False).labels
+    assert (labels[240, 321:] == labels[239, 321:]).all()
+    assert set(labels[240, 321:]) == {2}
+
+
 def test_corner_stands_out_of_its_background():
     scene = scenes.corner(sigma=0.0, quantise=False)
     assert np.allclose(scene.planes[:3, 3], 0.7)

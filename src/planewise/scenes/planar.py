@@ -73,9 +73,9 @@ def corner(
     ]
     planes.append((0.0, 0.0, -1.0, 1.5))
     depths = _depths(np.array(planes), size)
-    nearest = depths[:3].argmax(axis=0)
     sides = depths[:3].max(axis=0)
-    labels = np.where(sides < depths[3], nearest + 1, 4)
+    first = np.isclose(depths[:3], sides, rtol=1e-9, atol=0).argmax(axis=0)  # on a ridge, of two
+    labels = np.where(sides < depths[3], first + 1, 4)
     return _planes_scene(np.array(planes), labels, size, sigma, rng, quantise)
 
 
