@@ -205,6 +205,9 @@ class Detector:
     calls it meanwhile gets a RuntimeError. Models are the caller's: no later frame changes them.
     What is copied or pickled is the detector without its memory.
 
+    With ``noise="auto"`` every frame has a noise of its own. Planes are steadier with the one that
+    the first frames show: ``planewise.calibrate(frames, camera, sensor).sensor(sensor)``.
+
     Parameters
     ----------
     camera, sensor, depth_scale
