@@ -19,6 +19,7 @@ from benchmarks.faults import InOrder, Tally, children, compare, write_frames
 from PIL import Image
 from typer.testing import CliRunner
 
+import planewise as pw
 from planewise.batch import Outcome, Store
 from planewise.batch.lock import locked
 from planewise.commands import batch_progress

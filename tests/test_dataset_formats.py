@@ -400,7 +400,7 @@ def test_a_mark_that_editors_put_before_a_text_is_passed_over(tmp_path, write, n
 
 def test_integer_depth_without_unit_is_refused_with_the_frame(tmp_path):
     dataset = datasets.open(files.write_generic(tmp_path / "data", depth_scale=None))
-    with pytest.raises(PlanewiseError, match=r"frame view 0: .*depth_scale must be given"):
+    with pytest.raises(PlanewiseError, match=r"frame view 0: .*give depth_scale.* --depth-scale"):
         dataset[0]
 
 
@@ -672,6 +672,20 @@ main()
     assert "which cannot be read in this locale (ascii); set PYTHONUTF8=1" in done.stderr
     read = run_python(code, "frames", tmp_path / "data", "--check", PYTHONUTF8="1")
     assert "3 of 3 frames can be read" in read.stdout
+
+
+def test_what_is_wrong_with_all_frames_is_said_of_a_few(run, tmp_path):
+    root = files.write_generic(tmp_path / "data", width=7, height=7)
+    for n in range(3, 30):
+        shutil.copy(root / "depth/view 0.png", root / f"depth/view {n}.png")
+    (root / "depth/view 8.png").write_bytes(b"\x89PNG")
+    code, out, err = run(root, "--check")
+    assert code == 2
+    assert "0 of 30 frames can be read" in out
+    *said, more = (line for line in err.splitlines() if line.startswith("error: "))
+    numbers = [int(line.partition("frame view ")[2].partition(":")[0]) for line in said]
+    assert numbers == [0, 1, 2, 8]
+    assert "the same as of frame view 0 goes for 26 more frames: view 3, view 4, " in more
 
 
 def test_a_damaged_first_frame_is_said_once(run, tmp_path):

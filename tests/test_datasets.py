@@ -374,9 +374,9 @@ def test_frames_check_what_they_are_given():
         DatasetFrame(id="1", depth=depth[0], camera=CAMERA)
     with pytest.raises(PlanewiseError, match="labels must be integers"):
         DatasetFrame(id="1", depth=depth, camera=CAMERA, labels=depth)
-    with pytest.raises(PlanewiseError, match="depth_scale must be given"):
+    with pytest.raises(PlanewiseError, match="depth_scale is for integer depth"):
         DatasetFrame(id="1", depth=depth, camera=CAMERA, depth_scale=0.001)
-    with pytest.raises(PlanewiseError, match="depth_scale must be given"):
+    with pytest.raises(PlanewiseError, match="give depth_scale"):
         DatasetFrame(id="1", depth=depth.astype(np.uint16), camera=CAMERA)
     with pytest.raises(ValueError, match="depth must be 'depths' or 'rawDepths'"):
         datasets.NyuLabelled("x.mat", depth="other")

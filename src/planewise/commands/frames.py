@@ -27,7 +27,7 @@ from planewise.wording import counted
 if TYPE_CHECKING:
     from planewise.datasets import Dataset, DatasetFrame, PointDataset, PointFrame
 
-_FIRST = 3  # ids that are shown
+_FIRST = 3  # ids that are shown, and errors that are the same
 _LISTED = 16  # numbers of a camera; no distortion has more
 
 
@@ -119,10 +119,14 @@ def _short(value: object) -> object:
 
 
 def _damaged(dataset: Dataset | PointDataset) -> int:
-    """Read all frames; report and count those that cannot be read."""
+    """Read all frames; report and count those that cannot be read, what many have in common once.
+
+    A camera that does not go with the images would else be said of every frame.
+    """
     from planewise.datasets.frames import check_text
 
     damaged = 0
+    alike: dict[str, list[str]] = {}  # frames by error
     for each in terminal.progress(dataset.ids, len(dataset)):
         try:
             frame: DatasetFrame | PointFrame = dataset[each]
@@ -134,6 +138,16 @@ def _damaged(dataset: Dataset | PointDataset) -> int:
         except ValueError as error:
             damaged += 1
             read = not isinstance(error, PlanewiseError)  # of the camera, who knows no frame
-            terminal.error(f"{dataset.name}, frame {each}: {error}" if read else str(error))
+            message = f"{dataset.name}, frame {each}: {error}" if read else str(error)
+            same = alike.setdefault(message.replace(each, ""), [])
+            same.append(each)
+            if len(same) <= _FIRST:
+                terminal.error(message)
+    for first, *others in alike.values():
+        if more := others[_FIRST - 1 :]:
+            terminal.error(
+                f"the same as of frame {first} goes for {counted(len(more), 'more frame')}: "
+                f"{terminal.listed(more)}"
+            )
     terminal.say(f"{len(dataset) - damaged:,} of {counted(len(dataset), 'frame')} can be read")
     return damaged

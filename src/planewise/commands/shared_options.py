@@ -60,8 +60,9 @@ Resolution = Annotated[float | None, optional("Step between two readings in metr
 DepthScale = Annotated[
     float | None,
     optional(
-        "Metres per unit of an integer image. Default: what an .npz states, else the sensor's "
-        "resolution, which is a millimetre but for LiDARs: 0.001 for their images in millimetres."
+        "Metres per unit of an integer image. Default: what an .npz or a dataset states; of other "
+        "images the sensor's resolution, which is a millimetre but for LiDARs: 0.001 for their "
+        "images in millimetres."
     ),
 ]
 Kind = Annotated[

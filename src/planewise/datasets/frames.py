@@ -91,8 +91,15 @@ class DatasetFrame:
                 f"labels must be integers of the depth image's shape {self.depth.shape}, got "
                 f"{self.labels.dtype} of shape {self.labels.shape}"
             )
-        if (self.depth_scale is None) == (self.depth.dtype.kind != "f"):
-            raise PlanewiseError("depth_scale must be given for integer depth, and for no other")
+        if self.depth_scale is None and self.depth.dtype.kind != "f":
+            raise PlanewiseError(
+                "nothing states the unit of integer depth: give depth_scale, in metres, as 0.001 "
+                "for millimetres (of camera.json, depth_scale= or --depth-scale)"
+            )
+        if self.depth_scale is not None and self.depth.dtype.kind == "f":
+            raise PlanewiseError(
+                "depth_scale is for integer depth; floating-point depth is in metres"
+            )
 
     @property
     def valid(self) -> NDArray[np.bool_]:
