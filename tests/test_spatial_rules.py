@@ -204,7 +204,7 @@ def solved(parts, monkeypatch):
                 labels=mask,
                 affine=np.zeros((2, 3)),
                 significance=price * np.array(saved),
-                left_out=left_out * np.count_nonzero(frame.p),
+                left_out=left_out * observation.count,
             )
             return SimpleNamespace(information=information, bent=np.array(bent), found=found)
 

@@ -142,21 +142,18 @@ def solve(
     # Of planes that hardly pay, bends say nothing.
     sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
     telling = first.bent & (first.found.significance > sure)
-    readings = np.count_nonzero(frame.p)
-    if (
-        first.found.left_out < _LEFT_OUT * readings
-        and not (telling & (_readings(frame, first.found) >= _WIDE * readings)).any()
-    ):
+    left_out = first.found.left_out >= _LEFT_OUT * observation.count
+    if not left_out and (not telling.any() or not (telling & _wide(frame, first.found)).any()):
         return first
     closer = look(replace(cells, drift=cells.told_drift))
     bent = closer.bent & (closer.found.significance > sure)
     return closer if closer.information < first.information and not bent.any() else first
 
 
-def _readings(frame: Frame, found: Segmentation) -> NDArray[np.int64]:
-    """Of each plane."""
+def _wide(frame: Frame, found: Segmentation) -> NDArray[np.bool_]:
+    """Planes of so many of the readings that it is worth while to search again for their sake."""
     count = np.bincount(found.labels.reshape(-1), minlength=len(found.affine) + 1)[1:]
-    return np.asarray(frame.sectors.summed(count))
+    return np.asarray(frame.sectors.summed(count) >= _WIDE * np.count_nonzero(frame.p))
 
 
 def judged(
