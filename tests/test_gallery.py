@@ -223,6 +223,20 @@ def test_a_damaged_pose_is_nothing_to_the_page(tmp_path):
     assert write_gallery(store, tmp_path / "g.html") == Shown(frames=3)
 
 
+@pytest.fixture
+def changed(made, tmp_path, monkeypatch):
+    """Write a gallery of some frames, what it is told of each changed; its path."""
+
+    def write(change, frames=1):
+        monkeypatch.setattr(
+            "planewise.gallery.page.record_of", lambda frame: change(record_of(frame))
+        )
+        write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=frames))
+        return tmp_path / "g.html"
+
+    return write
+
+
 def test_sweeps_of_a_lidar_are_magnified(opened, tmp_path, monkeypatch):
     store = make_store(Sweeps(), tmp_path / "store")
     monkeypatch.setattr("planewise.batch.stored_source._open", lambda *_: Sweeps())
@@ -238,15 +252,12 @@ def test_sweeps_of_a_lidar_are_magnified(opened, tmp_path, monkeypatch):
     assert len(names(opened)) == 1
 
 
-def test_a_curve_may_have_gaps(opened, made, tmp_path, monkeypatch):
-    def with_gaps(frame):
-        record = record_of(frame)
-        record["curve"][{"room 0": 0, "room 1": 1}.get(frame.id, -1)] = None
+def test_a_curve_may_have_gaps(opened, changed):
+    def with_gaps(record):
+        record["curve"][{"room 0": 0, "room 1": 1}.get(record["id"], -1)] = None
         return record
 
-    monkeypatch.setattr("planewise.gallery.page.record_of", with_gaps)
-    write_gallery(Store(made / "store"), tmp_path / "g.html")
-    opened.open(tmp_path / "g.html")
+    opened.open(changed(with_gaps, frames=None))
     opened.value("document.querySelectorAll('.card button').forEach((each) => each.click())")
     assert opened.complaints() == []
     assert "NaN" not in opened.value("document.getElementById('frames').outerHTML")
@@ -272,13 +283,8 @@ def test_a_curve_may_have_gaps(opened, made, tmp_path, monkeypatch):
         ([98_765_432.1], "million nats", ["98.8"]),
     ],
 )
-def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, curve, unit, levels):
-    def with_curve(frame):
-        return record_of(frame) | {"curve": curve}
-
-    monkeypatch.setattr("planewise.gallery.page.record_of", with_curve)
-    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
-    opened.open(tmp_path / "g.html")
+def test_numbers_of_curves_are_seen_whole(opened, changed, curve, unit, levels):
+    opened.open(changed(lambda record: record | {"curve": curve}))
     opened.value("document.querySelector('.card button').click()")
     texts = opened.value(
         "[...document.querySelectorAll('.curve text')].map((each) => "
@@ -290,15 +296,12 @@ def test_numbers_of_curves_are_seen_whole(opened, made, tmp_path, monkeypatch, c
     assert max(right for _, _, right in texts) <= 400
 
 
-def test_captions_of_tables_are_seen_whole(opened, made, tmp_path, monkeypatch):
+def test_captions_of_tables_are_seen_whole(opened, changed):
     name = 18 * "averylongname" + "\u202e"  # what follows would run to the left
-    monkeypatch.setattr(
-        "planewise.gallery.page.record_of", lambda frame: record_of(frame) | {"id": name}
-    )
-    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
+    gallery = changed(lambda record: record | {"id": name})
     for width in (1280, 390):
         opened.look(width=width)
-        opened.open(tmp_path / "g.html")
+        opened.open(gallery)
         opened.value("document.querySelector('.card button').click()")
         table, seen = opened.value(
             "((e) => [e.scrollWidth, e.clientWidth])(document.querySelector('.scroll'))"
@@ -313,13 +316,9 @@ def test_captions_of_tables_are_seen_whole(opened, made, tmp_path, monkeypatch):
         assert 0 <= left < right <= width
 
 
-def test_names_are_found_however_their_letters_are_written(opened, made, tmp_path, monkeypatch):
+def test_names_are_found_however_their_letters_are_written(opened, changed):
     """As macOS names files: a letter, and what stands above it."""
-    monkeypatch.setattr(
-        "planewise.gallery.page.record_of", lambda frame: record_of(frame) | {"id": "Ku\u0308che"}
-    )
-    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
-    opened.open(tmp_path / "g.html")
+    opened.open(changed(lambda record: record | {"id": "Ku\u0308che"}))
     for typed in ("k\u00fc", "KU\u0308"):
         opened.value(
             f"((e) => {{ e.value = {typed!r}; e.dispatchEvent(new Event('input', "
@@ -328,15 +327,9 @@ def test_names_are_found_however_their_letters_are_written(opened, made, tmp_pat
         assert len(names(opened)) == 1
 
 
-def test_small_planes_of_exact_sensors_have_a_size(opened, made, tmp_path, monkeypatch):
-    def small(frame):
-        record = record_of(frame)
-        record["planes"] = [[0, 0, -1, 0.5, -900, 400, 2.1234e-5, 3.0468e-4], [*[1] * 6, 0.1, 104]]
-        return record
-
-    monkeypatch.setattr("planewise.gallery.page.record_of", small)
-    write_gallery(Store(made / "store"), tmp_path / "g.html", selection=Selection(limit=1))
-    opened.open(tmp_path / "g.html")
+def test_small_planes_of_exact_sensors_have_a_size(opened, changed):
+    planes = [[0, 0, -1, 0.5, -900, 400, 2.1234e-5, 3.0468e-4], [*[1] * 6, 0.1, 104]]
+    opened.open(changed(lambda record: record | {"planes": planes}))
     opened.value("document.querySelector('.card button').click()")
     sizes = opened.value(
         "[...document.querySelectorAll('tbody tr')].map((row) => "
