@@ -44,6 +44,12 @@ def check_length(path: Path, start: int, count: int, width: int) -> None:
         )
 
 
+def too_many(count: int, found: str = "") -> PlanewiseError:
+    """Error of a file that claims `count` points and has more, of which `found` tells."""
+    mend = "; mend its header" if found else ""
+    return PlanewiseError(f"holds more than the {counted(count, 'point')} it claims{found}{mend}")
+
+
 def check_end(path: Path, end: int, count: int, width: int) -> None:
     """Refuse a file in which whole points are left behind all that its header claims.
 
@@ -64,10 +70,7 @@ def check_end(path: Path, end: int, count: int, width: int) -> None:
     with path.open("rb") as stream:
         stream.seek(end)
         if any(stream.read(_PAGE)):
-            raise PlanewiseError(
-                f"holds more than the {counted(count, 'point')} it claims: behind them and all "
-                f"else there is room for {rest // width:,}; mend its header"
-            )
+            raise too_many(count, f": behind them and all else there is room for {rest // width:,}")
 
 
 def check_last(stream: IO[str], count: int, columns: int, others: int = 0) -> None:
@@ -78,10 +81,7 @@ def check_last(stream: IO[str], count: int, columns: int, others: int = 0) -> No
             continue
         others -= len(line) < _LONGEST_LINE  # lists may be longer, and come in pieces
         if others < 0 and len(text.split()) >= columns:
-            raise PlanewiseError(
-                f"holds more than the {counted(count, 'point')} it claims: behind them and all "
-                "else there are lines of numbers; mend its header"
-            )
+            raise too_many(count, ": behind them and all else there are lines of numbers")
 
 
 def read_rows(path: Path, start: int, count: int, row: np.dtype[Any], size: int) -> Iterator[Table]:

@@ -80,11 +80,11 @@ def open_ply(path: Path) -> CloudFile:
     if any(element.lists for element in before):
         raise PlanewiseError("has lists before its points; write the element vertex first")
     row = vertex.row(header.order)
-    start = header.start + sum(each.count * each.row(header.order).itemsize for each in before)
+    start = header.start + _bytes_of(before, header.order)
     check_length(path, start, vertex.count, row.itemsize)
     end = start + vertex.count * row.itemsize
     if not any(each.count and each.lists for each in after):  # lists are of any length
-        rest = sum(each.count * each.row(header.order).itemsize for each in after)
+        rest = _bytes_of(after, header.order)
         check_end(path, end + rest, vertex.count, row.itemsize)
 
     def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
@@ -93,6 +93,11 @@ def open_ply(path: Path) -> CloudFile:
 
     origin = _camera(path, header.order, after, end)
     return cloud_file(path, vertex.count, tables, origin)
+
+
+def _bytes_of(elements: Iterable[_Element], order: str) -> int:
+    """How many bytes elements without lists have."""
+    return sum(each.count * each.row(order).itemsize for each in elements)
 
 
 def _ascii(path: Path, header: _Header, vertex: _Element, before: int, after: int) -> CloudFile:

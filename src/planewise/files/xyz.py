@@ -12,7 +12,7 @@ from typing import IO
 
 from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import LOOK, cloud_file, positions, unknown
-from planewise.files.cloud_records import is_number, point_lines, read_words, split_words
+from planewise.files.cloud_records import is_number, point_lines, read_words, split_words, too_many
 from planewise.point_cloud import Array, CloudFile
 from planewise.wording import counted
 
@@ -76,7 +76,7 @@ def _tables(path: Path, layout: _Layout, size: int) -> Iterator[Array]:
             if count is not None and (line := next(point_lines(stream), None)) is not None:
                 # Of several scans each has a line of its number of points before it.
                 if not line.isdecimal():
-                    raise PlanewiseError(f"holds more than the {counted(count, 'point')} it claims")
+                    raise too_many(count)
                 count, more = int(line), True
 
 
