@@ -173,7 +173,7 @@ def segment(
     if count > most:
         planes, owner = _most_significant(planes, owner, worth, most)
     if not count:
-        return replace(_nothing(frame.w.shape), left_out=left_out)
+        return _nothing(frame.w.shape, left_out)
     with stage("labels"), workspace.stage():
         rows, labels, saved, owner = label_planes(
             frame, cells, segments.of_unit, chosen, planes, owner, observation, workspace,
@@ -181,8 +181,8 @@ def segment(
         )  # fmt: skip
     left = len(rows) // frame.sectors.count - len(saved)
     total = np.bincount(owner + 1, worth, left + 1)[1:]  # -1 is no plane
-    found = _segmentation(rows, labels, np.concatenate((total, saved)), frame.sectors)
-    return replace(found, left_out=left_out)
+    worth = np.concatenate((total, saved))
+    return _segmentation(rows, labels, worth, frame.sectors, left_out)
 
 
 def planes_within(
@@ -364,20 +364,24 @@ def _most_significant(
     return kept_planes(planes, owner, np.sort(np.argsort(-total, kind="stable")[:most]))
 
 
-def _segmentation(planes: Array, labels: Labels, worth: Array, sectors: Sectors) -> Segmentation:
+def _segmentation(
+    planes: Array, labels: Labels, worth: Array, sectors: Sectors, left_out: float
+) -> Segmentation:
     """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
     return Segmentation(
         information=information_matrices(planes[:: sectors.count]),
         labels=labels,
         significance=worth,
         affine=affine_planes(planes),
+        left_out=left_out,
     )
 
 
-def _nothing(shape: tuple[int, ...]) -> Segmentation:
+def _nothing(shape: tuple[int, ...], left_out: float = 0.0) -> Segmentation:
     return Segmentation(
         information=np.empty((0, 3, 3)),
         labels=np.zeros(shape, np.uint16),
         significance=np.empty(0),
         affine=np.empty((0, 3)),
+        left_out=left_out,
     )
