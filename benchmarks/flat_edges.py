@@ -2,9 +2,10 @@
 
 python -m benchmarks.flat_edges [--size WIDTH HEIGHT]
 
-Depth images of relief on a wall 2 m away, by white noise: planes found, and the share of the
-pixels that are not on a plane of their own; first without the splitting of segments
-(`spatial.splitting`), then with it.
+Depth images of relief on a wall 2 m away, by white noise, and of boards before it, by how many
+standard deviations of that they stand off: planes found, and the share of the pixels that are not
+on a plane of their own; first without the splitting of segments (`spatial.splitting`), then with
+it.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ Relief = tuple[Array, Array]
 _DISTANCE = 2.0  # metres
 _SIGMAS = (0.0005, 0.001, 0.002, 0.004)
 _FINE_SIGMAS = (0.0001, 0.0002, 0.0003, 0.0004)
+_BEFORE_BOARDS = 0.002
+_OFF = (1.0, 1.7, 3.0, 6.0, 12.0)  # standard deviations
 _FOCAL = 0.9  # of the width of the image
 
 
@@ -89,6 +92,16 @@ def frame(x: Array, y: Array, metres: float) -> Relief:
     return off(np.abs(np.maximum(np.abs(x), np.abs(y)) - 0.45) < 0.1, metres)
 
 
+def boards(x: Array, y: Array, columns: int, rows: int, side: float) -> NDArray[np.bool_]:
+    """Where boards are, all on one plane."""
+    places = (np.linspace(-0.9, 0.9, columns), np.linspace(-0.6, 0.6, rows))
+    near = [
+        np.any([np.abs(at - middle) < 0.5 * side for middle in middles], axis=0)
+        for at, middles in zip((x, y), places, strict=True)
+    ]
+    return np.asarray(near[0] & near[1])
+
+
 EDGES: dict[str, tuple[Callable[..., Relief], float]] = {
     "edge, 3 degrees": (edge, 3.0),
     "edge, 2 degrees": (edge, 2.0),
@@ -108,6 +121,14 @@ STEPS: dict[str, tuple[Callable[..., Relief], float]] = {
     "two plates, 1.5 mm off": (plates, 0.0015),
     "frame, 1.5 mm off": (frame, 0.0015),
 }
+
+BOARDS: dict[str, tuple[int, int, float]] = {
+    "four boards of 0.5 m": (2, 2, 0.5),
+    "six boards of 0.4 m": (3, 2, 0.4),
+    "twenty boards of 0.2 m": (5, 4, 0.2),
+    "twenty boards of 0.1 m": (5, 4, 0.1),
+}
+"""How many side by side and below each other, and their sides in metres."""
 
 SMOOTH: dict[str, Callable[[Array, Array], Array]] = {
     "cylinder, radius 100 m": lambda x, y: x * x / 200,
@@ -170,6 +191,20 @@ def _row(relief: Array, truth: Array, sigma: float) -> str:
     return f"{len(model)} {wrong(model.labels, truth):.3f}"
 
 
+def _print(name: str, scenes: dict[str, list[tuple[Relief, float]]], columns: list[str]) -> None:
+    """Print the table of some scenes, each with reliefs and noises for these columns."""
+    print(f"\n| {name} | true | {' | '.join(columns)} |")
+    print("|---|---|" + "---|" * len(columns))
+    for scene, reliefs in scenes.items():
+        cells = []
+        for relief, sigma in reliefs:
+            with unsplit():
+                before = _row(*relief, sigma)
+            cells.append(f"{before}, {_row(*relief, sigma)}")
+        true = len(np.unique(reliefs[0][0][1]))
+        print(f"| {scene} | {true} | {' | '.join(cells)} |", flush=True)
+
+
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--size", type=int, nargs=2, default=(640, 480))
@@ -185,15 +220,13 @@ def main() -> None:
         ("step", steps, _FINE_SIGMAS),
         ("smooth surface", smooth, _SIGMAS),
     ):
-        print(f"\n| {name} | true | {' | '.join(f'{1e3 * s:g} mm' for s in sigmas)} |")
-        print("|---|---|" + "---|" * len(sigmas))
-        for scene, (relief, truth) in scenes.items():
-            columns = []
-            for sigma in sigmas:
-                with unsplit():
-                    before = _row(relief, truth, sigma)
-                columns.append(f"{before}, {_row(relief, truth, sigma)}")
-            print(f"| {scene} | {len(np.unique(truth))} | {' | '.join(columns)} |", flush=True)
+        by_noise = {scene: [(each, sigma) for sigma in sigmas] for scene, each in scenes.items()}
+        _print(name, by_noise, [f"{1e3 * sigma:g} mm" for sigma in sigmas])
+    by_step = {
+        name: [(off(boards(x, y, *which), much * _BEFORE_BOARDS), _BEFORE_BOARDS) for much in _OFF]
+        for name, which in BOARDS.items()
+    }
+    _print(f"off by, of {1e3 * _BEFORE_BOARDS:g} mm", by_step, [f"{much:g}" for much in _OFF])
 
 
 if __name__ == "__main__":

@@ -387,16 +387,21 @@ def test_too_few_points_are_not_on_two_planes():
 
 @pytest.mark.parametrize("steps", [False, True])
 def test_which_segments_are_split(monkeypatch, steps):
-    """Three bend: one too little to be split, one that is not split for what that would save."""
-    price, segments = 30.0, SimpleNamespace(rows=np.zeros((3, 13)), of_unit=np.arange(3))
-    whole, out = SimpleNamespace(rows=np.zeros((5, 13)), of_unit=np.arange(5)), object()
-    whole.rows[3, FREE] = 100.0  # a plane off a step, and the units across the step
-    excess = np.array([19.0, 21.0, 21.0, 21.0, 0.0]) * price
+    """Three bend: one too little to be split, one that is not split for what that would save.
+
+    The fourth is no plane, and may only be divided at steps; so is the last, and narrow.
+    """
+    price, segments = 30.0, SimpleNamespace(rows=np.zeros((5, 13)), of_unit=np.arange(5))
+    whole, out = SimpleNamespace(rows=np.zeros((7, 13)), of_unit=np.arange(7)), object()
+    segments.rows[:, COUNT] = 200.0, 200.0, 200.0, 200.0, 42.0
+    whole.rows[:5, COUNT] = 200.0, 200.0, 200.0, 100.0, 42.0
+    whole.rows[5, FREE] = 100.0  # a plane off a step, and the units across the step
+    excess = np.array([19.0, 21.0, 21.0, 21.0, 21.0, 21.0, 0.0]) * price
     judged = []
 
-    def bends(cells, given, accepted, sectors, price):
-        judged.append(accepted.tolist())
-        return accepted.copy(), np.zeros((len(accepted), 3)), excess[: len(accepted)]
+    def bends(cells, given, chosen, sectors, price):
+        judged.append(chosen.tolist())
+        return chosen.copy(), np.zeros((len(chosen), 3)), excess[: len(chosen)]
 
     def points(cells, given, planes, bent, sides):
         assert given is (whole if steps else segments)
@@ -410,35 +415,44 @@ def test_which_segments_are_split(monkeypatch, steps):
         ("sides_within", lambda *_: None),
         ("at_steps", lambda *_: whole if steps else segments),
         ("points_of_segments", points),
-        ("_parts", lambda points, *_: None if points == 3 else np.zeros(1, np.intp)),
+        ("_parts", lambda points, *_: None if points == 5 else np.zeros(1, np.intp)),
         ("_is_round", lambda points, *_: True),
         ("divided", divided),
     ):
         monkeypatch.setattr(splitting, name, function)
-    cells = SimpleNamespace(rows=np.zeros((5, 13)))
-    found, curved = splitting.split(cells, segments, np.ones(3, np.bool_), None, price)
+    cells = SimpleNamespace(rows=np.zeros((7, 13)))
+    found, curved = splitting.split(cells, segments, np.arange(5) < 3, None, price)
     assert found is out
-    assert judged == [[True] * 3] + [[True] * 4 + [False]] * steps
-    assert curved.tolist() == [True, False, False] + [True, False] * steps
+    assert judged == [[True] * 4 + [False]] + [[True] * 4 + [False, True, False]] * steps
+    assert curved.tolist() == [True, False, False, False, False] + [True, False] * steps
 
 
-@pytest.mark.parametrize(
-    ("saved", "small", "told"), [(301, 0, True), (299, 0, False), (299, 1, True)]
-)
-def test_a_segment_is_divided_if_every_plane_of_it_clearly_saves_something(saved, small, told):
-    """Parts of four units and of one, which may be no plane, at a price of 30."""
+def parts_of_five(saved, small, **options):
+    """Parts of a segment of five units: of three, one and one, the last of which may be none."""
     rows = np.zeros((5, 13))
     rows[:, [0, 3, 5, COUNT]] = 1.0
     whole = rows.sum(axis=0)[None]
     whole[0, FREE] = 5.0 * saved
     one = np.ones(1)
     segments = Segments(whole, one, one, one, np.zeros(1, np.int32), np.zeros(5, np.int32))
-    part, cells = np.array([0, 0, 0, 0, 1]), SimpleNamespace(rows=rows)
-    found = divided(segments, 0, part, np.array([False, small == 1]), cells, 30.0)
-    assert (found is not None) == told
-    if found is not None:
-        assert_allclose(found.rows[:, FREE], [4 * saved, 0 if small else saved])
-        assert_array_equal(found.of_unit, part)
+    part, cells = np.array([0, 0, 0, 1, 2]), SimpleNamespace(rows=rows)
+    out = divided(segments, 0, part, np.array([False, False, small]), cells, 300.0, **options)
+    if out is not None:
+        assert_array_equal(out.of_unit, part)
+    return None if out is None else out.rows[:, FREE].tolist()
+
+
+def test_a_segment_is_divided_if_every_plane_of_it_clearly_saves_something():
+    assert parts_of_five(301, small=False) == [903.0, 301.0, 301.0]
+    assert parts_of_five(301, small=True) == [903.0, 301.0, 0.0]
+    assert parts_of_five(299, small=False) is None
+    assert parts_of_five(299, small=True) is None
+
+
+def test_what_saves_too_little_of_a_segment_is_no_plane_where_not_all_have_to():
+    assert parts_of_five(301, small=True, all_pay=False) == [903.0, 301.0, 0.0]
+    assert parts_of_five(299, small=True, all_pay=False) is None  # of one plane
+    assert parts_of_five(99, small=False, all_pay=False) is None
 
 
 @pytest.mark.parametrize(("columns", "parts"), [(2, None), (8, 2)])

@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.kernels import splits
 from planewise.metrics import evaluate
+from planewise.spatial import steps
 
 from . import spatial_oracles as oracles
 
@@ -149,6 +150,120 @@ def test_boards_less_than_two_sigma_off_a_wall_are_planes_of_their_own(boards, s
     assert len(after) == 2
     assert after.information < before.information - 1000
     assert flat_edges.wrong(after.labels, truth) < 0.05
+
+
+@pytest.mark.parametrize(("off", "wrong"), [(1.7, 0.02), (3.0, 0.005), (6.0, 0.005), (12.0, 0.005)])
+@pytest.mark.parametrize("name", flat_edges.BOARDS)
+def test_boards_before_a_wall_are_told_from_it(name, off, wrong):
+    relief, truth = flat_edges.off(flat_edges.boards(X, Y, *flat_edges.BOARDS[name]), off * 0.002)
+    model = flat_edges.found(relief, 0.002)
+    assert len(model) == 2
+    assert flat_edges.wrong(model.labels, truth) < wrong
+
+
+def test_a_wall_is_found_that_looks_curved_with_the_boards_before_it():
+    """Of five boards, 3 to 9 standard deviations off, three were in one segment with it."""
+    relief = np.zeros(SIZE)
+    for number in range(5):
+        top, left = 40 + 200 * (number // 3), 40 + 186 * (number % 3)
+        relief[top : top + 60, left : left + 60] = 0.0015 * (1 + number / 2)
+    with flat_edges.unsplit():
+        assert len(flat_edges.found(relief, 0.0005)) == 0
+    model = flat_edges.found(relief, 0.0005)
+    wall = (model.labels == 1) == (relief == 0)
+    assert len(model) >= 4
+    assert wall.mean() > 0.999
+
+
+def on_a_grid(height, sigma=0.05, seed=0):
+    """Points (n, 4) of a grid of units of these heights (rows, columns), and pairs side by side."""
+    rows, columns = height.shape
+    y, x = np.mgrid[-1 : 1 : rows * 1j, -1 : 1 : columns * 1j]
+    height = height + sigma * np.random.default_rng(seed).standard_normal(height.shape)
+    number = np.arange(height.size).reshape(height.shape)
+    across, down = (number[:, :-1], number[:, 1:]), (number[:-1], number[1:])
+    sides = np.concatenate([np.stack(pair, axis=2).reshape(-1, 2) for pair in (across, down)])
+    p = np.full(height.size, sigma**-2)
+    return np.column_stack((x.ravel(), y.ravel(), height.ravel(), p)), sides
+
+
+def test_levels_are_those_about_a_smooth_surface_of_most_units():
+    y, x = np.mgrid[-1:1:40j, -1:1:60j]
+    up, down = (np.abs(x) < 0.5) & (np.abs(y) < 0.4), np.hypot(x - 0.75, y) < 0.2
+    points, _ = on_a_grid(x * y + x**3 + 0.5 * up - 0.5 * down)
+    level = steps._level(points).reshape(x.shape)
+    assert np.mean(level == 1.0 * up - 1.0 * down) > 0.995
+
+
+def test_no_level_is_off_what_bends_all_over():
+    """As terraces do, into which readings of a wall fall where steps are coarser than noise."""
+    y, x = np.mgrid[-1:1:40j, -1:1:60j]
+    points, _ = on_a_grid(np.round(2.3 * x + 3.1 * y) - 2.3 * x - 3.1 * y)
+    assert not steps._level(points).any()
+
+
+@pytest.mark.parametrize(("discord", "pieces"), [(3.0, 1), (4.9, 1), (5.1, 2), (9.0, 2)])
+def test_a_level_ends_where_its_border_is_in_discord(discord, pieces):
+    """A chain of units, of which the last six are higher; 11.34 is broken on any level."""
+    level, sides = np.repeat([0, 1], 6), np.stack((np.arange(11), np.arange(1, 12)), axis=1)
+    of_sides = np.full(11, 3.0)
+    of_sides[5] = discord
+    assert steps._pieces(level, of_sides, sides).max() + 1 == pieces
+
+
+def test_units_of_clear_discord_hang_together_no_more():
+    level, sides = np.zeros(4, np.intp), np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
+    assert_array_equal(steps._pieces(level, np.array([3.0, 12.0, 3.0, 12.0]), sides), [0, 0, 1, 1])
+
+
+@pytest.mark.parametrize("between", [0.0, 0.03])  # half as wide as units across the step
+def test_what_is_smooth_with_the_part_it_touches_is_no_part(between):
+    """A bulge before a wall, the middle of which is another level."""
+    y, x = np.mgrid[-1:1:40j, -1:1:60j]
+    on, middle = np.hypot(x, y) < 0.8, np.hypot(x, y) < 0.5
+    piece = np.where(middle, 2, on).astype(np.intp)
+    piece[np.abs(np.hypot(x, y) - 0.5) < between] = 3
+    points, sides = on_a_grid(np.where(on, 5 - x**2 - y**2, 0.0))
+    assert steps._parts(points, piece.ravel(), sides, 30.0) is None
+    points, sides = on_a_grid(np.where(middle, 5.0, 3.0 * on))
+    part, none = steps._parts(points, piece.ravel(), sides, 30.0)
+    assert_array_equal(part, piece.ravel())
+    assert none.tolist() == [False] * 3 + [True] * (between > 0)
+
+
+def test_of_many_pieces_the_largest_are_looked_at():
+    """A hundred boards on one plane, ten of them larger, and sixty-three besides the wall count."""
+    row, column = np.mgrid[:61, :91]
+    board = (row % 6 > 1) & (column % 9 > 4) & (row < 60) & (column < 90)
+    larger = (row < 6) & (column % 9 > 3) & (row % 6 > 1) & (column < 90)
+    piece = np.where(board | larger, 1 + row // 6 * 10 + column // 9, 0)
+    points, sides = on_a_grid(10.0 * (piece > 0))
+    part, none = steps._parts(points, piece.astype(np.intp).ravel(), sides, 30.0)
+    assert none.tolist() == [False, False, True]
+    assert_array_equal(part[piece.ravel() == 0], 0)
+    assert_array_equal(part[larger.ravel()], 1)
+    assert np.count_nonzero(part == 2) == 37 * 16
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "told"),
+    [(4, 3, True), (12, 2, False), (3, 3, False)],  # the last two: none inside; fewer than twelve
+)
+def test_a_part_has_units_inside_it_and_not_only_along_a_step(rows, columns, told):
+    on = np.zeros((30, 40), np.bool_)
+    on[10 : 10 + rows, 10 : 10 + columns] = True
+    points, sides = on_a_grid(10.0 * on)
+    found = steps._parts(points, on.ravel().astype(np.intp), sides, 30.0)
+    assert (found is not None) == told
+    if found is not None:
+        assert_array_equal(found[0], on.ravel())
+        assert not found[1][:2].any()
+
+
+def test_a_smooth_surface_is_not_divided_into_levels():
+    x = np.tile(np.linspace(-1, 1, 40), (30, 1))
+    points, sides = on_a_grid(2.0 * x**2)
+    assert steps._parts(points, (np.abs(x) > 0.6).astype(np.intp).ravel(), sides, 30.0) is None
 
 
 @pytest.mark.parametrize("name", ["edge, 1 degree", "four planes about a point, 0.6 degrees"])

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.spatial.cells import Cells
-from planewise.spatial.segments import Segments, affine_planes, narrow_sides
+from planewise.spatial.segments import Segments, affine_planes
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -67,13 +67,6 @@ def is_small(part: Index) -> Bools:
     return np.asarray(np.bincount(part) < max(few, share * len(part)))
 
 
-def widths(points: Array, sides: Index, sums: Array) -> Array:
-    """Units that every part is wide across its narrow direction, as if it were a rectangle."""
-    a, b = points[sides[:, 0]], points[sides[:, 1]]
-    apart = np.hypot(a[:, 0] - b[:, 0], a[:, 1] - b[:, 1]).mean()
-    return np.asarray(narrow_sides(sums) / apart)
-
-
 def chi2_of(sums: Array) -> Array:
     """chi^2 (n,) of the planes of sums over points (n, SUMS)."""
     out = np.empty(len(sums))
@@ -81,21 +74,35 @@ def chi2_of(sums: Array) -> Array:
     return out
 
 
-def chi2_of_cubic(points: Array) -> float:
-    """chi^2 of the best polynomial of the third degree."""
-    return polynomial(points, 10)[0]
+def cubic_terms(points: Array) -> Array:
+    """Terms of a polynomial of the third degree at points (n, 4), and their heights: (n, 11)."""
+    x, y, height, _ = points.T
+    xx, xy, yy = x * x, x * y, y * y
+    return np.column_stack(
+        (np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y, height)
+    )
+
+
+def normal_equations(terms: Array, weight: Array) -> Array:
+    """Those (11, 11) of the polynomial through points of these `cubic_terms` and weights (n,)."""
+    return np.asarray((terms * weight[:, None]).T @ terms)
+
+
+def best_fit(normal: Array, terms: int = 10) -> tuple[float, Array]:
+    """chi^2 of the best polynomial of 3, 6 or 10 terms, and its coefficients."""
+    right = normal[:terms, -1]
+    fitted = np.asarray(np.linalg.lstsq(normal[:terms, :terms], right, rcond=None)[0], np.float64)
+    return float(normal[-1, -1] - right @ fitted), fitted
 
 
 def polynomial(points: Array, terms: int) -> tuple[float, Array]:
-    """chi^2 of the best polynomial of 3, 6 or 10 terms, and its coefficients."""
-    x, y, height, p = points.T
-    xx, xy, yy = x * x, x * y, y * y
-    columns = np.ones_like(x), x, y, xx, xy, yy, xx * x, xx * y, x * yy, yy * y
-    table = np.sqrt(p)[:, None] * np.column_stack((*columns[:terms], height))
-    normal = table.T @ table
-    right = normal[:-1, -1]
-    fitted = np.linalg.lstsq(normal[:-1, :-1], right, rcond=None)[0]
-    return float(normal[-1, -1] - right @ fitted), fitted
+    """`best_fit` to points (n, 4)."""
+    return best_fit(normal_equations(cubic_terms(points), points[:, 3]), terms)
+
+
+def chi2_of_cubic(points: Array) -> float:
+    """chi^2 of the best polynomial of the third degree."""
+    return polynomial(points, 10)[0]
 
 
 def side_by_side(part: Index, sides: Index) -> Index:
@@ -124,20 +131,28 @@ def joined(part: Index, sums: Array, pairs: Index, price: float) -> Index:
 
 
 def divided(
-    whole: Segments, segment: int, part: Index, small: Bools, cells: Cells, price: float
+    whole: Segments,
+    segment: int,
+    part: Index,
+    small: Bools,
+    cells: Cells,
+    least: float,
+    *,
+    all_pay: bool = True,
 ) -> Segments | None:
     """With parts of one segment as segments, the first in its place, the others behind all.
 
-    part (m,): of each of its units, small (parts,): those that are no planes. None where one
-    that is saves too little.
+    part (m,): of each of its units, small (parts,): those that are no planes. None where one that
+    is saves less than `least`; else, if not all have to, that is none, either, and there is no
+    division where fewer than two are left.
     """
     units = np.flatnonzero(whole.of_unit == segment)
     parts = _segments_of(part, cells.rows[units], whole, segment)
     rows = parts.rows
-    saved = rows[:, FREE] - 0.5 * rows[:, MISFIT]
-    if (saved[~small] <= CLEAR * price).any():
+    poor = ~small & (rows[:, FREE] - 0.5 * rows[:, MISFIT] <= least)
+    if poor.any() if all_pay else np.count_nonzero(~small & ~poor) < 2:
         return None
-    rows[small, FREE] = 0.0
+    rows[small | poor, FREE] = 0.0
     out = whole.divided(parts, np.arange(1, len(rows)), units, cells.rows)
     out.rows[segment] = rows[0]
     return out

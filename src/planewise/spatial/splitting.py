@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import splits as kernels
-from planewise.kernels.cells import FREE
+from planewise.kernels.cells import COUNT, FREE
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.parts import (
@@ -43,6 +43,7 @@ Bools = NDArray[np.bool_]
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
 _MANY = 2000  # of which some can stand for all
+_WIDE = 0.05  # of the readings
 _FEWEST_BENT = 48  # units of a segment that bends
 _SHARP = 0.5  # times the price: how much worse a smooth surface fits at the border of two planes
 _ALL_BUT = 0.95  # of the points of a part: its reach
@@ -68,7 +69,8 @@ def split(
     segments : Segments
         Of its units.
     accepted : ndarray of bool, shape (n,)
-        Those that are planes.
+        Those that are planes. Wide ones that are none are divided at steps only: they are too far
+        off one plane, or curved, with what stands off them.
     sectors : Sectors
         Of the frame; one.
     price : float
@@ -81,28 +83,31 @@ def split(
     ndarray of bool, shape (n,)
         Those that are pieces of something round.
     """
-    bent, planes, excess = _bends(cells, segments, accepted, sectors, price)
+    wide = segments.rows[:, COUNT] >= _WIDE * segments.rows[:, COUNT].sum()
+    bent, planes, excess = _bends(cells, segments, accepted | wide, sectors, price)
     if not bent.any():
         return segments, bent
     sides = sides_within(cells, segments.of_unit, bent)
     whole = at_steps(cells, segments, planes, bent, sides, price)
     if whole is not segments:  # what bends now is one of those that did, or a part of it
-        accepted = np.append(accepted, whole.rows[len(accepted) :, FREE] > 0.0)
+        fewer = whole.rows[: len(accepted), COUNT] < segments.rows[:, COUNT]
+        accepted = np.append(accepted | fewer, whole.rows[len(accepted) :, FREE] > 0.0)
         bent, planes, excess = _bends(cells, whole, accepted, sectors, price)
+    bent &= accepted
     out, curved = whole, np.zeros(len(whole.rows), np.bool_)
     for s, units, points, mine in points_of_segments(cells, whole, planes, bent, sides):
         found = _parts(points, mine, price) if excess[s] > 2 * CLEAR * price else None
         if found is None:
             curved[s] = _is_round(points, cells.rows[units], planes[s], sectors, price)
         else:
-            out = divided(out, s, *found, cells, price) or out
+            out = divided(out, s, *found, cells, CLEAR * price) or out
     return out, curved
 
 
 def _bends(
     cells: Cells,
     segments: Segments,
-    accepted: Bools,
+    chosen: Bools,
     sectors: Sectors,
     price: float,
 ) -> tuple[Bools, Array, Array]:
@@ -114,7 +119,7 @@ def _bends(
     kernels.residual_squares(cells.rows, segments.of_unit, planes, off)
     chi2, count = off.T
     excess = chi2 - count
-    bent = accepted & (excess > 2 * price) & (count >= _FEWEST_BENT)
+    bent = chosen & (excess > 2 * price) & (count >= _FEWEST_BENT)
     if bent.any():
         correlation = residual_correlation(cells, segments.of_unit + np.int32(1), planes, sectors)
         bent &= correlation > BENT  # not where it is NaN
