@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
+from planewise import levels
 from planewise.kernels import splits
 from planewise.metrics import evaluate
-from planewise.spatial import steps
 
 from . import spatial_oracles as oracles
 
@@ -191,7 +191,7 @@ def test_levels_are_those_about_a_smooth_surface_of_most_units():
     y, x = np.mgrid[-1:1:40j, -1:1:60j]
     up, down = (np.abs(x) < 0.5) & (np.abs(y) < 0.4), np.hypot(x - 0.75, y) < 0.2
     points, _ = on_a_grid(x * y + x**3 + 0.5 * up - 0.5 * down)
-    level = steps._level(points).reshape(x.shape)
+    level = levels._level(points).reshape(x.shape)
     assert np.mean(level == 1.0 * up - 1.0 * down) > 0.995
 
 
@@ -199,7 +199,7 @@ def test_no_level_is_off_what_bends_all_over():
     """As terraces do, into which readings of a wall fall where steps are coarser than noise."""
     y, x = np.mgrid[-1:1:40j, -1:1:60j]
     points, _ = on_a_grid(np.round(2.3 * x + 3.1 * y) - 2.3 * x - 3.1 * y)
-    assert not steps._level(points).any()
+    assert not levels._level(points).any()
 
 
 @pytest.mark.parametrize(("discord", "pieces"), [(3.0, 1), (4.9, 1), (5.1, 2), (9.0, 2)])
@@ -208,12 +208,12 @@ def test_a_level_ends_where_its_border_is_in_discord(discord, pieces):
     level, sides = np.repeat([0, 1], 6), np.stack((np.arange(11), np.arange(1, 12)), axis=1)
     of_sides = np.full(11, 3.0)
     of_sides[5] = discord
-    assert steps._pieces(level, of_sides, sides).max() + 1 == pieces
+    assert levels._pieces(level, of_sides, sides).max() + 1 == pieces
 
 
 def test_units_of_clear_discord_hang_together_no_more():
     level, sides = np.zeros(4, np.intp), np.array([[0, 1], [1, 2], [2, 3], [0, 3]])
-    assert_array_equal(steps._pieces(level, np.array([3.0, 12.0, 3.0, 12.0]), sides), [0, 0, 1, 1])
+    assert_array_equal(levels._pieces(level, np.array([3.0, 12.0, 3.0, 12.0]), sides), [0, 0, 1, 1])
 
 
 @pytest.mark.parametrize("between", [0.0, 0.03])  # half as wide as units across the step
@@ -224,9 +224,9 @@ def test_what_is_smooth_with_the_part_it_touches_is_no_part(between):
     piece = np.where(middle, 2, on).astype(np.intp)
     piece[np.abs(np.hypot(x, y) - 0.5) < between] = 3
     points, sides = on_a_grid(np.where(on, 5 - x**2 - y**2, 0.0))
-    assert steps._parts(points, piece.ravel(), sides, 30.0) is None
+    assert levels._parts(points, piece.ravel(), sides, 30.0) is None
     points, sides = on_a_grid(np.where(middle, 5.0, 3.0 * on))
-    part, none = steps._parts(points, piece.ravel(), sides, 30.0)
+    part, none = levels._parts(points, piece.ravel(), sides, 30.0)
     assert_array_equal(part, piece.ravel())
     assert none.tolist() == [False] * 3 + [True] * (between > 0)
 
@@ -238,7 +238,7 @@ def test_of_many_pieces_the_largest_are_looked_at():
     larger = (row < 6) & (column % 9 > 3) & (row % 6 > 1) & (column < 90)
     piece = np.where(board | larger, 1 + row // 6 * 10 + column // 9, 0)
     points, sides = on_a_grid(10.0 * (piece > 0))
-    part, none = steps._parts(points, piece.astype(np.intp).ravel(), sides, 30.0)
+    part, none = levels._parts(points, piece.astype(np.intp).ravel(), sides, 30.0)
     assert none.tolist() == [False, False, True]
     assert_array_equal(part[piece.ravel() == 0], 0)
     assert_array_equal(part[larger.ravel()], 1)
@@ -253,7 +253,7 @@ def test_a_part_has_units_inside_it_and_not_only_along_a_step(rows, columns, tol
     on = np.zeros((30, 40), np.bool_)
     on[10 : 10 + rows, 10 : 10 + columns] = True
     points, sides = on_a_grid(10.0 * on)
-    found = steps._parts(points, on.ravel().astype(np.intp), sides, 30.0)
+    found = levels._parts(points, on.ravel().astype(np.intp), sides, 30.0)
     assert (found is not None) == told
     if found is not None:
         assert_array_equal(found[0], on.ravel())
@@ -263,7 +263,7 @@ def test_a_part_has_units_inside_it_and_not_only_along_a_step(rows, columns, tol
 def test_a_smooth_surface_is_not_divided_into_levels():
     x = np.tile(np.linspace(-1, 1, 40), (30, 1))
     points, sides = on_a_grid(2.0 * x**2)
-    assert steps._parts(points, (np.abs(x) > 0.6).astype(np.intp).ravel(), sides, 30.0) is None
+    assert levels._parts(points, (np.abs(x) > 0.6).astype(np.intp).ravel(), sides, 30.0) is None
 
 
 @pytest.mark.parametrize("name", ["edge, 1 degree", "four planes about a point, 0.6 degrees"])

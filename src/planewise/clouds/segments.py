@@ -13,6 +13,7 @@ from planewise.clouds.cells import PRIOR, CloudCells
 from planewise.clouds.curvature import borders_of, curved_segments, nearly_flat
 from planewise.clouds.gaps import joined_through_gaps, pair_values
 from planewise.clouds.memory import Memory
+from planewise.clouds.steps import at_steps
 from planewise.kernels import borders, pairs
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
@@ -96,6 +97,10 @@ def segments_of(
         of_cell = part_of[of_cell]
         beside = borders_of(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
     curved = curved_segments(rows, beside)
+    rows, of_cell = at_steps(cells, rows, of_cell, curved, cost, workers, PAIRS_AT_ONCE, memory)
+    if len(rows) > len(curved):
+        beside = borders_of(cells, rows, of_cell, PAIRS_AT_ONCE, memory)
+        curved = curved_segments(rows, beside)
     worth, accepted = _accepted(cells, rows, of_cell, price, curved, cost, significance)
     apart = cells.error.of_readings
     planes, owner, total = joined_through_gaps(

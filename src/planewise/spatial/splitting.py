@@ -18,20 +18,18 @@ from numpy.typing import NDArray
 
 from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE
-from planewise.sectors import Sectors
-from planewise.spatial.cells import Cells
-from planewise.spatial.parts import (
+from planewise.parts import (
     CLEAR,
     chi2_of,
     chi2_of_cubic,
-    divided,
     is_small,
     joined,
-    points_of_segments,
     polynomial,
     side_by_side,
-    sides_within,
 )
+from planewise.sectors import Sectors
+from planewise.spatial.cells import Cells
+from planewise.spatial.dividing import divided, points_of_segments, sides_within
 from planewise.spatial.segments import Segments, affine_planes
 from planewise.spatial.steps import at_steps
 from planewise.spatial.units import BENT, residual_correlation
