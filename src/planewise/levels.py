@@ -72,7 +72,8 @@ def _pieces(level: Index, discord: Array, sides: Index) -> Index:
     """
     goes_on, apart = discord <= BROKEN, level[sides[:, 0]] != level[sides[:, 1]]
     piece = components(len(level), sides[goes_on & ~apart])
-    border = np.unique(np.sort(piece[sides[apart]], axis=1), axis=0, return_inverse=True)[1]
+    ends = np.sort(piece[sides[apart]], axis=1)
+    border = np.unique(ends[:, 0] * len(level) + ends[:, 1], return_inverse=True)[1]
     total = np.bincount(border, np.minimum(discord[apart], _CLEAR))
     mean = total / np.maximum(np.bincount(border), 1)
     goes_on[apart] &= mean[border] <= _STEP
