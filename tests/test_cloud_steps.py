@@ -1,20 +1,20 @@
 """What stands off a wall by a small step is a plane of its own, in clouds, too."""
 
-from unittest.mock import patch
-
 import numpy as np
 import pytest
+from benchmarks.cloud_steps import undivided
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 
 import planewise as pw
-from planewise.clouds import segments, steps
+from planewise.clouds import steps
 from planewise.clouds.cells import cells_of
 from planewise.clouds.cloud import cloud_of
 from planewise.clouds.memory import Memory
 from planewise.clouds.rows import planes_of
 from planewise.information import plane_information
-from planewise.kernels.cloud_rows import COUNT, FREE
+from planewise.kernels.cloud_planes import add_rows
+from planewise.kernels.cloud_rows import COUNT, FREE, ROW
 from planewise.metrics import evaluate
 
 SIGMA = 0.002
@@ -40,7 +40,7 @@ def test_boards_before_a_wall_are_told_from_it(off, most, noise):
     """By standard deviations of a point, all within what walls may bulge by."""
     points, truth = wall(off * SIGMA)
     sensor = pw.Sensor(max_depth=100.0, noise=noise)
-    with patch.object(segments, "at_steps", lambda cells, rows, of_cell, *_: (rows, of_cell)):
+    with undivided():
         assert len(pw.detect_planes_in_points(points, sensor)) == 1
     model = pw.detect_planes_in_points(points, sensor)
     assert len(model) == 2
@@ -49,19 +49,18 @@ def test_boards_before_a_wall_are_told_from_it(off, most, noise):
 
 
 def test_a_wall_that_bulges_stays_one_plane():
-    points, _ = wall(0.0, count=60_000)
-    bulge = np.random.default_rng(1).normal(0, SIGMA, len(points))
-    x, y = np.random.default_rng(0).uniform((0, 0), (6, 3), (len(points), 2)).T
-    points = np.column_stack((x, y, 0.005 * np.sin(x) * np.sin(y) + bulge))
+    x, y = np.random.default_rng(0).uniform((0, 0), (6, 3), (60_000, 2)).T
+    noise = np.random.default_rng(1).normal(0, SIGMA, len(x))
+    points = np.column_stack((x, y, 0.005 * np.sin(x) * np.sin(y) + noise))
     assert len(pw.detect_planes_in_points(points, SENSOR)) == 1
 
 
 def segmented(points):
     """Cells of a cloud, and all of them as one segment."""
     cells = cells_of(cloud_of(points, SENSOR, None, 1))
-    rows, part = segments._roots(cells.rows.copy(), np.zeros(len(cells.rows), np.int64))
-    steps.add_rows(cells.rows, np.zeros(len(cells.rows), np.intp), rows := 0.0 * rows)
-    return cells, rows, part
+    rows, of_cell = np.zeros((1, ROW)), np.zeros(len(cells.rows), np.int64)
+    add_rows(cells.rows, of_cell, rows)
+    return cells, rows, of_cell
 
 
 def divided(cells, rows, of_cell, curved=False, cost=30.0):

@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
-BROKEN = 11.34  # discord of units side by side, or with a surface: chi^2 of three, 99 %
-_CLEAR = 2 * BROKEN  # one that is larger says no more
+_BROKEN = 11.34  # discord of units side by side, or with a surface: chi^2 of three, 99 %
+CLEARLY = 2 * _BROKEN  # one that is larger says no more
 _STEP = 5.0  # mean discord along a step, at least; where there is none it is 3
 _LEFT = 0.25  # most of a segment that may be units across steps
 _FEWEST = 12  # units of a part; what has none inside it is a row of them along a step
@@ -70,11 +70,11 @@ def _pieces(level: Index, discord: Array, sides: Index) -> Index:
     A level ends in a step if units beside each other are in discord all along its border, and not
     where a surface bends.
     """
-    goes_on, apart = discord <= BROKEN, level[sides[:, 0]] != level[sides[:, 1]]
+    goes_on, apart = discord <= _BROKEN, level[sides[:, 0]] != level[sides[:, 1]]
     piece = components(len(level), sides[goes_on & ~apart])
     ends = np.sort(piece[sides[apart]], axis=1)
     border = np.unique(ends[:, 0] * len(level) + ends[:, 1], return_inverse=True)[1]
-    total = np.bincount(border, np.minimum(discord[apart], _CLEAR))
+    total = np.bincount(border, np.minimum(discord[apart], CLEARLY))
     mean = total / np.maximum(np.bincount(border), 1)
     goes_on[apart] &= mean[border] <= _STEP
     return np.unique(components(len(level), sides[goes_on]), return_inverse=True)[1]
@@ -90,7 +90,7 @@ def _level(points: Array) -> Index:
         # The weights of Geman and McClure, for as much as the middle half is off.
         usual = max(1.0, float(np.median(np.abs(off))) / 0.6745)
         weight = p / (1 + (off / usual) ** 2) ** 2
-    return np.where(off * off > BROKEN * usual * usual, np.sign(off), 0.0).astype(np.intp)
+    return np.where(off * off > _BROKEN * usual * usual, np.sign(off), 0.0).astype(np.intp)
 
 
 def _parts(points: Array, piece: Index, sides: Index, price: float) -> tuple[Index, Bools] | None:

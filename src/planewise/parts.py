@@ -15,6 +15,8 @@ Bools = NDArray[np.bool_]
 Index = NDArray[np.intp]
 
 CLEAR = 10.0  # times the price: what the misfit of a segment costs, and each part of it saves
+_FEWEST_BENT = 48  # units of a segment that bends
+_WIDE = 0.05  # of the readings
 _SMALL = 24, 0.02  # units, and share of the segment: fewer may be mixed cells along an edge
 
 
@@ -23,6 +25,16 @@ def points_of(x: Array, y: Array, height: Array, p: Array) -> Array:
     x, y = x - x.mean(), y - y.mean()
     scale = np.sqrt((x * x + y * y).mean())
     return np.column_stack((x / scale, y / scale, height, p))
+
+
+def bends(excess: Array, count: Array, price: float) -> Bools:
+    """Which segments may bend, for chi^2 of so many units is in excess of what noise makes it."""
+    return np.asarray((excess > 2 * price) & (count >= _FEWEST_BENT))
+
+
+def is_wide(readings: Array) -> Bools:
+    """Which segments hold a share of all readings for which they are divided though no planes."""
+    return np.asarray(readings >= _WIDE * readings.sum())
 
 
 def is_small(part: Index) -> Bools:

@@ -13,13 +13,12 @@ from planewise.kernels import cloud_cells as kernels
 from planewise.kernels.cloud_planes import add_rows
 from planewise.kernels.cloud_rows import CELLS, COUNT, CX, CZ, FREE, MISFIT, NX, NZ, WEIGHT
 from planewise.levels import parts_at_steps
-from planewise.parts import Bools, Index, points_of
+from planewise.parts import Bools, Index, bends, is_wide, points_of
 
 Array = NDArray[np.float64]
 
 _BENT = 0.1  # correlation of residuals side by side: of what is no plane
-_WIDE = 0.05  # of all points
-_FEWEST, _MOST = 48, 1_000_000  # cells of a segment that is divided
+_MOST = 1_000_000  # cells of a segment that is divided
 
 
 def at_steps(
@@ -61,8 +60,7 @@ def at_steps(
     rows, of_cell
         The widest part in the place of each that is divided, the others behind all.
     """
-    bent = _bends(cells, rows, of_cell, cost)
-    bent &= ~curved | (rows[:, COUNT] >= _WIDE * rows[:, COUNT].sum())
+    bent = _bends(cells, rows, of_cell, ~curved | is_wide(rows[:, COUNT]), cost)
     if not bent.any():
         return rows, of_cell
     ends, place = _pairs_within(cells, of_cell, bent, at_once, memory), np.empty(len(of_cell), int)
@@ -75,26 +73,31 @@ def at_steps(
         discord, _ = pair_values(cells.rows, sides, (0.0, 0.0), (*PRIOR, 0.0), workers)
         points = _points_of(cells.rows[mine], rows[s])
         found = parts_at_steps(points, discord, place[sides], cost)
-        parts = None if found is None else _divided(cells.rows[mine], rows[s], *found, cost)
-        if found is None or parts is None:
+        if found is None:
+            continue
+        part, across = found
+        parts = _divided(cells.rows[mine], rows[s], part, across, cost)
+        if parts is None:
             continue
         all_rows[0][s] = parts[0]
         all_rows.append(parts[1:])
-        all_of[mine] = np.where(found[0] == 0, s, count - 1 + found[0])
+        all_of[mine] = np.where(part == 0, s, count - 1 + part)
         count += len(parts) - 1
     return np.concatenate(all_rows), all_of
 
 
-def _bends(cells: CloudCells, rows: Array, of_cell: NDArray[np.int64], cost: float) -> Bools:
-    """Segments whose cells lie off their plane by more than noise, and alike where they touch."""
+def _bends(
+    cells: CloudCells, rows: Array, of_cell: NDArray[np.int64], chosen: Bools, cost: float
+) -> Bools:
+    """Which chosen segments have cells off their plane beyond noise, and alike where they touch."""
     planes, residual = planes_of(rows), np.empty(len(of_cell))
     kernels.cell_residuals(cells.rows, of_cell, planes, residual)
     count = rows[:, CELLS]
     excess = np.bincount(of_cell, residual * residual, len(rows)) - count
-    bent = (excess > 2 * cost) & (count >= _FEWEST) & (count <= _MOST)
+    bent = chosen & bends(excess, count, cost) & (count <= _MOST)
     if bent.any():
         bent &= residual_correlation(cells, of_cell, planes) > _BENT  # not where it is NaN
-    return np.asarray(bent)
+    return bent
 
 
 def _pairs_within(

@@ -20,9 +20,11 @@ from planewise.kernels import splits as kernels
 from planewise.kernels.cells import COUNT, FREE
 from planewise.parts import (
     CLEAR,
+    bends,
     chi2_of,
     chi2_of_cubic,
     is_small,
+    is_wide,
     joined,
     polynomial,
     side_by_side,
@@ -41,8 +43,6 @@ Bools = NDArray[np.bool_]
 _WHITE = 0.1, 2.0  # correlation of residuals side by side, and standard deviations of it by chance
 _FEWEST = 12  # units of a part
 _MANY = 2000  # of which some can stand for all
-_WIDE = 0.05  # of the readings
-_FEWEST_BENT = 48  # units of a segment that bends
 _SHARP = 0.5  # times the price: how much worse a smooth surface fits at the border of two planes
 _ALL_BUT = 0.95  # of the points of a part: its reach
 _LEFT = 0.1  # most of a segment that may stay bent: cells along edges, with some beside them
@@ -81,8 +81,8 @@ def split(
     ndarray of bool, shape (n,)
         Those that are pieces of something round.
     """
-    wide = segments.rows[:, COUNT] >= _WIDE * segments.rows[:, COUNT].sum()
-    bent, planes, excess = _bends(cells, segments, accepted | wide, sectors, price)
+    chosen = accepted | is_wide(segments.rows[:, COUNT])
+    bent, planes, excess = _bends(cells, segments, chosen, sectors, price)
     if not bent.any():
         return segments, bent
     sides = sides_within(cells, segments.of_unit, bent)
@@ -117,7 +117,7 @@ def _bends(
     kernels.residual_squares(cells.rows, segments.of_unit, planes, off)
     chi2, count = off.T
     excess = chi2 - count
-    bent = chosen & (excess > 2 * price) & (count >= _FEWEST_BENT)
+    bent = chosen & bends(excess, count, price)
     if bent.any():
         correlation = residual_correlation(cells, segments.of_unit + np.int32(1), planes, sectors)
         bent &= correlation > BENT  # not where it is NaN

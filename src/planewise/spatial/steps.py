@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels.cells import COUNT
-from planewise.levels import BROKEN, parts_at_steps
+from planewise.levels import CLEARLY, parts_at_steps
 from planewise.spatial.cells import Cells
 from planewise.spatial.dividing import divided, points_of_segments
 from planewise.spatial.segments import Segments, affine_planes
@@ -16,7 +16,6 @@ Index = NDArray[np.intp]
 Bools = NDArray[np.bool_]
 
 _MIXED = 1.5  # times as uncertain as the unit beside it, for as many readings: across a step
-_CLEAR = 2 * BROKEN  # discord of such with what is on one side of it, at least
 
 
 def at_steps(
@@ -50,4 +49,4 @@ def _discords(rows: Array, sides: Index) -> Array:
     discord = (step * step / both).sum(axis=1)
     worse = (count[u] * p[v]) / (count[v] * p[u])
     mixed = (worse > _MIXED) | (worse * _MIXED < 1.0)
-    return np.asarray(np.where(mixed, np.maximum(discord, _CLEAR), discord))
+    return np.asarray(np.where(mixed, CLEARLY, discord))
