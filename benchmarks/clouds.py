@@ -173,7 +173,8 @@ def noise(seeds: int, size: int) -> None:
     print("|---|---|---|---|---|---|---|")
     for name, points, sensor in unlabelled():
         said = pw.detect_planes_in_points(points, sensor)
-        auto = pw.detect_planes_in_points(points, replace(sensor, noise="auto"))
+        estimated = replace(sensor, noise="auto")
+        auto = pw.detect_planes_in_points(points, estimated, as_image=False)
         told = auto.settings["noise"]["noise"]  # type: ignore[index]
         on = " | ".join(f"{(each.labels > 0).mean():.2f}" for each in (said, auto))
         print(f"| {name} | {sensor.noise} | {told} | {len(said)} | {len(auto)} | {on} |")

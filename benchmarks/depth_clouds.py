@@ -1,9 +1,11 @@
-"""Synthetic Kinect images searched as clouds of points: prints a Markdown table of means.
+"""Depth images searched as clouds of points: prints Markdown tables of means.
 
 python -m benchmarks.depth_clouds [--rooms 8]
 
-Points in the frame of the camera, of every pixel, or of every second or fourth row and column.
-Their noise is told (white noise and rounding), or estimated; below, the same rooms as images.
+Points of synthetic Kinect images in the frame of the camera, of every pixel, or of every second or
+fourth row and column, all of them or two thirds. Their noise is told (white noise and rounding), or
+estimated; or they are searched as the image that they tell (`planewise.image_of_cloud`), its noise
+estimated. Below, the scans of depth cameras among the real ones, without labels.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.arguments import parser_of
+from benchmarks.clouds import unlabelled
 from planewise import scenes
 from planewise.metrics import evaluate
 from planewise.noise import RootSum
@@ -45,26 +48,62 @@ def _means(rows: list[tuple[float, float, float]]) -> str:
     return f"{planes:.0f}, {voi:.2f}, {f1:.2f}"
 
 
-def main() -> None:
-    parser = parser_of(__doc__)
-    parser.add_argument("--rooms", type=int, default=8)
-    made = [scenes.room(seed) for seed in range(parser.parse_args().rooms)]
-    print("| | points | planes, VOI, F1@.5: told | auto |\n|---|---|---|---|")
-    for every in (1, 2, 4):
-        clouds = [cloud_of(scene, every) for scene in made]
-        cells = [f"every {every}", f"{np.mean([len(points) for points, _ in clouds]):,.0f}"]
+def _rooms(count: int) -> None:
+    made = [scenes.room(seed) for seed in range(count)]
+    rng = np.random.default_rng(0)
+    print("| | points | planes, VOI, F1@.5: told | auto | as images |\n|---|---|---|---|---|")
+    for every, share, name in (
+        (1, 1.0, "every pixel"),
+        (1, 0.67, "two thirds of them"),
+        (2, 1.0, "every second row and column"),
+        (2, 0.67, "two thirds of them"),
+        (4, 1.0, "every fourth"),
+    ):
+        clouds = []
+        for scene in made:
+            points, labels = cloud_of(scene, every)
+            kept = rng.random(len(points)) < share
+            clouds.append((points[kept].astype(np.float32), labels[kept]))
+        cells = [name, f"{np.mean([len(points) for points, _ in clouds]):,.0f}"]
         for sensor in (TOLD, SENSOR):
             rows = [
-                scored(pw.detect_planes_in_points(points, sensor), labels)
+                scored(pw.detect_planes_in_points(points, sensor, as_image=False), labels)
                 for points, labels in clouds
             ]
             cells.append(_means(rows))
+        cells.append(
+            _means(
+                [
+                    scored(pw.detect_planes_in_points(points, SENSOR, as_image=True), labels)
+                    for points, labels in clouds
+                ]
+            )
+        )
         print(f"| {' | '.join(cells)} |", flush=True)
-    rows = [
-        scored(pw.detect_planes(each.depth, each.camera, each.sensor), each.labels) for each in made
-    ]
-    readings = np.mean([np.count_nonzero(each.depth) for each in made])
-    print(f"| as images | {readings:,.0f} | {_means(rows)} | |")
+
+
+def _scans() -> None:
+    print(
+        "\n| | points | planes and share on them: told | auto | as images |\n|---|---|---|---|---|"
+    )
+    for name, points, told in unlabelled():
+        found = pw.detect_planes_in_points(points, SENSOR)
+        if "image" not in found.settings:
+            continue
+        models = (
+            pw.detect_planes_in_points(points, told),
+            pw.detect_planes_in_points(points, SENSOR, as_image=False),
+            found,
+        )
+        cells = [f"{len(each)}, {np.mean(each.labels > 0):.2f}" for each in models]
+        print(f"| {name} | {len(points):,} | {' | '.join(cells)} |", flush=True)
+
+
+def main() -> None:
+    parser = parser_of(__doc__)
+    parser.add_argument("--rooms", type=int, default=8)
+    _rooms(parser.parse_args().rooms)
+    _scans()
 
 
 if __name__ == "__main__":

@@ -72,7 +72,7 @@ def test_steps_of_depth_are_no_surfaces(every):
     z = np.array([1.5, 2.0, 3.0])
     step = 0.00287 * z**2
     assert_allclose(found.noise(z), np.hypot(pw.noise.KINECT(z), step / np.sqrt(12)), rtol=0.3)
-    model = pw.detect_planes_in_points(points, replace(AUTO, max_depth=10.0))
+    model = pw.detect_planes_in_points(points, replace(AUTO, max_depth=10.0), as_image=False)
     assert 6 <= len(model) <= 14
     assert evaluate(model.labels[None], labels[None]).row()["f1@0.5"] > 0.4
 

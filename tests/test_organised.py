@@ -227,19 +227,3 @@ def test_the_command_line_finds_the_planes_of_the_image(tmp_path, room, points):
         assert_allclose(ours["normal"], theirs["normal"], atol=1e-4)
     assert_allclose(of_points["camera"]["fx"], room.camera.fx, atol=1e-3)
     assert of_given["camera"]["fx"] == 300
-
-
-def test_points_of_a_depth_image_are_said_to_be(tmp_path, points):
-    few = points[::4, ::4]
-    told = "'planewise detect' takes it as that image"
-    for name, made, given, said in (
-        ("scene", few, (), True),
-        ("turned", turned(few, 5, 1), (), False),
-        ("tiles", few, ("--tiles", 2000), False),
-    ):
-        path = write_pcd(tmp_path / f"{name}.pcd", made)
-        out = tmp_path / name
-        code, text, _ = run("points", path, "--sigma", 0.03, *given, "-o", out)
-        assert code == 0
-        assert (told in text) == said
-        assert text.strip().endswith("better") == said

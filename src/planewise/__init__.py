@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from planewise import batch, datasets, errors, metrics, partition, scenes
     from planewise.calibration.calibrate import calibrate
     from planewise.calibration.estimate import NoiseEstimate, estimate_noise
+    from planewise.cloud_image import image_of_cloud
     from planewise.clouds.noise import CloudNoise, estimate_cloud_noise
     from planewise.detect import Detector, detect_planes, detect_planes_in_points
     from planewise.detect_in_cloud import detect_planes_in_cloud
@@ -73,6 +74,7 @@ __all__ = [
     "estimate_cloud_noise",
     "estimate_noise",
     "find",
+    "image_of_cloud",
     "image_of_points",
     "information",
     "metrics",
@@ -99,6 +101,7 @@ _LAZY = {
     **dict.fromkeys(("CloudNoise", "estimate_cloud_noise"), "clouds.noise"),
     "PointCloud": "point_cloud",
     **dict.fromkeys(("open_cloud", "read_cloud"), "files.cloud"),
+    "image_of_cloud": "cloud_image",
     "image_of_points": "organised",
     "outline_image": "outlines.image",
     "outline_points": "outlines.cloud",

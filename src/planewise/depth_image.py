@@ -169,7 +169,8 @@ class DepthImage:
     @cached_property
     def tame(self) -> DepthImage:
         """The same without wild readings; itself where there are next to none."""
-        wild = wild_readings(self.values, self.low, self.high)
+        level = 1.0 if self.values.dtype == np.uint16 else 1.0 / self.per_metre
+        wild = wild_readings(self.values, self.low, self.high, level)
         return self if wild is None else self.without(wild)
 
     def without(self, pixels: NDArray[np.bool_]) -> DepthImage:

@@ -116,6 +116,7 @@ def detect_planes_in_points(
     *,
     sigma: ArrayLike | None = None,
     origin: ArrayLike | None = None,
+    as_image: bool | None = None,
     search: Search = "joint",
     objective: Objective | str | None = None,
     instances: bool = False,
@@ -148,6 +149,10 @@ def detect_planes_in_points(
         Where the scanner stood, for all points or each (spatial objective): noise is then along
         the rays from there, evaluated at the range. Normals face the origin of the coordinates all
         the same.
+    as_image : bool, optional
+        Whether points that are those of one depth image (`image_of_cloud`, seen from `origin`) are
+        searched as that image, which tells their planes better; noise is then along its axis. By
+        default where the noise is "auto". ``settings["image"]`` says that they were.
     search, objective, instances, significance, confidence, inlier_ratio, max_planes, rng, threads
         See `Options`. The spatial objective needs n = 3.
 
@@ -160,7 +165,8 @@ def detect_planes_in_points(
     Raises
     ------
     ValueError
-        If an argument is malformed; the message names it and says what was expected.
+        If an argument is malformed, or `as_image` is true of points that are no depth image's; the
+        message says what was expected.
 
     Examples
     --------
@@ -191,8 +197,10 @@ def detect_planes_in_points(
                 f"objective='spatial' needs points of shape (k, 3), got {array.shape}; "
                 "hyperplanes take 'paper'"
             )
-        return find_in_cloud(array, checked_sensor(sensor), sigma, origin, options)
-    for name, given in (("sigma", sigma), ("origin", origin)):
+        return find_in_cloud(
+            array, checked_sensor(sensor), sigma, origin, options, as_image=as_image
+        )
+    for name, given in (("sigma", sigma), ("origin", origin), ("as_image", as_image or None)):
         if given is not None:
             raise ValueError(f"{name} needs objective='spatial', got another objective")
     return find(observe_points(array, sensor), options)

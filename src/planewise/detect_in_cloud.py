@@ -47,8 +47,8 @@ def detect_planes_in_cloud(
 ) -> PlaneModel:
     """Find the planes of a cloud that may be larger than memory, a tile at a time.
 
-    The result is that of `detect_planes_in_points` for all points at once, but for points that are
-    there twice: a tile takes each for a reading of its own.
+    The result is that of `detect_planes_in_points` for all points at once, with ``as_image=False``,
+    but for points that are there twice: a tile takes each for a reading of its own.
 
     Parameters
     ----------

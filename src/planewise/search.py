@@ -9,10 +9,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
 from planewise.allocator import keep_freed
+from planewise.cloud_image import CloudImage, image_of_cloud
 from planewise.model import Curve, PlaneModel, assumed_noise
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, as_objective
-from planewise.observation import Observation, RayObservation, checked_observation
+from planewise.observation import Observation, RayObservation, checked_observation, observe
 from planewise.options import Options
 from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
@@ -104,6 +105,8 @@ def find_in_cloud(
     sigma: ArrayLike | None,
     origin: ArrayLike | None,
     options: Options,
+    *,
+    as_image: bool | None = False,
 ) -> PlaneModel:
     """Find the planes of points in space under the spatial objective.
 
@@ -111,13 +114,23 @@ def find_in_cloud(
     ----------
     points : ndarray, shape (k, 3)
         As `arguments.checked_points` gives them.
-    sensor, sigma, origin
+    sensor, sigma, origin, as_image
         As in `detect_planes_in_points`.
     options : Options
         How to search.
     """
     errors = checked_sigma(sigma, len(points))
     seen_from = checked_origin(origin, points.shape)
+    if as_image and errors is not None:
+        raise ValueError("as_image needs the noise of a sensor, not sigma= of every point")
+    if as_image or (as_image is None and errors is None and sensor.noise == AUTO):
+        try:
+            image = image_of_cloud(points, seen_from)
+        except ValueError:
+            if as_image:
+                raise
+        else:
+            return find_in_image(image, sensor, options)
     compilation.announce("cloud")
     keep_freed()
     # Its compiled loops are loaded only where they are used.
@@ -153,6 +166,18 @@ def find_in_cloud(
         rng=np.random.default_rng(options.rng),
     )
     return noted(model if places is None else places.of_all(model))
+
+
+def find_in_image(image: CloudImage, sensor: Sensor, options: Options) -> PlaneModel:
+    """Find the planes of points in the depth image that they were made of.
+
+    All of them are within the sensor's range, as those of any other cloud are.
+    """
+    deepest = max(sensor.max_depth, float(image.depth.max()))
+    ranging = replace(sensor, min_depth=0.0, max_depth=deepest)
+    with stage("observe"):
+        seen = observe(image.depth, image.camera, ranging, workspace=Workspace())
+    return image.in_cloud(find(seen, options))
 
 
 def _regions(observation: Observation, options: Options, rgb: ArrayLike | None) -> Regions | None:

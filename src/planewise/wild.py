@@ -24,7 +24,9 @@ _SIDE = 6.0, 0.4  # times this quantile of differences side by side: 4.4 standar
 _FAR = 3.0  # times that: noise that differs from place to place ends before
 
 
-def wild_readings(values: NDArray[Any], low: float, high: float) -> NDArray[np.bool_] | None:
+def wild_readings(
+    values: NDArray[Any], low: float, high: float, level: float
+) -> NDArray[np.bool_] | None:
     """Which readings of a depth image are wild; ``None`` if so few that cells can do with them.
 
     Parameters
@@ -33,6 +35,8 @@ def wild_readings(values: NDArray[Any], low: float, high: float) -> NDArray[np.b
         Depth in any unit.
     low, high : float
         Smallest and largest value that is a reading.
+    level : float
+        Readings closer than that are equal.
 
     Returns
     -------
@@ -42,7 +46,7 @@ def wild_readings(values: NDArray[Any], low: float, high: float) -> NDArray[np.b
 
     left, out = values, None
     for _ in range(_PASSES):
-        within = _within(left, low, high)
+        within = _within(left, low, high, level)
         some = np.zeros((-(-values.shape[0] // _STRIDE), values.shape[1]), np.bool_)
         wider = within if out is not None else tuple(_FAR * each for each in within)
         seen, few = kernels.mark_wild(left, low, high, *wider, _STRIDE, some)
@@ -55,7 +59,7 @@ def wild_readings(values: NDArray[Any], low: float, high: float) -> NDArray[np.b
     return out
 
 
-def _within(values: NDArray[Any], low: float, high: float) -> tuple[float, float]:
+def _within(values: NDArray[Any], low: float, high: float, level: float) -> tuple[float, float]:
     """By how much readings that agree may differ, as `kernels.wild` takes it.
 
     Equal ones side by side do not count: what differs does so by a step or more.
@@ -64,7 +68,7 @@ def _within(values: NDArray[Any], low: float, high: float) -> tuple[float, float
     from planewise.kernels import wild as kernels
 
     off = np.empty(-(-values.shape[0] // _APART) * -(-values.shape[1] // _APART) + 1)
-    found = kernels.differences(values, low, high, _APART, off)
+    found = kernels.differences(values, low, high, level, _APART, off)
     if not found:
         return math.inf, _WIDTHS
     times, quantile = _SIDE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from planewise.cloud_image import CloudImage, image_of_cloud
 from planewise.clouds.memory import Disk, Memory
 from planewise.commands import terminal
 from planewise.commands.command_line import check_kept, check_seed, reported
@@ -27,7 +29,6 @@ from planewise.files.result_names import CLOUD_FILES, LAS_FILES, OUTLINE_FILES, 
 from planewise.machine import installed_memory
 from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
-from planewise.organised import image_of_points
 from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
 from planewise.sensor import Sensor
@@ -45,6 +46,14 @@ _AUTO = "auto"
 _NEEDED = 200  # bytes of memory that a point takes in one piece
 _SHORTEST_LINE = 20  # bytes of a point in a text file
 _RESOLUTION = 0.001  # metres; eps of the paper, as for depth images
+
+
+class Taken(StrEnum):
+    """`--as`."""
+
+    auto = "auto"
+    image = "image"
+    points = "points"
 
 
 def points(
@@ -76,6 +85,14 @@ def points(
     resolution: Annotated[float, typer.Option(help="Step between two readings in metres.")] = (
         _RESOLUTION
     ),
+    taken: Annotated[
+        Taken,
+        typer.Option(
+            "--as",
+            help="Points of one depth image may be searched as that image, which tells their "
+            "planes better. 'auto': where that is what they are, and sigma is 'auto', too.",
+        ),
+    ] = Taken.auto,
     max_planes: Annotated[int | None, optional("Largest number of planes. Default: none.")] = None,
     seed: Seed = 0,
     threads: Threads = None,
@@ -126,6 +143,8 @@ def points(
             load_laspy("writing .las files")
         file = open_cloud(cloud)
         tile_points = _tile_points(tiles, file)
+        if tile_points and taken == Taken.image:
+            raise PlanewiseError("as: an image is searched in one piece, without --tiles")
         with output_folder(output, stale) as folder:
             memory = Disk(folder) if tile_points else Memory()
             read = points_on_disk(file, memory) if isinstance(memory, Disk) else file.read()
@@ -143,6 +162,10 @@ def points(
                 )
             box = _extent(read)
             stood = None if origin is None else _origin(place, read, box, memory)
+            seen = None
+            if taken != Taken.points and not tile_points:
+                seen = _depth_image(read, stood, needed=taken == Taken.image)
+            image = seen if taken == Taken.image or noise == AUTO else None
             # R of the paper: the diagonal of the box, which no coordinate exceeds; points in one
             # place have none, and are not refused for it.
             extent = float(np.linalg.norm(np.ptp(box, axis=0))) or 10 * resolution
@@ -150,7 +173,7 @@ def points(
             options: dict[str, Any] = {"max_planes": max_planes, "rng": seed, "threads": threads}
             if tile_points:
                 options |= {"tile_points": tile_points, "folder": folder}
-            model, seconds = _find(read, sensor, stood, options)
+            model, seconds = _find(read if image is None else image, sensor, stood, options)
             if origin is not None:
                 told_origin = _FROM_FILE if place is None else place.tolist()
                 model = replace(model, settings={**model.settings, "origin": told_origin})
@@ -184,20 +207,42 @@ def points(
                 "which was taken instead; volumes of points, such as crowns, look like this, too"
             )
         terminal.show_summary(model, seconds, output)
-        if file.shape and not tile_points and _is_image(read, file.shape):
+        if seen is not None:
+            height, width = seen.depth.shape
             terminal.say(
-                f"{cloud.name} holds the points of one depth image: 'planewise detect' takes it "
-                "as that image, and tells its planes better"
+                f"these are points of one depth image, {width} x {height} pixels, "
+                + (
+                    "and searched as that; '--as points' takes them as points"
+                    if image
+                    else "and '--as image' tells its planes better"
+                )
             )
 
 
-def _is_image(cloud: PointCloud, shape: tuple[int, int]) -> bool:
-    """Whether organised points lie on the rays of a pinhole camera."""
-    try:
-        image_of_points(cloud.coordinates.reshape(*shape, 3))
-    except ValueError:
-        return False
-    return True
+def _depth_image(cloud: PointCloud, origin: Coordinates | None, needed: bool) -> CloudImage | None:
+    """The depth image whose points a cloud has, seen from where its camera may have stood.
+
+    That is where it is said to have been, or where the file says, or where its coordinates begin.
+
+    Raises
+    ------
+    PlanewiseError
+        Why there is none, if one is needed.
+    """
+    places = [-cloud.offset]
+    if cloud.origins is not None and len(cloud.origins) == 1:
+        places.insert(0, cloud.origins[0])
+    if origin is not None:
+        places = [origin]
+    reasons = []
+    for place in places:
+        try:
+            return image_of_cloud(cloud.points, place)
+        except ValueError as error:
+            reasons.append(str(error))
+    if needed:
+        raise PlanewiseError(f"as: {reasons[0]}")
+    return None
 
 
 def _noise(text: str) -> float | Auto:
@@ -285,19 +330,24 @@ def _extent(cloud: PointCloud) -> Coordinates:
 
 
 def _find(
-    cloud: PointCloud,
+    cloud: PointCloud | CloudImage,
     sensor: Sensor,
     origin: Coordinates | None,
     options: dict[str, Any],
 ) -> tuple[PlaneModel, float]:
     from planewise.detect import detect_planes_in_points
     from planewise.detect_in_cloud import detect_planes_in_cloud
+    from planewise.options import Options
+    from planewise.search import find_in_image
 
+    started = time.perf_counter()
+    if isinstance(cloud, CloudImage):
+        model = find_in_image(cloud, sensor, Options(**options).resolved(spatial=True))
+        return model, time.perf_counter() - started
     if origin is not None:
         options = {**options, "origin": origin}
-    started = time.perf_counter()
     if "tile_points" in options:
         model = detect_planes_in_cloud(cloud, sensor, **options)
     else:
-        model = detect_planes_in_points(cloud.points, sensor, **options)
+        model = detect_planes_in_points(cloud.points, sensor, as_image=False, **options)
     return model, time.perf_counter() - started

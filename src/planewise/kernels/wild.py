@@ -77,15 +77,15 @@ def mark_wild(  # type: ignore[no-untyped-def]
 
 
 @in_order
-def differences(z, low, high, apart, off):  # type: ignore[no-untyped-def]
+def differences(z, low, high, level, apart, off):  # type: ignore[no-untyped-def]
     """By how much readings side by side differ, as a share, `apart` pixels from pair to pair.
 
-    z, low, high: `mark_wild`. Writes off (n,), of those that differ at all; returns how many.
+    z, low, high: `mark_wild`. Writes off (n,), of those a `level` apart or more; returns how many.
     """
     found = 0
     for i in range(0, z.shape[0], apart):
         for j in range(0, z.shape[1] - 1, apart):
             a, b = np.float64(z[i, j]), np.float64(z[i, j + 1])
             off[found] = abs(a / b - 1.0)
-            found += (low <= a <= high) & (low <= b <= high) & (a != b)
+            found += (low <= a <= high) & (low <= b <= high) & (abs(a - b) >= level)
     return found
