@@ -119,6 +119,13 @@ def kinect(scene: Exact) -> Array:
     return np.asarray(1 / (np.round(w / STEP) * STEP))
 
 
+def kinect_repeated(scene: Exact) -> Array:
+    """Every second row and column, each there twice."""
+    every = (slice(None, None, 2),) * 2
+    own = replace(scene, z=scene.z[every], labels=scene.labels[every], faces=scene.faces[every])
+    return np.asarray(np.kron(kinect(own), np.ones((2, 2))))
+
+
 def kinect_drift(scene: Exact) -> Array:
     """The same with an error that wanders."""
     shape = (scene.z.shape[0], scene.z.shape[1])
@@ -196,6 +203,7 @@ READINGS = (
     Reading("Kinect, 1280 x 720", kinect, KINECT, (720, 1280)),
     Reading("Kinect, 320 x 240", kinect, KINECT, (240, 320)),
     Reading("Kinect, 160 x 120", kinect, KINECT, (120, 160)),
+    Reading("Kinect, 320 x 240, repeated twice", kinect_repeated, KINECT),
     Reading("stereo, smooth over 8 px", stereo(3.4), STEREO),
     Reading("stereo, smooth over 14 px", stereo(6.0), STEREO),
     Reading("stereo, smooth over 20 px", stereo(8.5), STEREO),

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_points, checked_scale
 from planewise.camera import Camera
+from planewise.enlarged import own_pixels
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
@@ -53,7 +54,8 @@ def detect_planes(
     depth : array_like, shape (H, W)
         Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
-        sensor's range are "no reading".
+        sensor's range are "no reading". What was enlarged by repeating pixels is searched at its
+        own size (spatial objective, without a partition; ``settings["own_size"]`` says it).
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
@@ -104,10 +106,43 @@ def detect_planes(
         rng=rng,
         threads=threads,
     )
+    return observe_and_find(depth, camera, sensor, options, depth_scale=depth_scale, rgb=rgb)[1]
+
+
+def observe_and_find(
+    depth: ArrayLike,
+    camera: Camera,
+    sensor: Sensor,
+    options: Options,
+    *,
+    depth_scale: float | None = None,
+    rgb: ArrayLike | None = None,
+    workspace: Workspace | None = None,
+) -> tuple[RayObservation, PlaneModel]:
+    """Give what is seen in a depth image, too; of an enlarged one, in its own pixels.
+
+    Parameters
+    ----------
+    depth, camera, sensor, depth_scale, rgb
+        As in `detect_planes`.
+    options : Options
+        How to search.
+    workspace : Workspace, optional
+        Memory to work in.
+    """
+    own = None
+    if options.resolved(spatial=True).objective == SPATIAL and options.partition is None:
+        own = own_pixels(depth, camera)
     with stage("observe"):
+        if own is not None:
+            camera.check(own.shape)
+            depth, camera = own.depth, own.camera
         # Its memory is its own, so that it needs no copy of the image.
-        frame = observe(depth, camera, sensor, depth_scale=depth_scale, workspace=Workspace())
-    return find(frame, options, rgb=rgb)
+        seen = observe(
+            depth, camera, sensor, depth_scale=depth_scale, workspace=workspace or Workspace()
+        )
+    model = find(seen, options, workspace, rgb=rgb)
+    return seen, model if own is None else own.enlarged(model, seen.image.readings()[0])
 
 
 def detect_planes_in_points(
@@ -259,15 +294,15 @@ class Detector:
     ) -> tuple[RayObservation, PlaneModel]:
         """Do the same and give what was seen, too, which lasts until the next frame."""
         with self._workspace.frame():
-            with stage("observe"):
-                frame = observe(
-                    depth,
-                    self.camera,
-                    self.sensor,
-                    depth_scale=self.depth_scale,
-                    workspace=self._workspace,
-                )
-            return frame, find(frame, self.options, self._workspace, rgb=rgb)
+            return observe_and_find(
+                depth,
+                self.camera,
+                self.sensor,
+                self.options,
+                depth_scale=self.depth_scale,
+                rgb=rgb,
+                workspace=self._workspace,
+            )
 
     def stream(self, frames: Iterable[ArrayLike]) -> Iterator[PlaneModel]:
         """Detect the planes of one frame after another, several of them side by side.

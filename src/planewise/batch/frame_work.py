@@ -197,7 +197,7 @@ class FrameWork:
             record=_as_json({"frame": row, "planes": planes}),
             label_file=label_file,
             planes=len(model),
-            shape=observed.shape,
+            shape=model.labels.shape,
             present=observed.image.present,
             out_of_range=2 * observed.count < observed.image.present,
             unit_told=unit_told(seen.depth, detector.depth_scale),

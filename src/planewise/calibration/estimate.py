@@ -19,6 +19,7 @@ from planewise.calibration.cells import FEWEST, NoiseCells, noise_cells
 from planewise.calibration.correlated import shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
 from planewise.camera import Camera
+from planewise.enlarged import own_pixels
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
 from planewise.observation import RayObservation, observe
 from planewise.sensor import Sensor, checked_sensor
@@ -189,6 +190,9 @@ def cells_of_frame(
 ) -> NoiseCells:
     """What one frame says about the noise of its sensor."""
     known = replace(checked_sensor(sensor), noise=1.0)
+    if (own := own_pixels(depth, camera)) is not None:
+        camera.check(own.shape)
+        depth, camera = own.depth, own.camera
     return noise_cells(observe(depth, camera, known, depth_scale=depth_scale))
 
 

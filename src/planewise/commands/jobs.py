@@ -229,12 +229,10 @@ def find_planes(
     rgb: NDArray[np.uint8] | None = None,
 ) -> tuple[PlaneModel, float, str]:
     """Detect planes; say how many seconds it took, and `Done.out_of_range`."""
-    from planewise.observation import observe
-    from planewise.search import find
+    from planewise.detect import observe_and_find
 
     started = time.perf_counter()
-    seen = observe(depth, camera, sensor, depth_scale=depth_scale)
-    model = find(seen, options, rgb=rgb)
+    seen, model = observe_and_find(depth, camera, sensor, options, depth_scale=depth_scale, rgb=rgb)
     seconds = time.perf_counter() - started
     beyond = seen.out_of_range if 2 * seen.count < seen.image.present else ""
     return model, seconds, "" if beyond in model.note else beyond

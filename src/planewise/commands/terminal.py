@@ -183,6 +183,8 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     with_it = "compiling" if has_compiled() else "loading"
     readings = counted(model.readings, "reading")
     say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
+    if isinstance(own := model.settings.get("own_size"), list):
+        say(f"depth was enlarged; its own {own[1]} x {own[0]} pixels were searched")
     warn_of_note(model)
 
 

@@ -1,0 +1,204 @@
+"""Depth that was enlarged by repeating pixels: its planes and noise are those of its own size."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import jsonschema
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+
+import planewise as pw
+from planewise.enlarged import own_pixels
+from planewise.results.planes_json import SCHEMA_FILE
+from tests.command import run
+
+SIZE = 120, 160
+
+
+@pytest.fixture(scope="module")
+def room():
+    return pw.scenes.room(0, size=SIZE)
+
+
+def places(own, size, *, centred=False):
+    """Own pixel of each of `size` enlarged ones, as OpenCV or, with centres, as Pillow says."""
+    return ((np.arange(size) + 0.5 * centred) * (own / size)).astype(int)
+
+
+def enlarged(image, shape, **how):
+    rows, columns = (places(own, size, **how) for own, size in zip(image.shape, shape, strict=True))
+    return image[np.ix_(rows, columns)]
+
+
+def camera_of(camera, own, shape):
+    """The camera of an image that was enlarged from one size to another."""
+    y, x = shape[0] / own[0], shape[1] / own[1]
+    return pw.PinholeCamera(
+        fx=x * camera.fx,
+        fy=y * camera.fy,
+        cx=x * (camera.cx + 0.5) - 0.5,
+        cy=y * (camera.cy + 0.5) - 0.5,
+    )
+
+
+SHAPES = {
+    "twice": (240, 320),
+    "three times": (360, 480),
+    "once and twice by turns": (180, 240),
+    "2.025 times": (243, 324),
+    "not as high as wide": (240, 480),
+    "15 times": (1800, 2400),
+}
+
+
+@pytest.mark.parametrize("centred", [False, True])
+@pytest.mark.parametrize("name", SHAPES)
+def test_planes_are_those_of_the_own_size(room, name, centred):
+    shape = SHAPES[name]
+    depth = enlarged(room.depth, shape, centred=centred)
+    camera = camera_of(room.camera, SIZE, shape)
+    before = depth.copy()
+    model = pw.detect_planes(depth, camera, room.sensor)
+    own = pw.detect_planes(room.depth, room.camera, room.sensor)
+    assert_array_equal(depth, before)
+    assert model.settings["own_size"] == list(SIZE)
+    assert len(model) == len(own) > 5
+    wanted = enlarged(own.labels, shape, centred=centred)
+    assert (model.labels != wanted).mean() < 0.003  # some columns are a little wider than others
+    assert model.labels.dtype == np.uint16
+    assert model.readings == np.count_nonzero(depth)
+    assert_allclose(model.information, own.information, rtol=1e-3)
+    for label, (plane, small) in enumerate(zip(model.planes, own.planes, strict=True), start=1):
+        mine = model.labels == label
+        assert plane.count == mine.sum()
+        rows, columns = mine.any(axis=1).nonzero()[0], mine.any(axis=0).nonzero()[0]
+        assert plane.bounding_box == (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1)
+        assert_allclose(plane.coefficients, small.coefficients, atol=0.02)
+        assert_allclose(plane.area, small.area, rtol=0.02)
+
+
+KINDS = {
+    "integers": lambda depth: depth,
+    "metres": lambda depth: 0.001 * depth,
+    "single precision, NaN": lambda depth: np.where(depth, 0.001 * depth, np.nan).astype("f4"),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bands_without_readings_and_crops_do_not_matter(room, kind):
+    depth, shape = room.depth.copy(), (240, 320)
+    depth[:9] = depth[-5:] = depth[:, :7] = depth[:, -11:] = 0
+    depth, camera = KINDS[kind](enlarged(depth, shape)), camera_of(room.camera, SIZE, shape)
+    found = own_pixels(depth, camera)
+    assert_allclose((found.camera.fx, found.camera.fy), (room.camera.fx, room.camera.fy))
+    assert_array_equal(found.enlarge(found.depth)[18:-10, 14:-22], depth[18:-10, 14:-22])
+    assert_array_equal(np.diff(found.rows), 2)
+    # One row less and three columns less, as of a crop.
+    cut = own_pixels(depth[1:, 3:], camera.cropped(1, 3, (239, 317)))
+    assert_allclose((cut.camera.fx, cut.camera.fy), (room.camera.fx, room.camera.fy))
+    rays = cut.camera.rays(cut.depth.shape)
+    x = cut.columns[cut.columns > 11][0]  # an own column that is seen whole
+    column = np.flatnonzero(cut.columns == x)[0]
+    middle = camera.cropped(1, 3, (239, 317)).unproject([[x + 0.5, 100.0]])[0]
+    assert_allclose(rays[50, column, 0], middle[0])
+
+
+def irregular(depth, rng):
+    rows = np.sort(rng.integers(0, 120, 240))
+    return depth[rows][:, np.repeat(np.arange(160), 2)]
+
+
+def gap(depth, rng):
+    out = np.kron(depth, np.ones((2, 2), depth.dtype))
+    out[100:130] = 0
+    return out
+
+
+OTHERS = {
+    "as it was": lambda depth, rng: depth,
+    "rows alone": lambda depth, rng: np.repeat(depth, 2, axis=0),
+    "columns alone": lambda depth, rng: np.repeat(depth, 2, axis=1),
+    "irregular": irregular,
+    "a gap of missing rows": gap,
+    "one depth": lambda depth, rng: np.full(SIZE, 2000, np.uint16),
+    "nothing": lambda depth, rng: np.zeros(SIZE, np.uint16),
+    "NaN": lambda depth, rng: np.full(SIZE, np.nan),
+    "the same rows": lambda depth, rng: np.tile(depth[50], (120, 1)),
+    "few rows and columns": lambda depth, rng: np.kron(depth[50:60, :10], np.ones((4, 4))),
+    "a border with readings": lambda depth, rng: np.pad(
+        np.kron(depth, np.ones((2, 2), depth.dtype)), 9, constant_values=1500
+    ),
+    "a volume": lambda depth, rng: np.ones((4, 4, 4)),
+    "a line": lambda depth, rng: np.ones(99),
+    "words": lambda depth, rng: np.full((99, 99), "a"),
+    "a list": lambda depth, rng: np.kron(depth, np.ones((2, 2))).tolist(),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_images_are_searched_as_they_are(room, name):
+    given = OTHERS[name](room.depth, np.random.default_rng(0))
+    assert own_pixels(given, room.camera) is None
+
+
+def test_only_the_spatial_objective_without_a_partition_looks(room):
+    depth, camera = (
+        np.kron(room.depth, np.ones((2, 2), np.uint16)),
+        camera_of(room.camera, SIZE, (240, 320)),
+    )
+    halves = np.repeat([[1, 2]], 240, axis=0).repeat(160, axis=1)
+    for options, searched in (
+        ({}, True),
+        ({"instances": True}, True),
+        ({"objective": "paper"}, False),
+        ({"partition": halves}, False),
+    ):
+        model = pw.detect_planes(depth, camera, room.sensor, **options)
+        assert ("own_size" in model.settings) == searched
+        assert model.labels.shape == (240, 320)
+    lidar = pw.SphericalCamera.spinning(np.linspace(15, -15, 64), 256)
+    ranges = np.random.default_rng(0).uniform(4, 5, (32, 128)).repeat(2, 0).repeat(2, 1)
+    assert own_pixels(ranges, lidar) is None
+
+
+def test_every_door_looks(room):
+    shape = (240, 320)
+    depth, camera = enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    wanted = pw.detect_planes(depth, camera, room.sensor)
+    detector = pw.Detector(camera, room.sensor)
+    for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
+        assert_array_equal(model.labels, wanted.labels)
+        assert model.information == wanted.information
+    auto = pw.Sensor(noise="auto")
+    told = pw.estimate_noise(depth, camera, auto)
+    own = pw.estimate_noise(room.depth, room.camera, auto)
+    assert_allclose(told.noise([1.0, 3.0]), own.noise([1.0, 3.0]), rtol=1e-6)
+    with pytest.raises(ValueError, match="camera is for images of 160 x 120 pixels"):
+        pw.detect_planes(depth, replace(room.camera, width=160, height=120), room.sensor)
+    with pytest.raises(ValueError, match="depth must not be negative"):
+        pw.detect_planes(-1.0 * depth, camera, room.sensor)
+
+
+def test_the_command_line_says_so(tmp_path, room):
+    shape = (240, 320)
+    depth, camera = enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    Image.fromarray(depth).save(tmp_path / "depth.png")
+    numbers = ",".join(map(str, (camera.fx, camera.fy, camera.cx, camera.cy)))
+    out = tmp_path / "out"
+    given = ("--camera", numbers, "--sensor", "kinect-v1")
+    code, text, _ = run("detect", tmp_path / "depth.png", *given, "-o", out)
+    assert code == 0
+    assert "depth was enlarged; its own 160 x 120 pixels were searched" in text
+    record = json.loads((out / "planes.json").read_text())
+    jsonschema.validate(record, json.loads(SCHEMA_FILE.read_text()))
+    assert record["options"]["own_size"] == [120, 160]
+    assert np.asarray(Image.open(out / "labels.png")).shape == shape
+    store = tmp_path / "store"
+    (tmp_path / "frames").mkdir()
+    Image.fromarray(depth).save(tmp_path / "frames" / "1.png")
+    code, _, errors = run("batch", tmp_path / "frames", *given, "-o", store)
+    assert code == 0, errors
