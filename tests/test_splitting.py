@@ -281,7 +281,7 @@ def test_phi_is_lower_once_they_are_split(name):
 
 
 @pytest.mark.parametrize(
-    ("at", "significance", "count"), [(0.0, 8e3, 2), (0.0, 12e3, 1), (0.4, 5e3, 2), (0.4, 8e3, 1)]
+    ("at", "significance", "count"), [(0.0, 8e3, 2), (0.0, 14e3, 1), (0.4, 5e3, 2), (0.4, 8e3, 1)]
 )
 def test_a_segment_stays_whole_where_no_more_planes_are_significant(at, significance, count):
     """Of two walls at one degree, one or both are not, but what both are together is."""

@@ -6,6 +6,7 @@ their discord; squares of cells that clearly are one plane are joined at once be
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -30,10 +31,10 @@ Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes i
 # Price where error is white, and where it drifts (`FrameError.drifting`): nats per pixel where the
 # surface breaks and where it goes on, and the discord half-way.
 _MERGE_BORDER = (0.7, 2.0, 8.0), (0.7, 2.0, 10.0)  # that a merge saves
+_COARSE = 0.25  # power of an image's pixels that its price falls with, where error drifts
 _FITTED_AWAY = 1.5  # half the mean of chi^2 with three degrees of freedom: what a free plane fits
 _SHARE_POWER = 0.25  # cells of few pixels are worth less: the surface about them is one
-_WHOLE = 64.0  # pixels of a cell whose error is its own
-_SHARES = (np.arange((2 * SIDE) ** 2 + 1) / _WHOLE) ** _SHARE_POWER  # by the pixels of a unit
+_WHOLE = 64.0  # pixels of a cell whose error is its own in a fine image (`_shares`)
 _TAILS = 4.0, 2.5  # degrees of freedom of the error of one cell of 6 x 6 pixels (`_tails`)
 _ACROSS = 0.4  # pixels^2: error across the image with which they are the fewest
 _SAME = 11.34  # discord up to which squares are joined at once: chi^2 of three, 99 %
@@ -68,7 +69,7 @@ def merged(
         cells.grid, cells.whole, segments.of_unit, forms, right, below, discords
     )
     beside = neighbours(cells, grid, segments.of_unit, discords, sides, sectors)
-    price, longest = _merge_border(segments.rows, cells.error, cost)
+    price, longest = _merge_border(segments.rows, cells.error, _fineness(sectors), cost)
     ints, floats = loops.room(beside.sides, len(segments.rows))
     roots, segment = np.empty((2, len(segments.rows)), np.int32)
     with workspace.stage(), threads.beside(meanwhile or _nothing_else):
@@ -114,7 +115,7 @@ def _joined_squares(
         cells.slope_prior,
         cells.rows[:, COUNT],
         _FITTED_AWAY,
-        _SHARES,
+        _shares(_fineness(sectors)),
         free,
     )
     root, square = np.empty(count, np.int32), workspace.empty(count, np.int32)
@@ -143,6 +144,17 @@ def _joined_squares(
     return segments, shapes
 
 
+def _fineness(sectors: Sectors) -> float:
+    """Pixels against those of a fine image; range images, which hardly profit, count as fine."""
+    return sectors.fineness if sectors.count == 1 else 1.0
+
+
+def _shares(fineness: float) -> Array:
+    """What units of 0, 1 ... pixels are worth; in an image of few, each sees more of a surface."""
+    pixels = np.arange((2 * SIDE) ** 2 + 1) / (_WHOLE * math.sqrt(fineness))
+    return np.minimum(pixels, 1.0) ** _SHARE_POWER
+
+
 def _tails(error: FrameError) -> float:
     """Degrees of freedom of the error of one cell.
 
@@ -153,16 +165,19 @@ def _tails(error: FrameError) -> float:
     return usual + min(1.0, error.lateral / _ACROSS) * (fewest - usual)
 
 
-def _merge_border(segments: Array, error: FrameError, cost: float) -> tuple[Border, float]:
+def _merge_border(
+    segments: Array, error: FrameError, fineness: float, cost: float
+) -> tuple[Border, float]:
     """What a merge saves of a border: its price, and the most of it.
 
     The cells on both sides cost no more if they are free. Where the error drifts, and as surfaces
     lean, the discord of wide segments stops to grow with them, and so does what their border is
-    worth.
+    worth. In an image of few pixels an error drifts more from one to the next, and so does discord.
     """
     low, high, knee = between(_MERGE_BORDER, error.drifting)
     free = float(segments[:, FREE].sum() / segments[:, COUNT].sum())  # nats per pixel
-    price = low, max(low, min(high, 2 * _UNIT * free)), knee
+    coarse = fineness ** (-_COARSE * error.drifting)
+    price = coarse * low, coarse * max(low, min(high, 2 * _UNIT * free)), knee
     few, most = _LONGEST
     return price, cost * (most if few > most * error.drifting else few / error.drifting)
 
