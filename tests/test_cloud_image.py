@@ -249,16 +249,17 @@ REFUSED = {
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_depth_image_is_refused(room, name):
     points = REFUSED[name](np.random.default_rng(0), room)
-    with pytest.raises(ValueError, match=r"^points: there is no camera at \[0.0, 0.0, 0.0\] on"):
+    with pytest.raises(ValueError, match=r"^points: no camera at \[0.0, 0.0, 0.0\]"):
         pw.image_of_cloud(points)
 
 
 def test_malformed_arguments_are_refused(room):
     points, _ = points_of(room)
     for wrong, reason in (
-        (points[:999], "999 of 999 are finite and not the origin"),
-        (np.full((2000, 3), np.nan), "0 of 2,000 are finite"),
-        (np.zeros((2000, 3)), "0 of 2,000 are finite"),
+        (points[:999], "has pixels on which 1,000 or more lie"),
+        (np.full((2000, 3), np.nan), "has pixels on which 1,000 or more lie"),
+        (np.zeros((2000, 3)), "has pixels on which 1,000 or more lie"),
+        (np.empty((0, 3)), "has pixels on which 1,000 or more lie"),
         (points[:, :2], "shape"),
         (points.astype(complex), "real numbers"),
     ):
@@ -328,7 +329,11 @@ def test_how_points_are_taken_can_be_said(tmp_path, room):
         if "--sigma" in options:
             assert record["sensor"]["noise"].startswith("0.03")
     for name, options, reason in (
-        ("moved", (), "as: points: there is no camera at [0.0, 0.0, 0.0] on whose pixels"),
+        (
+            "moved",
+            (),
+            "as: points: no camera at [0.0, 0.0, 0.0] has pixels on which 1,000 or more lie",
+        ),
         ("image", ("--tiles", 20_000), "as: an image is searched in one piece, without --tiles"),
     ):
         code, _, errors = run(

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 from planewise.arguments import checked_points
 from planewise.camera import PinholeCamera
 from planewise.model import Plane, PlaneModel
-from planewise.pixel_lattice import MOST_OFF, OFF, PixelLattice, pixel_lattice
+from planewise.pixel_lattice import MOST_OFF, OFF, PixelLattice, may_be_seen, pixel_lattice
 from planewise.point_observation import checked_origin
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.intp]
 
 _FEWEST = 1_000  # points; of fewer it is not worth to know their pixels
+_SOME = 5_000  # of them that tell whether one camera may see all
 _BESIDE = 0.5  # share of the pixels whose right neighbour has a point, too
 _LOOKING = 0.7  # cosine of the angle between forward and the cloud's z from which on z is no height
 
@@ -143,8 +144,8 @@ def image_of_cloud(points: ArrayLike, origin: ArrayLike | None = None) -> CloudI
     Raises
     ------
     ValueError
-        If an argument is malformed, there are fewer than a thousand points, or no camera is found
-        there whose pixels they lie on, but for one in a hundred, within a quarter of a pixel.
+        If an argument is malformed, or there is no camera on whose pixels a thousand points or more
+        lie, but for one in a hundred, within a quarter of a pixel.
 
     Examples
     --------
@@ -164,21 +165,18 @@ def image_of_cloud(points: ArrayLike, origin: ArrayLike | None = None) -> CloudI
     if place is not None and place.ndim != 1:
         raise ValueError(f"origin must be that of one camera, of shape (3,), got {place.shape}")
     place = np.zeros(3) if place is None else place + 0.0  # not -0
-    some = np.flatnonzero(np.isfinite(array).all(axis=1))
-    towards = array[some].astype(np.float64) - place
-    apart = towards.any(axis=1)
-    some, towards = some[apart], towards[apart]
-    if len(some) < _FEWEST:
-        raise ValueError(
-            f"points: {len(some):,} of {len(array):,} are finite and not the origin; "
-            f"at least {_FEWEST:,} tell a camera"
-        )
-    lattice = pixel_lattice(towards)
-    image = None if lattice is None else _image(array, some, towards, place, lattice)
+    image = None
+    if may_be_seen(array[:: 1 + len(array) // _SOME].astype(np.float64) - place):
+        some = np.flatnonzero(np.isfinite(array).all(axis=1))
+        towards = array[some].astype(np.float64) - place
+        apart = towards.any(axis=1)
+        some, towards = some[apart], towards[apart]
+        lattice = pixel_lattice(towards) if len(some) >= _FEWEST else None
+        image = None if lattice is None else _image(array, some, towards, place, lattice)
     if image is None:
         raise ValueError(
-            f"points: there is no camera at {place.tolist()} on whose pixels they lie, but for one "
-            f"in a hundred, within {OFF} pixels; they are no depth image's, or are rounded"
+            f"points: no camera at {place.tolist()} has pixels on which {_FEWEST:,} or more lie, but "
+            f"for one in a hundred, within {OFF} pixels; they are no depth image's, or rounded"
         )
     return image
 
