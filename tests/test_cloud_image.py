@@ -204,7 +204,7 @@ def test_whether_points_are_searched_as_an_image_can_be_said(room):
     near = replace(auto, max_depth=1.0, min_depth=0.9)
     model = pw.detect_planes_in_points(points, near)
     assert model.readings == len(points)
-    with pytest.raises(ValueError, match="there is no camera"):
+    with pytest.raises(ValueError, match="points: no camera at"):
         pw.detect_planes_in_points(points + 1, auto, as_image=True)
     with pytest.raises(ValueError, match="as_image needs the noise of a sensor"):
         pw.detect_planes_in_points(points, auto, sigma=np.ones(len(points)), as_image=True)

@@ -175,8 +175,8 @@ def image_of_cloud(points: ArrayLike, origin: ArrayLike | None = None) -> CloudI
         image = None if lattice is None else _image(array, some, towards, place, lattice)
     if image is None:
         raise ValueError(
-            f"points: no camera at {place.tolist()} has pixels on which {_FEWEST:,} or more lie, but "
-            f"for one in a hundred, within {OFF} pixels; they are no depth image's, or rounded"
+            f"points: no camera at {place.tolist()} has pixels on which {_FEWEST:,} or more lie, "
+            f"but for one in a hundred, within {OFF} pixels; they are no depth image's, or rounded"
         )
     return image
 
