@@ -96,15 +96,52 @@ def test_bands_without_readings_and_crops_do_not_matter(room, kind):
     found = own_pixels(depth, camera)
     assert_allclose((found.camera.fx, found.camera.fy), (room.camera.fx, room.camera.fy))
     assert_array_equal(found.enlarge(found.depth)[18:-10, 14:-22], depth[18:-10, 14:-22])
-    assert_array_equal(np.diff(found.rows), 2)
+    assert found.depth.shape == SIZE
+    assert_array_equal(found.rows.count, 2)
     # One row less and three columns less, as of a crop.
     cut = own_pixels(depth[1:, 3:], camera.cropped(1, 3, (239, 317)))
     assert_allclose((cut.camera.fx, cut.camera.fy), (room.camera.fx, room.camera.fy))
     rays = cut.camera.rays(cut.depth.shape)
-    x = cut.columns[cut.columns > 11][0]  # an own column that is seen whole
-    column = np.flatnonzero(cut.columns == x)[0]
+    column = 20  # an own column that is seen whole
+    x = cut.columns.first[column]
     middle = camera.cropped(1, 3, (239, 317)).unproject([[x + 0.5, 100.0]])[0]
     assert_allclose(rays[50, column, 0], middle[0])
+
+
+STEPS = {  # every n-th row and column, and the first ones
+    "every third row": ((3, 1), (0, 0)),
+    "every fourth column": ((1, 4), (0, 3)),
+    "every second row and column": ((2, 2), (1, 0)),
+    "every third row, fifth column": ((3, 5), (2, 1)),
+}
+
+
+@pytest.mark.parametrize("holes", [False, True])
+@pytest.mark.parametrize("name", STEPS)
+def test_rows_and_columns_that_have_readings_are_those_of_an_image(name, holes):
+    (rows, columns), (top, left) = STEPS[name]
+    room = pw.scenes.room(0, size=(240, 320))
+    some = slice(top, None, rows), slice(left, None, columns)
+    if holes:  # own rows and columns may lack readings, too
+        room.depth[: rows * 20], room.depth[:, 100 : 100 + 3 * columns] = 0, 0
+    depth = np.zeros_like(room.depth)
+    depth[some] = room.depth[some]
+    found = own_pixels(depth, room.camera)
+    assert_array_equal(found.depth, room.depth[some])
+    assert_allclose(found.camera.fy * rows, room.camera.fy)
+    ray = found.camera.unproject([[5, 7]])[0]
+    assert_allclose(ray, room.camera.rays((240, 320))[some][7, 5])
+    model = pw.detect_planes(depth, room.camera, room.sensor)
+    own = pw.detect_planes(found.depth, found.camera, room.sensor)
+    assert model.settings["own_size"] == list(found.depth.shape)
+    assert_array_equal(model.labels[some], own.labels)
+    assert not model.labels[depth == 0].any()
+    assert model.readings == own.readings
+    for label, (plane, small) in enumerate(zip(model.planes, own.planes, strict=True), start=1):
+        mine = model.labels == label
+        assert plane.count == small.count == mine.sum()
+        i, j = mine.any(axis=1).nonzero()[0], mine.any(axis=0).nonzero()[0]
+        assert plane.bounding_box == (i[0], j[0], i[-1] + 1, j[-1] + 1)
 
 
 def irregular(depth, rng):
@@ -132,6 +169,10 @@ OTHERS = {
     "a border with readings": lambda depth, rng: np.pad(
         np.kron(depth, np.ones((2, 2), depth.dtype)), 9, constant_values=1500
     ),
+    "every second row has readings": lambda depth, rng: depth * (np.indices(SIZE)[0] % 2),
+    "half of the pixels have readings": lambda depth, rng: depth * (np.indices(SIZE).sum(0) % 2),
+    "few rows have readings": lambda depth, rng: depth * (np.indices(SIZE)[0] % 16 == 3),
+    "any of the pixels have readings": lambda depth, rng: depth * (rng.random(SIZE) < 0.1),
     "a volume": lambda depth, rng: np.ones((4, 4, 4)),
     "a line": lambda depth, rng: np.ones(99),
     "words": lambda depth, rng: np.full((99, 99), "a"),

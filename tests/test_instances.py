@@ -137,6 +137,15 @@ def test_missing_readings_cut_no_surface(missing):
     assert len(apart) == 3
 
 
+def test_readings_too_far_apart_for_cells_tell_surfaces_apart():
+    depth = walls(100, 130, 250, 280, missing=0.98)
+    planes = pw.detect_planes(depth, CAMERA, SENSOR)
+    apart = pw.detect_planes(depth, CAMERA, SENSOR, instances=True)
+    assert "frame_error" not in apart.settings  # that cells would tell
+    assert (len(planes), len(apart)) == (2, 5)
+    assert all(np.isnan(plane.residual_correlation) for plane in apart.planes)
+
+
 def test_the_best_surfaces_that_are_asked_for():
     depth = walls(100, 130, 250, 280)
     every = pw.detect_planes(depth, CAMERA, SENSOR, instances=True)

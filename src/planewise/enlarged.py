@@ -1,7 +1,8 @@
-"""Depth that was enlarged by repeating pixels, as to the size of a picture: its own pixels.
+"""Depth that was enlarged, as to the size of a picture, by repeated or missing pixels.
 
 A reading that is there k times has one error, not k, and cells of few pixels hold hardly one of
-them. So such an image is searched at the size that it had.
+them; nor do they where only every third row and column has readings. So such an image is searched
+at the size that it had.
 """
 
 from __future__ import annotations
@@ -15,23 +16,64 @@ from numpy.typing import NDArray
 from planewise.camera import Camera, PinholeCamera
 from planewise.model import Plane, PlaneModel
 
-Edges = NDArray[np.intp]
+Index = NDArray[np.intp]
 Image = NDArray[Any]
 
 _LEAST, _MOST = 1.2, 16.0  # times as wide
 _LOOKED_AT = 7  # rows, or columns, of which two are equal where that is more than `_LEAST`
 _FEWEST = 16  # own rows and columns: fewer repeat by chance
+_SPARSE = 3.0  # pixels for one with a reading; of half as many cells make enough
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lines:
+    """Rows, or columns, of an enlarged image that are one of its own.
+
+    Attributes
+    ----------
+    first, count : ndarray of int, shape (n,)
+        First of those that are own row i, and how many there are.
+    """
+
+    first: Index
+    count: Index
+
+    @property
+    def times(self) -> float:
+        """How many times as high the image is."""
+        middle = self._middle()
+        return float((middle[-1] - middle[0]) / (len(middle) - 1))
+
+    def own(self, focal: float, centre: float) -> tuple[float, float]:
+        """Focal length and principal point in own pixels."""
+        middle, times = self._middle(), self.times
+        first = float(np.mean(middle - times * np.arange(len(middle)))) - times
+        return focal / times, (centre - first) / times
+
+    def every(self) -> tuple[Index, Index]:
+        """Rows of the enlarged image that are one of its own, and which."""
+        before = np.cumsum(self.count) - self.count
+        rows = np.repeat(self.first - before, self.count) + np.arange(self.count.sum())
+        return rows, np.repeat(np.arange(len(self.first)), self.count)
+
+    def edges(self, top: int, bottom: int) -> tuple[int, int]:
+        """First of the rows from own row `top` to before `bottom`, and that behind the last."""
+        last = bottom - 1
+        return int(self.first[top]), int(self.first[last] + self.count[last])
+
+    def _middle(self) -> NDArray[np.float64]:
+        # The first and the last may be cut.
+        return (self.first + (self.count - 1) / 2)[1:-1]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class OwnPixels:
-    """Which rows and columns of an enlarged image are one of its own.
+    """Which pixels of an enlarged image are one of its own.
 
     Attributes
     ----------
-    rows, columns : ndarray of int, shape (h + 1,), (w + 1,)
-        First of those that are own row or column i, rising; the last is behind all of them. What is
-        before and behind has no readings.
+    rows, columns : Lines
+        Of sparse images what is not among them has no readings.
     shape : (H, W)
         Of the enlarged image.
     depth : ndarray, shape (h, w)
@@ -40,18 +82,18 @@ class OwnPixels:
         That of own pixels.
     """
 
-    rows: Edges
-    columns: Edges
+    rows: Lines
+    columns: Lines
     shape: tuple[int, int]
     depth: Image
     camera: PinholeCamera
 
     @classmethod
-    def of(cls, image: Image, camera: PinholeCamera, rows: Edges, columns: Edges) -> OwnPixels:
+    def of(cls, image: Image, camera: PinholeCamera, rows: Lines, columns: Lines) -> OwnPixels:
         """Own pixels of an enlarged image and its camera."""
-        fx, cx = _own(columns, camera.fx, camera.cx)
-        fy, cy = _own(rows, camera.fy, camera.cy)
-        depth = image[np.ix_(rows[:-1], columns[:-1])]
+        fx, cx = columns.own(camera.fx, camera.cx)
+        fy, cy = rows.own(camera.fy, camera.cy)
+        depth = image[np.ix_(rows.first, columns.first)]
         height, width = depth.shape
         own = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, height=height, width=width)
         shape = image.shape[0], image.shape[1]
@@ -60,13 +102,11 @@ class OwnPixels:
     def enlarge(self, image: Image) -> Image:
         """An image of own pixels, enlarged; 0 where they have none."""
         out = np.zeros(self.shape, image.dtype)
-        inside = np.repeat(image, np.diff(self.rows), axis=0)
-        out[self.rows[0] : self.rows[-1], self.columns[0] : self.columns[-1]] = np.repeat(
-            inside, np.diff(self.columns), axis=1
-        )
+        (rows, own_rows), (columns, own_columns) = self.rows.every(), self.columns.every()
+        out[np.ix_(rows, columns)] = image[np.ix_(own_rows, own_columns)]
         return out
 
-    def enlarged(self, model: PlaneModel, readings: Edges) -> PlaneModel:
+    def enlarged(self, model: PlaneModel, readings: Index) -> PlaneModel:
         """A model of own pixels as one of the enlarged image; readings: places of the own ones.
 
         Labels, counts and bounding boxes are those of the enlarged image; all else knows of every
@@ -85,24 +125,50 @@ class OwnPixels:
 
     def _enlarged(self, plane: Plane, count: int) -> Plane:
         top, left, bottom, right = plane.bounding_box
-        rows, columns = self.rows[[top, bottom]].tolist(), self.columns[[left, right]].tolist()
-        return replace(plane, count=count, bounding_box=(rows[0], columns[0], rows[1], columns[1]))
+        (top, bottom), (left, right) = self.rows.edges(top, bottom), self.columns.edges(left, right)
+        return replace(plane, count=count, bounding_box=(top, left, bottom, right))
 
 
 def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
     """Own pixels of a depth image, where it was enlarged to the nearest ones; else None.
 
     Rows and columns must repeat evenly all over, each within 1.2 and 16 times: twice, or once and
-    twice by turns. Only images of a `PinholeCamera` are looked at.
+    twice by turns. Or only every n-th row, or column, or both, have readings, a third of the pixels
+    at most. Only images of a `PinholeCamera` are looked at.
     """
     if type(camera) is not PinholeCamera or type(depth) is not np.ndarray or depth.ndim != 2:
         return None
-    if depth.dtype.kind not in "fiu" or not (_may_repeat(depth) and _may_repeat(depth.T)):
+    if depth.dtype.kind not in "fiu":
         return None
-    rows, columns = _edges(depth), _edges(depth.T)
+    for find in (_repeated, _sparse):
+        lines = find(depth)
+        if lines is not None:
+            return OwnPixels.of(depth, camera, *lines)
+    return None
+
+
+def _repeated(image: Image) -> tuple[Lines, Lines] | None:
+    """Own rows and columns of an image that repeats them."""
+    if not (_equal(_middle(image)).any() and _equal(_middle(image.T)).any()):
+        return None
+    rows, columns = _own_rows(image), _own_rows(image.T)
+    return None if rows is None or columns is None else (rows, columns)
+
+
+def _sparse(image: Image) -> tuple[Lines, Lines] | None:
+    """Own rows and columns of an image of which others have no readings."""
+    if _has_readings(_middle(image)).all() and _has_readings(_middle(image.T)).all():
+        return None
+    rows, columns = _rows_with_readings(image), _rows_with_readings(image.T)
     if rows is None or columns is None:
         return None
-    return OwnPixels.of(depth, camera, rows, columns)
+    return (rows, columns) if rows.times * columns.times >= _SPARSE else None
+
+
+def _middle(image: Image) -> Image:
+    """Some rows."""
+    first = max(0, image.shape[0] // 2 - _LOOKED_AT // 2)
+    return image[first : first + _LOOKED_AT]
 
 
 def _equal(image: Image) -> NDArray[np.bool_]:
@@ -114,21 +180,19 @@ def _equal(image: Image) -> NDArray[np.bool_]:
     return np.asarray(same.all(axis=1))
 
 
-def _may_repeat(image: Image) -> bool:
-    """Whether some of the rows in the middle equal those before."""
-    first = max(0, image.shape[0] // 2 - _LOOKED_AT // 2)
-    return bool(_equal(image[first : first + _LOOKED_AT]).any())
+def _has_readings(image: Image) -> NDArray[np.bool_]:
+    """Whether rows have any readings."""
+    return np.asarray((np.isfinite(image) & (image != 0)).any(axis=1))
 
 
-def _edges(image: Image) -> Edges | None:
-    """`OwnPixels.rows`; None where rows do not repeat evenly."""
+def _own_rows(image: Image) -> Lines | None:
+    """Own rows of an image that repeats them; None where it does not, or not evenly."""
     first = 1 + np.flatnonzero(~_equal(image))
     if len(first) < _FEWEST:
         return None
-    times = (first[-1] - first[0]) / (len(first) - 1)
-    most = int(np.ceil(times))
-    gaps = np.diff(first)
+    times, gaps = (first[-1] - first[0]) / (len(first) - 1), np.diff(first)
     even = first[0] + times * np.arange(len(first))
+    most = int(np.ceil(times))
     if not (
         _LEAST <= times <= _MOST
         and gaps.min() >= np.floor(times)
@@ -137,16 +201,21 @@ def _edges(image: Image) -> Edges | None:
     ):
         return None
     start, end = max(0, first[0] - most), min(len(image), first[-1] + most)
-    for outside in (image[:start], image[end:]):  # has no rows of its own, and must need none
-        if (np.isfinite(outside) & (outside != 0)).any():
-            return None
-    return np.concatenate(([start], first, [end]))
+    if _has_readings(image[:start]).any() or _has_readings(image[end:]).any():
+        return None
+    # Where there are no readings they go on as evenly.
+    before = first[0] - times * np.arange(np.ceil((first[0] - most) / times), 0, -1)
+    behind = first[-1] + times * np.arange(1, 1 + np.ceil((len(image) - most - first[-1]) / times))
+    edges = np.concatenate(([0], np.rint(before), first, np.rint(behind), [len(image)]))
+    edges = np.unique(edges.astype(np.intp))
+    return Lines(first=edges[:-1], count=np.diff(edges))
 
 
-def _own(edges: Edges, focal: float, centre: float) -> tuple[float, float]:
-    """Focal length and principal point, of rows or columns, in own pixels."""
-    middle = (edges[1:] + edges[:-1] - 1) / 2
-    middle = middle[1:-1]  # the first and the last may be cut
-    times = (middle[-1] - middle[0]) / (len(middle) - 1)
-    first = float(np.mean(middle - times * np.arange(1, len(middle) + 1)))
-    return focal / float(times), (centre - first) / float(times)
+def _rows_with_readings(image: Image) -> Lines | None:
+    """Every n-th row of an image in which no others have readings; None where they are few."""
+    there = np.flatnonzero(_has_readings(image))
+    if len(there) < _FEWEST:
+        return None
+    step = int(np.gcd.reduce(np.diff(there)))
+    first = np.arange(there[0] % step, len(image), step)
+    return Lines(first=first, count=np.ones_like(first)) if len(first) >= _FEWEST else None

@@ -81,6 +81,7 @@ def told_apart(
         labels=np.ascontiguousarray(sectors.labels(kept[pieces]), np.uint16),
         significance=saved[keep],
         affine=of_plane[row].reshape(-1, 3),
+        residual_correlation=found.residual_correlation[row],
     )
     with workspace.stage():
         out = judged(observation, frame, cells, split, workspace, paid=True)

@@ -66,11 +66,13 @@ def joined(
     merge_groups(groups.moments, groups.label, groups.first, place)
     together = np.zeros((len(alive), 3, 3))
     np.add.at(together, part, found.information)
+    told = found.residual_correlation  # of sparse frames, before; of others it is worked out later
     one = replace(
         found,
         affine=by_plane[alive].reshape(-1, 3),
         information=together,
         significance=np.asarray(np.bincount(part, found.significance), np.float64),
+        residual_correlation=told[alive] if len(told) else told,
     )
     readings = np.bincount(place, groups.readings).astype(np.int64)
     return replace(groups, readings=readings), one, place
