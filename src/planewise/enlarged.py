@@ -22,6 +22,8 @@ Image = NDArray[Any]
 _LEAST, _MOST = 1.2, 16.0  # times as wide
 _LOOKED_AT = 7  # rows, or columns, of which two are equal where that is more than `_LEAST`
 _FEWEST = 16  # own rows and columns: fewer repeat by chance
+_ALIKE = 0.05  # of the own rows may be like the one before
+_ABOUT = 0.02  # of how many times as wide it is, as most rows show
 _SPARSE = 3.0  # pixels for one with a reading; of half as many cells make enough
 
 
@@ -41,13 +43,11 @@ class Lines:
     @property
     def times(self) -> float:
         """How many times as high the image is."""
-        middle = self._middle()
-        return float((middle[-1] - middle[0]) / (len(middle) - 1))
+        return self._line()[0]
 
     def own(self, focal: float, centre: float) -> tuple[float, float]:
         """Focal length and principal point in own pixels."""
-        middle, times = self._middle(), self.times
-        first = float(np.mean(middle - times * np.arange(len(middle)))) - times
+        times, first = self._line()
         return focal / times, (centre - first) / times
 
     def every(self) -> tuple[Index, Index]:
@@ -61,9 +61,13 @@ class Lines:
         last = bottom - 1
         return int(self.first[top]), int(self.first[last] + self.count[last])
 
-    def _middle(self) -> NDArray[np.float64]:
-        # The first and the last may be cut.
-        return (self.first + (self.count - 1) / 2)[1:-1]
+    def _line(self) -> tuple[float, float]:
+        """How far the middles of own rows are apart, and that of the first, by least squares."""
+        row = np.arange(1, len(self.first) - 1)  # the first and the last may be cut
+        middle = (self.first + (self.count - 1) / 2)[1:-1]
+        away = row - row.mean()
+        times = float(away @ middle / (away @ away))
+        return times, float(middle.mean() - times * row.mean())
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,9 +136,10 @@ class OwnPixels:
 def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
     """Own pixels of a depth image, where it was enlarged to the nearest ones; else None.
 
-    Rows and columns must repeat evenly all over, each within 1.2 and 16 times: twice, or once and
-    twice by turns. Or only every n-th row, or column, or both, have readings, a third of the pixels
-    at most. Only images of a `PinholeCamera` are looked at.
+    Rows and columns must repeat evenly, each within 1.2 and 16 times: twice, or once and twice by
+    turns; but for a few that are like the ones before, and any without readings. Or only every n-th
+    row, or column, or both, have readings, a third of the pixels at most.
+    Only images of a `PinholeCamera` are looked at.
     """
     if type(camera) is not PinholeCamera or type(depth) is not np.ndarray or depth.ndim != 2:
         return None
@@ -187,26 +192,32 @@ def _has_readings(image: Image) -> NDArray[np.bool_]:
 
 def _own_rows(image: Image) -> Lines | None:
     """Own rows of an image that repeats them; None where it does not, or not evenly."""
-    first = 1 + np.flatnonzero(~_equal(image))
+    first, there = 1 + np.flatnonzero(~_equal(image)), _has_readings(image)
     if len(first) < _FEWEST:
         return None
-    times, gaps = (first[-1] - first[0]) / (len(first) - 1), np.diff(first)
-    even = first[0] + times * np.arange(len(first))
-    most = int(np.ceil(times))
-    if not (
-        _LEAST <= times <= _MOST
-        and gaps.min() >= np.floor(times)
-        and gaps.max() <= most
-        and np.abs(first - even).max() < 1.0
-    ):
+    gaps = np.diff(first)
+    usual = gaps <= max(gaps.min() + 1, 2 * gaps.min() - 1)
+    if np.count_nonzero(~usual & there[first[:-1]]) > _ALIKE * len(gaps):
         return None
+    # Of rows that are alike, or have no readings, it does not show how many are one.
+    off, place = min(
+        (
+            _off_even(first, np.where(usual, 1.0, np.maximum(1.0, np.rint(gaps / times))))
+            for times in gaps[usual].mean() * np.linspace(1 - _ABOUT, 1 + _ABOUT, 41)
+        ),
+        key=lambda each: each[0],
+    )
+    times = (first[-1] - first[0]) / place[-1]
+    if off >= 1.0 or not _LEAST <= times <= _MOST:
+        return None
+    most, even = int(np.ceil(times)), np.rint(first[0] + times * np.arange(place[-1] + 1))
+    even[place] = first
     start, end = max(0, first[0] - most), min(len(image), first[-1] + most)
-    if _has_readings(image[:start]).any() or _has_readings(image[end:]).any():
+    if there[:start].any() or there[end:].any():
         return None
-    # Where there are no readings they go on as evenly.
     before = first[0] - times * np.arange(np.ceil((first[0] - most) / times), 0, -1)
     behind = first[-1] + times * np.arange(1, 1 + np.ceil((len(image) - most - first[-1]) / times))
-    edges = np.concatenate(([0], np.rint(before), first, np.rint(behind), [len(image)]))
+    edges = np.concatenate(([0], np.rint(before), even, np.rint(behind), [len(image)]))
     edges = np.unique(edges.astype(np.intp))
     return Lines(first=edges[:-1], count=np.diff(edges))
 
@@ -219,3 +230,10 @@ def _rows_with_readings(image: Image) -> Lines | None:
     step = int(np.gcd.reduce(np.diff(there)))
     first = np.arange(there[0] % step, len(image), step)
     return Lines(first=first, count=np.ones_like(first)) if len(first) >= _FEWEST else None
+
+
+def _off_even(first: Index, steps: NDArray[np.float64]) -> tuple[float, Index]:
+    """How far rows so many steps apart are from even ones, at most, and which of these they are."""
+    place = np.concatenate(([0.0], np.cumsum(steps)))
+    even = first[0] + (first[-1] - first[0]) / place[-1] * place
+    return float(np.abs(first - even).max()), place.astype(np.intp)
