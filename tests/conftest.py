@@ -47,18 +47,34 @@ def started(monkeypatch):
     return commands
 
 
+def real_file(folder, name):
+    """File of a real frame or scan by set and name; skips where the data is absent."""
+    path = SHARED / folder / f"{name}.npz"
+    if not path.exists():
+        pytest.skip(f"real data is not part of the project: {folder}/{name} is not here")
+    return path
+
+
 @pytest.fixture(scope="session")
 def real_frames():
     """Reader of a real frame by set and name; skips where the data is absent."""
 
     def read(folder, name):
-        path = SHARED / folder / f"{name}.npz"
-        if not path.exists():
-            pytest.skip(f"real frames are not part of the project: {folder}/{name} is not here")
-        with np.load(path) as frame:
+        with np.load(real_file(folder, name)) as frame:
             fx, fy, cx, cy = frame["K"]
             camera = pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)
             return frame["depth"], camera, float(frame["depth_scale"])
+
+    return read
+
+
+@pytest.fixture(scope="session")
+def real_points():
+    """Reader of the points of a real scan by set and name; skips where the data is absent."""
+
+    def read(folder, name):
+        with np.load(real_file(folder, name)) as scan:
+            return scan["points"]
 
     return read
 

@@ -18,7 +18,7 @@ from planewise.metrics import evaluate
 from planewise.pixel_lattice import pixel_lattice
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run
-from tests.conftest import SHARED
+from tests.test_organised import write_pcd
 
 SIZE = 120, 160
 SIN, COS = np.sin(np.radians(10)), np.cos(np.radians(10))
@@ -311,6 +311,12 @@ def test_how_points_are_taken_can_be_said(tmp_path, room):
     points, _ = points_of(room)
     for name, each in (("image", points), ("moved", points + 1)):
         np.save(tmp_path / f"{name}.npy", each)
+    organised = write_pcd(
+        tmp_path / "image.pcd", room.camera.rays(SIZE) * (0.001 * room.depth)[..., None]
+    )
+    code, text, _ = run("points", organised, "--sigma", 0.03, "-o", tmp_path / "of_pcd")
+    assert code == 0
+    assert text.strip().endswith("and '--as image' tells its planes better")
     out = tmp_path / "out"
     told = "and '--as image' tells its planes better"
     for name, options, said in (
@@ -352,13 +358,8 @@ REAL = {  # focal length, width and height
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_real_clouds_of_depth_cameras_are_their_images(name):
-    path = SHARED / "clouds_indoor" / f"{name}.npz"
-    if not path.exists():
-        pytest.skip(f"real scans are not part of the project: {name} is not here")
-    with np.load(path) as file:
-        points = file["points"]
-    image = pw.image_of_cloud(points)
+def test_real_clouds_of_depth_cameras_are_their_images(real_points, name):
+    image = pw.image_of_cloud(real_points("clouds_indoor", name))
     focal, width, height = REAL[name]
     assert_allclose(image.camera.fx, focal, atol=0.01)
     assert image.depth.shape == (height, width)

@@ -11,7 +11,6 @@ import planewise as pw
 from planewise import cameras, scenes
 from planewise.metrics import evaluate
 from tests.command import run
-from tests.conftest import SHARED
 
 SENSOR = pw.Sensor(max_depth=60.0, resolution=0.002, noise=0.02)
 CAMERA = pw.SphericalCamera.spinning(np.linspace(30, -30, 48), 512)
@@ -314,16 +313,12 @@ def test_command_line(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["kitti_000000", "kitti_000005"])
-def test_a_sweep_of_a_real_street(name):
+def test_a_sweep_of_a_real_street(real_points, name):
     """Points without order: much of the ground comes back, level, a car's height below.
 
     The height of its readings: a slope that begins far off would be lower where the car is.
     """
-    path = SHARED / "lidar" / f"{name}.npz"
-    if not path.exists():
-        pytest.skip(f"real scans are not part of the project: lidar/{name} is not here")
-    with np.load(path) as sweep:
-        points = sweep["points"]
+    points = real_points("lidar", name)
     camera = cameras.VELODYNE_HDL64E
     ranges = camera.from_points(points)
     assert (ranges > 0).sum() > 0.8 * len(points)
