@@ -54,8 +54,9 @@ def detect_planes(
     depth : array_like, shape (H, W)
         Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
-        sensor's range are "no reading". What was enlarged by repeating pixels is searched at its
-        own size (spatial objective, without a partition; ``settings["own_size"]`` says it).
+        sensor's range are "no reading". What was enlarged, by repeating pixels or by rows and
+        columns without readings, is searched at its own size (spatial objective, without a
+        partition; ``settings["own_size"]`` says it).
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
@@ -130,19 +131,18 @@ def observe_and_find(
     workspace : Workspace, optional
         Memory to work in.
     """
-    own = None
-    if options.resolved(spatial=True).objective == SPATIAL and options.partition is None:
-        own = own_pixels(depth, camera)
+    options, own = options.resolved(spatial=True), None
     with stage("observe"):
+        if options.objective == SPATIAL and options.partition is None:
+            own = own_pixels(depth, camera)
         if own is not None:
-            camera.check(own.shape)
             depth, camera = own.depth, own.camera
         # Its memory is its own, so that it needs no copy of the image.
         seen = observe(
             depth, camera, sensor, depth_scale=depth_scale, workspace=workspace or Workspace()
         )
     model = find(seen, options, workspace, rgb=rgb)
-    return seen, model if own is None else own.enlarged(model, seen.image.readings()[0])
+    return seen, model if own is None else own.enlarged(model, seen.index)
 
 
 def detect_planes_in_points(

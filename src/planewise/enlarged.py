@@ -138,8 +138,13 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
 
     Rows and columns must repeat evenly, each within 1.2 and 16 times: twice, or once and twice by
     turns; but for a few that are like the ones before, and any without readings. Or only every n-th
-    row, or column, or both, have readings, a third of the pixels at most.
-    Only images of a `PinholeCamera` are looked at.
+    row, or column, or both, have readings, a third of the pixels at most. Only images of a
+    `PinholeCamera` are looked at.
+
+    Raises
+    ------
+    ValueError
+        If it is enlarged, and cannot have been taken by the camera.
     """
     if type(camera) is not PinholeCamera or type(depth) is not np.ndarray or depth.ndim != 2:
         return None
@@ -148,6 +153,7 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
     for find in (_repeated, _sparse):
         lines = find(depth)
         if lines is not None:
+            camera.check((depth.shape[0], depth.shape[1]))
             return OwnPixels.of(depth, camera, *lines)
     return None
 

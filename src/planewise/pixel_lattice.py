@@ -116,7 +116,7 @@ def _unit(directions: Array) -> Array:
 
 
 def _frame_about(direction: Array) -> Array:
-    """Axes (3, 3) of which the last is a direction of length one."""
+    """Axes (3, 3) of which the last is a direction of length one; of another one any axes."""
     if not abs(direction @ direction - 1.0) < _GRAZING:
         return np.eye(3)
     axes: Array = np.linalg.svd(direction[None])[2]

@@ -229,11 +229,10 @@ def _depth_image(cloud: PointCloud, origin: Coordinates | None, needed: bool) ->
     PlanewiseError
         Why there is none, if one is needed.
     """
-    places = [-cloud.offset]
-    if cloud.origins is not None and len(cloud.origins) == 1:
-        places.insert(0, cloud.origins[0])
-    if origin is not None:
-        places = [origin]
+    places = [-cloud.offset] if origin is None else [origin]
+    if origin is None and cloud.origins is not None and len(cloud.origins) == 1:
+        (said,) = cloud.origins
+        places = places if np.array_equal(said, places[0]) else [said, *places]
     reasons = []
     for place in places:
         try:
