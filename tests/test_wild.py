@@ -121,6 +121,17 @@ def test_depth_in_steps_that_is_not_exact_has_no_wild_readings(noise):
     assert (model.labels != exact.labels).mean() < 0.002
 
 
+@pytest.mark.parametrize("noise", [1e-3, 2e-3])
+@pytest.mark.parametrize("seed", [1, 5])
+def test_steps_that_are_dithered_are_no_wild_readings(seed, noise):
+    """Of an image that was resampled, or rounded twice: differences are less than a step."""
+    room = scenes.room(seed)
+    off = noise * np.random.default_rng(0).uniform(-1, 1, room.depth.shape)
+    depth = np.where(room.depth > 0, 0.001 * room.depth + off, 0)
+    seen = pw.observe(depth, room.camera, room.sensor)
+    assert seen.tame is seen
+
+
 def score(model, scene, valid):
     found, true = (np.where(valid, each, 0) for each in (model.labels, scene.labels))
     row = evaluate(found, true, valid=valid).row()

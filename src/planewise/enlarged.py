@@ -1,4 +1,4 @@
-"""Depth that was enlarged, as to the size of a picture, by repeated or missing pixels.
+"""Depth that was enlarged, as to the size of a picture: pixels repeat, lie between, or are missing.
 
 A reading that is there k times has one error, not k, and cells of few pixels hold hardly one of
 them; nor do they where only every third row and column has readings. So such an image is searched
@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
+from planewise.interpolated import interpolated
 from planewise.model import Plane, PlaneModel
+from planewise.own_lines import Index, Lines
 
-Index = NDArray[np.intp]
 Image = NDArray[Any]
+Mask = NDArray[np.bool_]
 
 _LEAST, _MOST = 1.2, 16.0  # times as wide
 _LOOKED_AT = 7  # rows, or columns, of which two are equal where that is more than `_LEAST`
@@ -28,49 +30,6 @@ _SPARSE = 3.0  # pixels for one with a reading; of half as many cells make enoug
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Lines:
-    """Rows, or columns, of an enlarged image that are one of its own.
-
-    Attributes
-    ----------
-    first, count : ndarray of int, shape (n,)
-        First of those that are own row i, and how many there are.
-    """
-
-    first: Index
-    count: Index
-
-    @property
-    def times(self) -> float:
-        """How many times as high the image is."""
-        return self._line()[0]
-
-    def own(self, focal: float, centre: float) -> tuple[float, float]:
-        """Focal length and principal point in own pixels."""
-        times, first = self._line()
-        return focal / times, (centre - first) / times
-
-    def every(self) -> tuple[Index, Index]:
-        """Rows of the enlarged image that are one of its own, and which."""
-        before = np.cumsum(self.count) - self.count
-        rows = np.repeat(self.first - before, self.count) + np.arange(self.count.sum())
-        return rows, np.repeat(np.arange(len(self.first)), self.count)
-
-    def edges(self, top: int, bottom: int) -> tuple[int, int]:
-        """First of the rows from own row `top` to before `bottom`, and that behind the last."""
-        last = bottom - 1
-        return int(self.first[top]), int(self.first[last] + self.count[last])
-
-    def _line(self) -> tuple[float, float]:
-        """How far the middles of own rows are apart, and that of the first, by least squares."""
-        row = np.arange(1, len(self.first) - 1)  # the first and the last may be cut
-        middle = (self.first + (self.count - 1) / 2)[1:-1]
-        away = row - row.mean()
-        times = float(away @ middle / (away @ away))
-        return times, float(middle.mean() - times * row.mean())
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class OwnPixels:
     """Which pixels of an enlarged image are one of its own.
 
@@ -78,8 +37,8 @@ class OwnPixels:
     ----------
     rows, columns : Lines
         Of sparse images what is not among them has no readings.
-    shape : (H, W)
-        Of the enlarged image.
+    there : ndarray of bool, shape (H, W)
+        Which pixels of the enlarged image have a reading.
     depth : ndarray, shape (h, w)
         The image of own pixels.
     camera : PinholeCamera
@@ -88,24 +47,25 @@ class OwnPixels:
 
     rows: Lines
     columns: Lines
-    shape: tuple[int, int]
+    there: Mask
     depth: Image
     camera: PinholeCamera
 
     @classmethod
-    def of(cls, image: Image, camera: PinholeCamera, rows: Lines, columns: Lines) -> OwnPixels:
-        """Own pixels of an enlarged image and its camera."""
+    def of(
+        cls, image: Image, camera: PinholeCamera, rows: Lines, columns: Lines, depth: Image
+    ) -> OwnPixels:
+        """Own pixels of an enlarged image and its camera; depth: that of own pixels."""
         fx, cx = columns.own(camera.fx, camera.cx)
         fy, cy = rows.own(camera.fy, camera.cy)
-        depth = image[np.ix_(rows.first, columns.first)]
         height, width = depth.shape
         own = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, height=height, width=width)
-        shape = image.shape[0], image.shape[1]
-        return cls(rows=rows, columns=columns, shape=shape, depth=depth, camera=own)
+        there = np.isfinite(image) & (image != 0)
+        return cls(rows=rows, columns=columns, there=there, depth=depth, camera=own)
 
     def enlarge(self, image: Image) -> Image:
         """An image of own pixels, enlarged; 0 where they have none."""
-        out = np.zeros(self.shape, image.dtype)
+        out = np.zeros(self.there.shape, image.dtype)
         (rows, own_rows), (columns, own_columns) = self.rows.every(), self.columns.every()
         out[np.ix_(rows, columns)] = image[np.ix_(own_rows, own_columns)]
         return out
@@ -116,30 +76,35 @@ class OwnPixels:
         Labels, counts and bounding boxes are those of the enlarged image; all else knows of every
         reading once, and settings say the own size.
         """
-        labels, there = self.enlarge(model.labels), np.zeros(self.depth.shape, np.bool_)
-        there.flat[readings] = True
-        counts = np.bincount(labels.ravel(), minlength=len(model) + 1)[1:].tolist()
+        labels, own = self.enlarge(model.labels), np.zeros(self.depth.shape, np.bool_)
+        labels[~self.there], own.flat[readings] = 0, True
         return replace(
             model,
             labels=labels,
-            planes=tuple(map(self._enlarged, model.planes, counts)),
-            readings=int(np.count_nonzero(self.enlarge(there))),
+            planes=tuple(
+                self._enlarged(plane, number, labels)
+                for number, plane in enumerate(model.planes, start=1)
+            ),
+            readings=int(np.count_nonzero(self.enlarge(own) & self.there)),
             settings={**model.settings, "own_size": list(self.depth.shape)},
         )
 
-    def _enlarged(self, plane: Plane, count: int) -> Plane:
+    def _enlarged(self, plane: Plane, number: int, labels: Image) -> Plane:
         top, left, bottom, right = plane.bounding_box
         (top, bottom), (left, right) = self.rows.edges(top, bottom), self.columns.edges(left, right)
-        return replace(plane, count=count, bounding_box=(top, left, bottom, right))
+        its = labels[top:bottom, left:right] == number
+        rows, columns = (np.flatnonzero(its.any(axis=axis)) for axis in (1, 0))
+        box = top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1
+        return replace(plane, count=int(np.count_nonzero(its)), bounding_box=tuple(map(int, box)))
 
 
 def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
-    """Own pixels of a depth image, where it was enlarged to the nearest ones; else None.
+    """Own pixels of a depth image, where it was enlarged; else None.
 
     Rows and columns must repeat evenly, each within 1.2 and 16 times: twice, or once and twice by
     turns; but for a few that are like the ones before, and any without readings. Or only every n-th
-    row, or column, or both, have readings, a third of the pixels at most. Only images of a
-    `PinholeCamera` are looked at.
+    row, or column, or both, have readings, a third of the pixels at most. Or they were interpolated
+    linearly, within 1.5 and 16 times. Only images of a `PinholeCamera` are looked at.
 
     Raises
     ------
@@ -150,12 +115,15 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
         return None
     if depth.dtype.kind not in "fiu":
         return None
-    for find in (_repeated, _sparse):
-        lines = find(depth)
-        if lines is not None:
-            camera.check((depth.shape[0], depth.shape[1]))
-            return OwnPixels.of(depth, camera, *lines)
-    return None
+    lines = _repeated(depth) or _sparse(depth)
+    if lines is not None:
+        own = depth[np.ix_(lines[0].first, lines[1].first)]
+    elif (found := interpolated(depth)) is not None:
+        lines, own = found
+    else:
+        return None
+    camera.check((depth.shape[0], depth.shape[1]))
+    return OwnPixels.of(depth, camera, *lines, own)
 
 
 def _repeated(image: Image) -> tuple[Lines, Lines] | None:
@@ -182,7 +150,7 @@ def _middle(image: Image) -> Image:
     return image[first : first + _LOOKED_AT]
 
 
-def _equal(image: Image) -> NDArray[np.bool_]:
+def _equal(image: Image) -> Mask:
     """Whether rows of an image equal those before, missing readings included, shape (H - 1,)."""
     one, next_one = image[:-1], image[1:]
     same = one == next_one
@@ -191,7 +159,7 @@ def _equal(image: Image) -> NDArray[np.bool_]:
     return np.asarray(same.all(axis=1))
 
 
-def _has_readings(image: Image) -> NDArray[np.bool_]:
+def _has_readings(image: Image) -> Mask:
     """Whether rows have any readings."""
     return np.asarray((np.isfinite(image) & (image != 0)).any(axis=1))
 

@@ -20,6 +20,7 @@ _STRIDE = 16  # rows of which one stands for all
 _APART = 8  # pixels between pairs that stand for all
 _PASSES = 4  # wild readings hide one another
 _WIDTHS = 5.0  # of the narrowest half of readings, 1.35 standard deviations where they are normal
+_LEAST = 0.01  # of its depth is a wild reading off, as is a Kinect's step 4 m away
 _SIDE = 6.0, 0.4  # times this quantile of differences side by side: 4.4 standard deviations
 _FAR = 3.0  # times that: noise that differs from place to place ends before
 
@@ -73,4 +74,4 @@ def _within(values: NDArray[Any], low: float, high: float, level: float) -> tupl
         return math.inf, _WIDTHS
     times, quantile = _SIDE
     side = medians.smallest(off[:found], int(quantile * found), np.empty(found))
-    return times * float(side), _WIDTHS
+    return max(times * float(side), _LEAST), _WIDTHS

@@ -1,0 +1,212 @@
+"""Depth that was enlarged by linear interpolation: its planes are those of its own size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+import planewise as pw
+from planewise.enlarged import own_pixels
+from planewise.interpolated import Knots
+
+SIZE = 120, 160
+
+
+@pytest.fixture(scope="module")
+def room():
+    return pw.scenes.room(0, size=SIZE)
+
+
+def places(own, size, *, corners=False):
+    """Where each of `size` pixels lies among own ones, as by OpenCV, or with the same corners."""
+    at = np.arange(size)
+    place = at * (own - 1) / (size - 1) if corners else (at + 0.5) * own / size - 0.5
+    return np.clip(place, 0, own - 1)
+
+
+def along(image, place, *, holes):
+    """Interpolate rows linearly; holes: a missing reading is a 0, else what it has a part in is."""
+    above = np.minimum(np.floor(place).astype(int), len(image) - 2)
+    share = (place - above)[:, None]
+    here, behind = image[above], image[above + 1]
+    out = np.where(share == 0, here, np.where(share == 1, behind, here + share * (behind - here)))
+    if not holes:
+        lost = (here == 0) & (share < 1) | (behind == 0) & (share > 0)
+        out = np.where(lost, 0, out)
+    return out
+
+
+def enlarged(image, shape, *, holes=True, **how):
+    out = np.asarray(image, np.float64)
+    for axis in (0, 1):
+        place = places(image.shape[axis], shape[axis], **how)
+        out = np.moveaxis(along(np.moveaxis(out, axis, 0), place, holes=holes), 0, axis)
+    return out
+
+
+def camera_of(camera, own, shape, *, corners=False):
+    """The camera of an image that was enlarged from one size to another."""
+    (y, top), (x, left) = (
+        ((n - 1) / (k - 1), 0.0) if corners else (n / k, (n / k - 1) / 2)
+        for n, k in zip(shape, own, strict=True)
+    )
+    return pw.PinholeCamera(
+        fx=x * camera.fx, fy=y * camera.fy, cx=x * camera.cx + left, cy=y * camera.cy + top
+    )
+
+
+SHAPES = {
+    "1.5 times": (180, 240),
+    "1.6 times": (192, 256),
+    "twice": (240, 320),
+    "2.25 times": (270, 360),
+    "three times": (360, 480),
+    "7.5 times": (900, 1200),
+    "16 times": (1920, 2560),
+    "not as high as wide": (240, 480),
+}
+KINDS = {
+    "metres": lambda depth: 0.001 * depth,
+    "single precision": lambda depth: (0.001 * depth).astype(np.float32),
+    "NaN": lambda depth: np.where(depth, 0.001 * depth, np.nan),
+}
+
+
+@pytest.mark.parametrize("corners", [False, True])
+@pytest.mark.parametrize("name", SHAPES)
+def test_planes_are_those_of_the_own_size(room, name, corners):
+    shape = SHAPES[name]
+    depth = 0.001 * enlarged(room.depth, shape, corners=corners)
+    camera = camera_of(room.camera, SIZE, shape, corners=corners)
+    before = depth.copy()
+    found = own_pixels(depth, camera)
+    assert_allclose(found.depth, 0.001 * room.depth, atol=1e-9)
+    for name in ("fx", "fy", "cx", "cy"):
+        assert_allclose(getattr(found.camera, name), getattr(room.camera, name), rtol=1e-9)
+    model = pw.detect_planes(depth, camera, room.sensor)
+    assert_array_equal(depth, before)
+    own = pw.detect_planes(0.001 * room.depth, room.camera, room.sensor)
+    assert model.settings["own_size"] == list(SIZE)
+    assert len(model) == len(own) > 5
+    assert_allclose(model.coefficients, own.coefficients, atol=1e-6)
+    assert_allclose(model.information, own.information)
+    assert model.labels.dtype == np.uint16
+    rows, columns = (
+        np.floor(places(k, n, corners=corners) + 0.5 + 1e-9).astype(int)
+        for k, n in zip(SIZE, shape, strict=True)
+    )
+    wanted = np.where(depth > 0, own.labels[np.ix_(rows, columns)], 0)
+    assert (model.labels != wanted).mean() < 1e-4
+    assert model.readings <= np.count_nonzero(depth)
+    for label, plane in enumerate(model.planes, start=1):
+        i, j = (model.labels == label).nonzero()
+        assert plane.count == len(i) > 0
+        assert plane.bounding_box == (i.min(), j.min(), i.max() + 1, j.max() + 1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("name", ["1.5 times", "twice", "2.25 times", "three times"])
+def test_what_touches_a_hole_may_be_missing(room, name, kind):
+    holey = room.depth.copy()
+    holey[:9] = holey[-5:] = holey[40:52, 60:71] = holey[70, 100:140] = 0
+    depth = KINDS[kind](enlarged(holey, SHAPES[name], holes=False))
+    found = own_pixels(depth, camera_of(room.camera, SIZE, SHAPES[name]))
+    own = np.nan_to_num(found.depth)
+    off = np.abs(own - 0.001 * holey)
+    assert off[own > 0].max() < 2e-5
+    lost = (own == 0) & (holey > 0)
+    assert lost.mean() < 0.03
+    assert not own[holey == 0].any()
+    model = pw.detect_planes(depth, camera_of(room.camera, SIZE, SHAPES[name]), room.sensor)
+    assert not model.labels[~(depth > 0)].any()
+
+
+@pytest.mark.parametrize("name", ["1.5 times", "twice", "three times", "7.5 times"])
+def test_rounding_to_integers_does_not_matter(room, name):
+    shape = SHAPES[name]
+    depth = np.rint(enlarged(room.depth, shape)).astype(np.uint16)
+    found = own_pixels(depth, camera_of(room.camera, SIZE, shape))
+    assert found.depth.dtype == np.uint16
+    off = found.depth.astype(int) - room.depth
+    assert np.abs(off).max() <= 2
+    assert_array_equal(found.depth == 0, room.depth == 0)
+    model = pw.detect_planes(depth, camera_of(room.camera, SIZE, shape), room.sensor)
+    own = pw.detect_planes(room.depth, room.camera, room.sensor)
+    assert abs(len(model) - len(own)) <= 2
+    assert_allclose(model.coefficients[:4], own.coefficients[:4], atol=0.01)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(16, 60), st.floats(1.5, 12.0), st.booleans(), st.integers(0, 99))
+def test_own_rows_give_back_what_was_interpolated(own, times, corners, seed):
+    size = int(np.ceil(times * own))
+    knots = Knots.of(size, own)[corners]
+    rows = np.random.default_rng(seed).normal(2, 1, (own, 3))
+    image = along(rows, places(own, size, corners=corners), holes=True)
+    assert_allclose(knots.enlarged(rows), image, atol=1e-9)
+    assert_allclose(knots.own_rows(image), rows, atol=1e-9)
+    lines = knots.lines
+    assert_array_equal(np.cumsum(lines.count)[:-1], lines.first[1:])
+    assert lines.count.min() >= 1
+    assert lines.count.sum() == size
+
+
+def smooth(shape, width, rng):
+    """White noise that a Gaussian of so many pixels has smoothed."""
+    waves = sum(
+        np.square(np.fft.fftfreq(n)).reshape(turned)
+        for n, turned in zip(shape, ((-1, 1), (1, -1)), strict=True)
+    )
+    noise = np.fft.fft2(rng.normal(0, 1, shape)) * np.exp(-2 * (np.pi * width) ** 2 * waves)
+    field = np.fft.ifft2(noise).real
+    return field / field.std()
+
+
+ROW, COLUMN = np.indices((240, 320))
+OTHERS = {
+    "white noise": lambda rng: 2 + rng.normal(0, 0.01, ROW.shape),
+    "smooth noise": lambda rng: 2 + 0.01 * smooth(ROW.shape, 2.0, rng),
+    "smooth noise that was enlarged": lambda rng: enlarged(
+        2 + 0.01 * smooth(SIZE, 2.0, rng), ROW.shape
+    ),
+    "rows alone": lambda rng: along(
+        2 + rng.normal(0, 0.01, (120, 320)), places(120, 240), holes=True
+    ),
+    "one depth": lambda rng: np.full(ROW.shape, 2.0),
+    "a plane": lambda rng: 1 / (0.4 + 0.0005 * ROW + 0.0003 * COLUMN),
+    "a plane in steps": lambda rng: np.round(1000 / (0.4 + 0.0005 * ROW + 0.0003 * COLUMN)),
+    "even steps": lambda rng: np.round(1000 + 0.5 * ROW + 0.25 * COLUMN),
+    "a plane in steps of disparity": lambda rng: 500 / np.round(100 + 0.25 * ROW + 0.125 * COLUMN),
+    "few": lambda rng: enlarged(2 + rng.normal(0, 0.01, (15, 20)), ROW.shape),
+    "little larger": lambda rng: enlarged(2 + rng.normal(0, 0.01, (200, 267)), ROW.shape),
+    "negative": lambda rng: enlarged(rng.normal(0, 1, SIZE), ROW.shape),
+    "no readings": lambda rng: np.zeros(ROW.shape),
+    "not a number": lambda rng: np.full(ROW.shape, np.nan),
+}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_other_images_are_searched_as_they_are(room, name):
+    depth = OTHERS[name](np.random.default_rng(0))
+    assert own_pixels(depth, room.camera) is None
+
+
+def test_every_door_looks(room):
+    shape = (240, 320)
+    depth, camera = 0.001 * enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    wanted = pw.detect_planes(depth, camera, room.sensor)
+    detector = pw.Detector(camera, room.sensor)
+    for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
+        assert_array_equal(model.labels, wanted.labels)
+        assert model.information == wanted.information
+    auto = pw.Sensor(noise="auto")
+    told = pw.estimate_noise(depth, camera, auto)
+    own = pw.estimate_noise(0.001 * room.depth, room.camera, auto)
+    assert_allclose(told.noise([1.0, 3.0]), own.noise([1.0, 3.0]), rtol=1e-6)
+    with pytest.raises(ValueError, match="camera is for images of 160 x 120 pixels"):
+        pw.detect_planes(depth, replace(room.camera, width=160, height=120), room.sensor)
