@@ -54,9 +54,9 @@ def detect_planes(
     depth : array_like, shape (H, W)
         Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
-        sensor's range are "no reading". What was enlarged, by repeating pixels or by rows and
-        columns without readings, is searched at its own size (spatial objective, without a
-        partition; ``settings["own_size"]`` says it).
+        sensor's range are "no reading". What was enlarged, by repeating pixels, interpolating
+        linearly, or rows and columns without readings, is searched at its own size (spatial
+        objective, without a partition; ``settings["own_size"]`` says it).
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor

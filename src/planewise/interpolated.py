@@ -20,11 +20,11 @@ from planewise.own_lines import Index, Lines
 Array = NDArray[np.float64]
 Image = NDArray[Any]
 
-_LEAST, _MOST = 1.45, 16.5  # times as high
-_FEWEST = 16  # own rows
+_LEAST, _MOST = 1.15, 16.5  # times as high
+_FEWEST = 32  # own rows: fewer repeat by chance
 _COLUMNS = 8, 32  # that are looked at; to tell the own rows
-_REGULAR = 25.0  # power of the period against the mean: 21 at most of what was not interpolated
-_OTHER, _CLEAR = 0.75, 0.05  # of what straight lines half an own row off leave, at most
+_REGULAR = 30.0  # power of the period against the median: 29 of what was not, 47 if very smooth
+_OTHER, _CLEAR = 0.3, 0.05  # of what straight lines half an own row off leave, at most
 _ALIKE = 0.01  # times as high, and as wide
 _NOTHING = 0.003  # of the median: what rounding leaves of interpolated zeros
 
@@ -58,6 +58,14 @@ class Knots:
         first = self.first + self.times / 2
         return Knots(size=self.size, own=self.own - 1, times=self.times, first=first)
 
+    def coarser(self) -> Iterator[Knots]:
+        """Own rows all of which are among these, the fewest first."""
+        corners = self.first == 0.0
+        for part in range(self.own // 2, 1, -1):
+            own, rest = divmod(self.own - corners, part)
+            if rest == 0 and own + corners > 1 and (corners or part % 2 == 1):
+                yield Knots.of(self.size, own + corners)[corners]
+
     @property
     def lines(self) -> Lines:
         """Which rows are nearest to every own one."""
@@ -66,48 +74,42 @@ class Knots:
         return Lines(first=edges[:-1], count=np.diff(edges), known=(self.times, self.first))
 
     def own_rows(self, image: Array) -> Array:
-        """Own rows of an image, NaN where it has none, shape (own, W).
+        """Own rows of an image, by least squares, shape (own, W).
 
-        Of every row the lines on both of its sides tell it; their mean, where both are there, and
-        the nearest row of the image, where none is.
+        NaN are no readings. What these do not tell is what the nearest row of the image is.
         """
-        top, bottom = self._ends
-        start, end = image[top], image[bottom]
-        with np.errstate(invalid="ignore", divide="ignore"):
-            slope = (end - start) / (bottom - top)[:, None]  # NaN where there is one row, or none
-            below = start - slope * (top - self._places[:-1])[:, None]
-            above = end + slope * (self._places[1:] - bottom)[:, None]
-        # Before the first own row and behind the last all rows are like these.
-        below, above = np.concatenate((below, image[-1:])), np.concatenate((image[:1], above))
-        nearest = np.rint(self._places).astype(np.intp)
-        below = np.where(np.isfinite(below), below, above)
-        mean = (below + np.where(np.isfinite(above), above, below)) / 2
-        return np.asarray(np.where(np.isfinite(mean), mean, image[nearest]))
+        from planewise.kernels import knots as kernels  # loads Numba
+
+        own = np.empty((image.shape[1], self.own))
+        kernels.own_readings(np.ascontiguousarray(image.T), *self._neighbours, own)
+        nearest = image[np.rint(self._places).astype(np.intp)]
+        return np.where(np.isnan(own.T), nearest, own.T)
 
     def enlarged(self, own: Array) -> Array:
         """The image of own rows, NaN where these are."""
-        place = np.clip((np.arange(self.size) - self.first) / self.times, 0, self.own - 1)
-        above = np.minimum(place.astype(np.intp), self.own - 2)
-        share = (place - above)[:, None]
-        here, behind = own[above], own[above + 1]
-        mixed = (1 - share) * here + share * behind
-        return np.asarray(np.where(share < 1e-9, here, np.where(share > 1 - 1e-9, behind, mixed)))
+        above, share = self._neighbours
+        here, behind, part = own[above], own[above + 1], share[:, None]
+        mixed = (1 - part) * here + part * behind
+        return np.where(part == 0, here, np.where(part == 1, behind, mixed))
 
     @cached_property
     def _places(self) -> Array:
         return np.asarray(self.first + self.times * np.arange(self.own), np.float64)
 
     @cached_property
-    def _ends(self) -> tuple[Index, Index]:
-        """First and last of the rows between every two own ones."""
-        top = np.ceil(self._places[:-1] - 1e-9).astype(np.intp)
-        return top, np.maximum(np.floor(self._places[1:] + 1e-9).astype(np.intp), top)
+    def _neighbours(self) -> tuple[Index, Array]:
+        """Of every row of the image the own one above it, and how far it is to the next, 0 to 1."""
+        place = np.clip((np.arange(self.size) - self.first) / self.times, 0, self.own - 1)
+        whole = np.rint(place)
+        place = np.where(np.abs(place - whole) < 1e-9, whole, place)
+        above = np.minimum(place.astype(np.intp), self.own - 2)
+        return above, place - above
 
 
 def interpolated(image: Image) -> tuple[tuple[Lines, Lines], Image] | None:
     """Rows and columns of own pixels of an image that was enlarged linearly, and these pixels.
 
-    Rows and columns must be within 1.5 and 16 times as many as they were, and as many times for
+    Rows and columns must be within 1.2 and 16 times as many as they were, and as many times for
     both, unless that is beyond doubt: depth without noise, rounded, has regular steps, too. What is
     0 or not finite is no reading; readings that were mixed with zeros are told apart. Where errors
     of own pixels are smooth, as of networks, they stay as they are: each says what many do.
@@ -150,12 +152,14 @@ def _knots(image: Image) -> tuple[Knots, float] | None:
     some = _some_columns(image, _COLUMNS[1])
     found, left = None, _OTHER
     for knots in _candidates(len(image), period):
-        off, others = _left(some, knots), _left(some, knots.shifted())
-        if off < left * others < np.inf:
-            found, left = knots, off / others
+        share = _left(some, knots)
+        if share < left:
+            found, left = knots, share
         if left < _CLEAR:
+            # Lines between some rows are lines between more of them, too.
+            found = next((each for each in knots.coarser() if _left(some, each) < _CLEAR), knots)
             break
-    return None if found is None else (found, left)
+    return None if found is None or found.own < _FEWEST else (found, left)
 
 
 def _candidates(size: int, period: float) -> Iterator[Knots]:
@@ -176,9 +180,10 @@ def _period(image: Array) -> float | None:
     signals -= signals.sum(axis=1, keepdims=True) / signals.shape[1]
     waves = np.fft.rfft(signals)
     power = (waves.real**2 + waves.imag**2).sum(axis=0)
-    first = int(np.ceil(signals.shape[1] / _MOST))
+    first, half = int(np.ceil(signals.shape[1] / _MOST)), power.size // 2
     best = first + int(power[first:].argmax())
-    return signals.shape[1] / best if power[best] * power.size > _REGULAR * power.sum() else None
+    regular = power[best] > _REGULAR * np.partition(power, half)[half]
+    return signals.shape[1] / best if regular else None
 
 
 def _bends(image: Array) -> tuple[Array, Array]:
@@ -202,7 +207,9 @@ def _is_smooth(image: Array) -> bool:
 
 
 def _left(image: Array, knots: Knots) -> float:
-    """What straight lines between own rows leave of an image, as a mean; infinite where of none."""
-    off = np.abs(knots.enlarged(knots.own_rows(image)) - image)
-    there = np.isfinite(off)
-    return float(off[there].mean()) if there.any() else np.inf
+    """What lines between own rows leave of an image, against lines half an own row off."""
+    off, other = (
+        np.abs(each.enlarged(each.own_rows(image)) - image) for each in (knots, knots.shifted())
+    )
+    off, other = off[np.isfinite(off)], other[np.isfinite(other)]
+    return float(off.mean() / other.mean()) if off.size and other.any() else np.inf
