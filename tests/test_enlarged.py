@@ -15,6 +15,7 @@ import planewise as pw
 from planewise.enlarged import own_pixels
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run
+from tests.enlarging import camera_of, interpolated, repeated
 
 SIZE = 120, 160
 
@@ -22,27 +23,6 @@ SIZE = 120, 160
 @pytest.fixture(scope="module")
 def room():
     return pw.scenes.room(0, size=SIZE)
-
-
-def places(own, size, *, centred=False):
-    """Own pixel of each of `size` enlarged ones, as OpenCV or, with centres, as Pillow says."""
-    return ((np.arange(size) + 0.5 * centred) * (own / size)).astype(int)
-
-
-def enlarged(image, shape, **how):
-    rows, columns = (places(own, size, **how) for own, size in zip(image.shape, shape, strict=True))
-    return image[np.ix_(rows, columns)]
-
-
-def camera_of(camera, own, shape):
-    """The camera of an image that was enlarged from one size to another."""
-    y, x = shape[0] / own[0], shape[1] / own[1]
-    return pw.PinholeCamera(
-        fx=x * camera.fx,
-        fy=y * camera.fy,
-        cx=x * (camera.cx + 0.5) - 0.5,
-        cy=y * (camera.cy + 0.5) - 0.5,
-    )
 
 
 SHAPES = {
@@ -59,7 +39,7 @@ SHAPES = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_planes_are_those_of_the_own_size(room, name, centred):
     shape = SHAPES[name]
-    depth = enlarged(room.depth, shape, centred=centred)
+    depth = repeated(room.depth, shape, centred=centred)
     camera = camera_of(room.camera, SIZE, shape)
     before = depth.copy()
     model = pw.detect_planes(depth, camera, room.sensor)
@@ -67,7 +47,7 @@ def test_planes_are_those_of_the_own_size(room, name, centred):
     assert_array_equal(depth, before)
     assert model.settings["own_size"] == list(SIZE)
     assert len(model) == len(own) > 5
-    wanted = enlarged(own.labels, shape, centred=centred)
+    wanted = repeated(own.labels, shape, centred=centred)
     assert (model.labels != wanted).mean() < 0.003  # some columns are a little wider than others
     assert model.labels.dtype == np.uint16
     assert model.readings == np.count_nonzero(depth)
@@ -92,7 +72,7 @@ KINDS = {
 def test_bands_without_readings_and_crops_do_not_matter(room, kind):
     depth, shape = room.depth.copy(), (240, 320)
     depth[:9] = depth[-5:] = depth[:, :7] = depth[:, -11:] = 0
-    depth, camera = KINDS[kind](enlarged(depth, shape)), camera_of(room.camera, SIZE, shape)
+    depth, camera = KINDS[kind](repeated(depth, shape)), camera_of(room.camera, SIZE, shape)
     found = own_pixels(depth, camera)
     assert_allclose((found.camera.fx, found.camera.fy), (room.camera.fx, room.camera.fy))
     assert_array_equal(found.enlarge(found.depth)[18:-10, 14:-22], depth[18:-10, 14:-22])
@@ -113,7 +93,7 @@ def test_gaps_and_rows_that_are_alike_do_not_matter(room, name):
     depth, shape = room.depth.copy(), SHAPES[name]
     depth[50:61] = depth[80:81] = depth[:, 33:90] = 0
     depth[100], depth[:, 20] = depth[101], depth[:, 21]  # nor do rows that are alike
-    found = own_pixels(enlarged(depth, shape), camera_of(room.camera, SIZE, shape))
+    found = own_pixels(repeated(depth, shape), camera_of(room.camera, SIZE, shape))
     assert_array_equal(found.depth, depth)
     assert_allclose((found.camera.fx, found.camera.fy), room.camera.fx, rtol=2e-3)
 
@@ -209,9 +189,10 @@ def test_only_the_spatial_objective_without_a_partition_looks(room):
     assert own_pixels(ranges, lidar) is None
 
 
-def test_every_door_looks(room):
+@pytest.mark.parametrize("how", [repeated, interpolated])
+def test_every_door_looks(room, how):
     shape = (240, 320)
-    depth, camera = enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    depth, camera = how(0.001 * room.depth, shape), camera_of(room.camera, SIZE, shape)
     wanted = pw.detect_planes(depth, camera, room.sensor)
     detector = pw.Detector(camera, room.sensor)
     for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
@@ -219,7 +200,7 @@ def test_every_door_looks(room):
         assert model.information == wanted.information
     auto = pw.Sensor(noise="auto")
     told = pw.estimate_noise(depth, camera, auto)
-    own = pw.estimate_noise(room.depth, room.camera, auto)
+    own = pw.estimate_noise(0.001 * room.depth, room.camera, auto)
     assert_allclose(told.noise([1.0, 3.0]), own.noise([1.0, 3.0]), rtol=1e-6)
     with pytest.raises(ValueError, match="camera is for images of 160 x 120 pixels"):
         pw.detect_planes(depth, replace(room.camera, width=160, height=120), room.sensor)
@@ -229,7 +210,7 @@ def test_every_door_looks(room):
 
 def test_the_command_line_says_so(tmp_path, room):
     shape = (240, 320)
-    depth, camera = enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    depth, camera = repeated(room.depth, shape), camera_of(room.camera, SIZE, shape)
     Image.fromarray(depth).save(tmp_path / "depth.png")
     numbers = ",".join(map(str, (camera.fx, camera.fy, camera.cx, camera.cy)))
     out = tmp_path / "out"

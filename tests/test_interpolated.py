@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -13,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.enlarged import own_pixels
 from planewise.interpolated import Knots
+from tests.enlarging import along, camera_of, interpolated, places
 
 SIZE = 120, 160
 
@@ -20,44 +19,6 @@ SIZE = 120, 160
 @pytest.fixture(scope="module")
 def room():
     return pw.scenes.room(0, size=SIZE)
-
-
-def places(own, size, *, corners=False):
-    """Where each of `size` pixels lies among own ones, as by OpenCV, or with the same corners."""
-    at = np.arange(size)
-    place = at * (own - 1) / (size - 1) if corners else (at + 0.5) * own / size - 0.5
-    return np.clip(place, 0, own - 1)
-
-
-def along(image, place, *, holes):
-    """Interpolate rows linearly; holes: a missing reading is a 0, else what it has a part in is."""
-    above = np.minimum(np.floor(place).astype(int), len(image) - 2)
-    share = (place - above)[:, None]
-    here, behind = image[above], image[above + 1]
-    out = np.where(share == 0, here, np.where(share == 1, behind, here + share * (behind - here)))
-    if not holes:
-        lost = (here == 0) & (share < 1) | (behind == 0) & (share > 0)
-        out = np.where(lost, 0, out)
-    return out
-
-
-def enlarged(image, shape, *, holes=True, **how):
-    out = np.asarray(image, np.float64)
-    for axis in (0, 1):
-        place = places(image.shape[axis], shape[axis], **how)
-        out = np.moveaxis(along(np.moveaxis(out, axis, 0), place, holes=holes), 0, axis)
-    return out
-
-
-def camera_of(camera, own, shape, *, corners=False):
-    """The camera of an image that was enlarged from one size to another."""
-    (y, top), (x, left) = (
-        ((n - 1) / (k - 1), 0.0) if corners else (n / k, (n / k - 1) / 2)
-        for n, k in zip(shape, own, strict=True)
-    )
-    return pw.PinholeCamera(
-        fx=x * camera.fx, fy=y * camera.fy, cx=x * camera.cx + left, cy=y * camera.cy + top
-    )
 
 
 SHAPES = {
@@ -83,7 +44,7 @@ KINDS = {
 @pytest.mark.parametrize("name", SHAPES)
 def test_planes_are_those_of_the_own_size(room, name, corners):
     shape = SHAPES[name]
-    depth = 0.001 * enlarged(room.depth, shape, corners=corners)
+    depth = 0.001 * interpolated(room.depth, shape, corners=corners)
     camera = camera_of(room.camera, SIZE, shape, corners=corners)
     before = depth.copy()
     found = own_pixels(depth, camera)
@@ -116,7 +77,7 @@ def test_planes_are_those_of_the_own_size(room, name, corners):
 def test_what_touches_a_hole_may_be_missing(room, name, kind):
     holey = room.depth.copy()
     holey[:9] = holey[-5:] = holey[40:52, 60:71] = holey[70, 100:140] = 0
-    depth = KINDS[kind](enlarged(holey, SHAPES[name], holes=False))
+    depth = KINDS[kind](interpolated(holey, SHAPES[name], holes=False))
     found = own_pixels(depth, camera_of(room.camera, SIZE, SHAPES[name]))
     own = np.nan_to_num(found.depth)
     off = np.abs(own - 0.001 * holey)
@@ -131,7 +92,7 @@ def test_what_touches_a_hole_may_be_missing(room, name, kind):
 @pytest.mark.parametrize("name", ["1.5 times", "twice", "three times", "7.5 times"])
 def test_rounding_to_integers_does_not_matter(room, name):
     shape = SHAPES[name]
-    depth = np.rint(enlarged(room.depth, shape)).astype(np.uint16)
+    depth = np.rint(interpolated(room.depth, shape)).astype(np.uint16)
     found = own_pixels(depth, camera_of(room.camera, SIZE, shape))
     assert found.depth.dtype == np.uint16
     off = found.depth.astype(int) - room.depth
@@ -147,7 +108,7 @@ def test_rounding_to_integers_does_not_matter(room, name):
 @pytest.mark.parametrize("shape", [(576, 768), (600, 800), (672, 896)])
 def test_little_larger_images_are_known_where_they_are_large(shape, corners):
     room = pw.scenes.room(0)
-    depth = 0.001 * enlarged(room.depth, shape, corners=corners)
+    depth = 0.001 * interpolated(room.depth, shape, corners=corners)
     found = own_pixels(depth, camera_of(room.camera, room.depth.shape, shape, corners=corners))
     off = np.abs(found.depth - 0.001 * room.depth) > 1e-6
     assert off.mean() < 1e-4  # beside holes
@@ -159,7 +120,7 @@ def test_own_rows_give_back_what_was_interpolated(own, times, corners, seed):
     size = int(np.ceil(times * own))
     knots = Knots.of(size, own)[corners]
     rows = np.random.default_rng(seed).normal(2, 1, (own, 3))
-    image = along(rows, places(own, size, corners=corners), holes=True)
+    image = along(rows, places(own, size, corners=corners))
     assert_allclose(knots.enlarged(rows), image, atol=1e-9)
     assert_allclose(knots.own_rows(image), rows, atol=1e-9)
     lines = knots.lines
@@ -183,7 +144,7 @@ ROW, COLUMN = np.indices((240, 320))
 OTHERS = {
     "white noise": lambda rng: 2 + rng.normal(0, 0.01, ROW.shape),
     "smooth noise": lambda rng: 2 + 0.01 * smooth(ROW.shape, 2.0, rng),
-    "smooth noise that was enlarged": lambda rng: enlarged(
+    "smooth noise that was enlarged": lambda rng: interpolated(
         2 + 0.01 * smooth(SIZE, 2.0, rng), ROW.shape
     ),
     "rows alone": lambda rng: along(
@@ -194,10 +155,10 @@ OTHERS = {
     "a plane in steps": lambda rng: np.round(1000 / (0.4 + 0.0005 * ROW + 0.0003 * COLUMN)),
     "even steps": lambda rng: np.round(1000 + 0.5 * ROW + 0.25 * COLUMN),
     "a plane in steps of disparity": lambda rng: 500 / np.round(100 + 0.25 * ROW + 0.125 * COLUMN),
-    "few": lambda rng: enlarged(2 + rng.normal(0, 0.01, (15, 20)), ROW.shape),
-    "few, and many times": lambda rng: enlarged(2 + rng.normal(0, 0.01, (30, 40)), ROW.shape),
-    "little larger": lambda rng: enlarged(2 + rng.normal(0, 0.01, (220, 293)), ROW.shape),
-    "negative": lambda rng: enlarged(rng.normal(0, 1, SIZE), ROW.shape),
+    "few": lambda rng: interpolated(2 + rng.normal(0, 0.01, (15, 20)), ROW.shape),
+    "few, and many times": lambda rng: interpolated(2 + rng.normal(0, 0.01, (30, 40)), ROW.shape),
+    "little larger": lambda rng: interpolated(2 + rng.normal(0, 0.01, (220, 293)), ROW.shape),
+    "negative": lambda rng: interpolated(rng.normal(0, 1, SIZE), ROW.shape),
     "no readings": lambda rng: np.zeros(ROW.shape),
     "not a number": lambda rng: np.full(ROW.shape, np.nan),
 }
@@ -207,19 +168,3 @@ OTHERS = {
 def test_other_images_are_searched_as_they_are(room, name):
     depth = OTHERS[name](np.random.default_rng(0))
     assert own_pixels(depth, room.camera) is None
-
-
-def test_every_door_looks(room):
-    shape = (240, 320)
-    depth, camera = 0.001 * enlarged(room.depth, shape), camera_of(room.camera, SIZE, shape)
-    wanted = pw.detect_planes(depth, camera, room.sensor)
-    detector = pw.Detector(camera, room.sensor)
-    for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
-        assert_array_equal(model.labels, wanted.labels)
-        assert model.information == wanted.information
-    auto = pw.Sensor(noise="auto")
-    told = pw.estimate_noise(depth, camera, auto)
-    own = pw.estimate_noise(0.001 * room.depth, room.camera, auto)
-    assert_allclose(told.noise([1.0, 3.0]), own.noise([1.0, 3.0]), rtol=1e-6)
-    with pytest.raises(ValueError, match="camera is for images of 160 x 120 pixels"):
-        pw.detect_planes(depth, replace(room.camera, width=160, height=120), room.sensor)
