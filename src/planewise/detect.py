@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_points, checked_scale
 from planewise.camera import Camera
-from planewise.enlarged import own_pixels
+from planewise.enlarged import as_enlarged, own_pixels
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
@@ -55,8 +55,9 @@ def detect_planes(
         Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
         sensor's range are "no reading". What was enlarged, by repeating pixels, interpolating
-        linearly, or rows and columns without readings, is searched at its own size (spatial
-        objective, without a partition; ``settings["own_size"]`` says it).
+        linearly, rows and columns without readings, or moving readings to the pixels of a larger
+        picture, is searched at its own size (spatial objective, without a partition;
+        ``settings["own_size"]`` says it).
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
@@ -132,17 +133,22 @@ def observe_and_find(
         Memory to work in.
     """
     options, own = options.resolved(spatial=True), None
+
+    def observed(depth: ArrayLike, camera: Camera) -> RayObservation:
+        # Its memory is its own, so that it needs no copy of the image.
+        memory = workspace or Workspace()
+        return observe(depth, camera, sensor, depth_scale=depth_scale, workspace=memory)
+
     with stage("observe"):
         if options.objective == SPATIAL and options.partition is None:
             own = own_pixels(depth, camera)
         if own is not None:
-            depth, camera = own.depth, own.camera
-        # Its memory is its own, so that it needs no copy of the image.
-        seen = observe(
-            depth, camera, sensor, depth_scale=depth_scale, workspace=workspace or Workspace()
-        )
+            seen = observed(own.depth, own.camera)
+            own = own if own.tells(seen) else None
+        if own is None:
+            seen = observed(depth, camera)
     model = find(seen, options, workspace, rgb=rgb)
-    return seen, model if own is None else own.enlarged(model, seen.index)
+    return seen, model if own is None else as_enlarged(own, model, seen.index)
 
 
 def detect_planes_in_points(

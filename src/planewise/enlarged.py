@@ -16,7 +16,9 @@ from numpy.typing import NDArray
 from planewise.camera import Camera, PinholeCamera
 from planewise.interpolated import interpolated
 from planewise.model import Plane, PlaneModel
+from planewise.observation import RayObservation
 from planewise.own_lines import Index, Lines
+from planewise.scattered import Scattered, scattered
 
 Image = NDArray[Any]
 Mask = NDArray[np.bool_]
@@ -70,41 +72,52 @@ class OwnPixels:
         out[np.ix_(rows, columns)] = image[np.ix_(own_rows, own_columns)]
         return out
 
-    def enlarged(self, model: PlaneModel, readings: Index) -> PlaneModel:
-        """A model of own pixels as one of the enlarged image; readings: places of the own ones.
+    def tells(self, _: RayObservation) -> bool:
+        """Whether planes are those of the image: its pixels are where they were."""
+        return True
 
-        Labels, counts and bounding boxes are those of the enlarged image; all else knows of every
-        reading once, and settings say the own size.
-        """
-        labels, own = self.enlarge(model.labels), np.zeros(self.depth.shape, np.bool_)
-        labels[~self.there], own.flat[readings] = 0, True
-        return replace(
-            model,
-            labels=labels,
-            planes=tuple(
-                self._enlarged(plane, number, labels)
-                for number, plane in enumerate(model.planes, start=1)
-            ),
-            readings=int(np.count_nonzero(self.enlarge(own) & self.there)),
-            settings={**model.settings, "own_size": list(self.depth.shape)},
-        )
-
-    def _enlarged(self, plane: Plane, number: int, labels: Image) -> Plane:
-        top, left, bottom, right = plane.bounding_box
+    def around(self, box: tuple[int, ...]) -> tuple[int, ...]:
+        """First row and column, and those behind the last, of what own ones (`box`) cover."""
+        top, left, bottom, right = box
         (top, bottom), (left, right) = self.rows.edges(top, bottom), self.columns.edges(left, right)
-        its = labels[top:bottom, left:right] == number
-        rows, columns = (np.flatnonzero(its.any(axis=axis)) for axis in (1, 0))
-        box = top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1
-        return replace(plane, count=int(np.count_nonzero(its)), bounding_box=tuple(map(int, box)))
+        return top, left, bottom, right
 
 
-def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
+def as_enlarged(own: OwnPixels | Scattered, model: PlaneModel, readings: Index) -> PlaneModel:
+    """A model of own pixels as one of the enlarged image; readings: places of the own ones.
+
+    Labels, counts and bounding boxes are those of the enlarged image; all else knows of every
+    reading once, and settings say the own size.
+    """
+    labels, seen = own.enlarge(model.labels), np.zeros(own.depth.shape, np.bool_)
+    labels[~own.there], seen.flat[readings] = 0, True
+    return replace(
+        model,
+        labels=labels,
+        planes=tuple(
+            _enlarged(own, plane, number, labels) for number, plane in enumerate(model.planes, 1)
+        ),
+        readings=int(np.count_nonzero(own.enlarge(seen) & own.there)),
+        settings={**model.settings, "own_size": list(own.depth.shape)},
+    )
+
+
+def _enlarged(own: OwnPixels | Scattered, plane: Plane, number: int, labels: Image) -> Plane:
+    top, left, bottom, right = own.around(plane.bounding_box)
+    its = labels[top:bottom, left:right] == number
+    rows, columns = (np.flatnonzero(its.any(axis=axis)) for axis in (1, 0))
+    box = top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1
+    return replace(plane, count=int(np.count_nonzero(its)), bounding_box=tuple(map(int, box)))
+
+
+def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     """Own pixels of a depth image, where it was enlarged; else None.
 
     Rows and columns must repeat evenly, each within 1.2 and 16 times: twice, or once and twice by
     turns; but for a few that are like the ones before, and any without readings. Or only every n-th
     row, or column, or both, have readings, a third of the pixels at most. Or they were interpolated
-    linearly, within 1.5 and 16 times. Only images of a `PinholeCamera` are looked at.
+    linearly, within 1.2 and 16 times. Or readings lie on scattered pixels, as evenly as those of a
+    coarser image. Only images of a `PinholeCamera` are looked at.
 
     Raises
     ------
@@ -121,7 +134,7 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | None:
     elif (found := interpolated(depth)) is not None:
         lines, own = found
     else:
-        return None
+        return scattered(depth, camera)
     camera.check((depth.shape[0], depth.shape[1]))
     return OwnPixels.of(depth, camera, *lines, own)
 

@@ -174,8 +174,10 @@ def _candidates(size: int, period: float) -> Iterator[Knots]:
 
 def _period(image: Array) -> float | None:
     """After how many rows the same comes again in the second differences along columns."""
-    if len(image) < 2 * _FEWEST:
-        return None
+    there = np.isfinite(image)
+    inside = there[2:] & there[1:-1] & there[:-2]
+    if len(image) < 2 * _FEWEST or 2 * np.count_nonzero(inside) < np.count_nonzero(there):
+        return None  # lines through readings far apart leave nothing
     signals = np.stack(_bends(image))
     signals -= signals.sum(axis=1, keepdims=True) / signals.shape[1]
     waves = np.fft.rfft(signals)

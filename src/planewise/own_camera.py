@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike
 
 from planewise.arguments import is_finite, shown
 from planewise.camera import RIG, Camera, PinholeCamera
+from planewise.scattered import ScatteredCamera
 from planewise.spherical import SphericalCamera
 
 _MEMBERS = [name for name in vars(Camera) if not name.startswith("_")]
@@ -42,7 +43,7 @@ def check_own(camera: Camera, shape: tuple[int, int]) -> None:
     ValueError
         Which names what is wrong, what was expected and what came.
     """
-    if type(camera) in (PinholeCamera, SphericalCamera):
+    if type(camera) in (PinholeCamera, SphericalCamera, ScatteredCamera):
         return
     try:
         hash(camera)
