@@ -89,6 +89,18 @@ def test_what_touches_a_hole_may_be_missing(room, name, kind):
     assert not model.labels[~(depth > 0)].any()
 
 
+def test_readings_that_are_too_near_are_missing(room):
+    """As ROS writes them, REP 117."""
+    shape = SHAPES["twice"]
+    depth = 0.001 * interpolated(room.depth, shape)
+    depth[100:140, 90:150] = -np.inf
+    found = own_pixels(depth, camera_of(room.camera, SIZE, shape))
+    assert found.depth.shape == SIZE
+    assert not found.depth[51:69, 46:74].any()
+    model = pw.detect_planes(depth, camera_of(room.camera, SIZE, shape), room.sensor)
+    assert not model.labels[100:140, 90:150].any()
+
+
 @pytest.mark.parametrize("name", ["1.5 times", "twice", "three times", "7.5 times"])
 def test_rounding_to_integers_does_not_matter(room, name):
     shape = SHAPES[name]

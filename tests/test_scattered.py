@@ -120,6 +120,18 @@ def test_readings_that_say_more_than_their_pixels_stay_as_they_are():
     assert "own_size" in pw.detect_planes(depth, camera, rough).settings
 
 
+def test_a_lens_may_bend_the_picture(room):
+    depth, _, camera = registered(room, 2)
+    bent = replace(camera, distortion=(0.02, 0.0, 0.0, 0.0))
+    found = own_pixels(depth, bent)
+    there = found.depth > 0
+    column, row = np.rint(bent.project(found.camera.rays(there.shape)[there])).astype(int).T
+    assert_array_equal(found.depth[there], depth[row, column])
+    folded = replace(camera, distortion=(-0.29, 0.0, 0.0, 0.0))
+    assert np.isnan(folded.rays(depth.shape)).any()
+    assert own_pixels(depth, folded) is None
+
+
 def test_every_door_looks(room):
     depth, _, camera = registered(room, 2)
     wanted = pw.detect_planes(depth, camera, room.sensor)

@@ -106,7 +106,9 @@ def _enlarged(own: OwnPixels | Scattered, plane: Plane, number: int, labels: Ima
     top, left, bottom, right = own.around(plane.bounding_box)
     its = labels[top:bottom, left:right] == number
     rows, columns = (np.flatnonzero(its.any(axis=axis)) for axis in (1, 0))
-    box = top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1
+    box = top, left, bottom, right
+    if rows.size:
+        box = top + rows[0], left + columns[0], top + rows[-1] + 1, left + columns[-1] + 1
     return replace(plane, count=int(np.count_nonzero(its)), bounding_box=tuple(map(int, box)))
 
 

@@ -120,9 +120,10 @@ def interpolated(image: Image) -> tuple[tuple[Lines, Lines], Image] | None:
         return None
     (rows, left), (columns, left_there) = some, others
     alike = abs(rows.times / columns.times - 1) < _ALIKE or max(left, left_there) < _CLEAR
-    if not alike or (image < 0).any():
+    readings = _readings(image)
+    if not alike or (readings < 0).any():
         return None
-    own = columns.own_rows(rows.own_rows(_readings(image)).T).T
+    own = columns.own_rows(rows.own_rows(readings).T).T
     if _is_smooth(own):
         return None
     own[~(own > _NOTHING * np.nanmedian(own))] = 0  # NaN, too

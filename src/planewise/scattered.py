@@ -184,7 +184,7 @@ def scattered(image: Image, camera: PinholeCamera) -> Scattered | None:
         full = full[2 * full >= _SQUARE**2]
         if full.size and full.mean() >= _FILLED * _SQUARE**2:
             camera.check((image.shape[0], image.shape[1]))
-            return found
+            return found if np.isfinite(found.camera.u).all() else None  # else a lens folds it
     return None
 
 
