@@ -11,6 +11,7 @@ those beside a jump of depth, which are mixed with what lies behind it, are not.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from itertools import islice
 from typing import Any
 from unittest.mock import patch
@@ -23,6 +24,7 @@ from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.labelled import LabelledFrame, frames_of
 from benchmarks.other_sensors import enlarged
+from benchmarks.rival_points import metres
 from planewise.metrics import evaluate
 
 Image = NDArray[Any]
@@ -61,9 +63,7 @@ def scored(labelled: LabelledFrame, way: str) -> list[float]:
     read, times = WAYS[way]
     frame, camera = labelled.frame, labelled.frame.camera
     assert isinstance(camera, pw.PinholeCamera)
-    own = np.asarray(frame.depth, np.float64)
-    if frame.depth.dtype.kind != "f":
-        own *= frame.depth_scale or frame.sensor.resolution
+    own = np.nan_to_num(metres(frame))
     height, width = own.shape
     shape = round(times * height), round(times * width)
     y, x = shape[0] / height, shape[1] / width
@@ -89,6 +89,11 @@ def scored(labelled: LabelledFrame, way: str) -> list[float]:
     return [float(scores[name]) for name in _SCORES]
 
 
+def as_it_is() -> AbstractContextManager[object]:
+    """Inside the block no image is searched at its own size."""
+    return patch("planewise.detect.own_pixels", lambda *_: None)
+
+
 def cell(frames: list[LabelledFrame], way: str) -> str:
     """Means over frames, as a cell of the table."""
     voi, half, most, planes = np.nanmean([scored(each, way) for each in frames], axis=0)
@@ -103,7 +108,7 @@ def main() -> None:
     for name in _SETS:
         frames = list(islice(frames_of(name, given.data, quick=False), _FRAMES))
         for way in WAYS:
-            with patch("planewise.detect.own_pixels", lambda *_: None):
+            with as_it_is():
                 before = cell(frames, way)
             print(f"| {name} | {way} | {before} | {cell(frames, way)} |", flush=True)
 

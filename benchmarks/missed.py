@@ -16,6 +16,7 @@ import numpy as np
 from benchmarks.arguments import parser_of
 from benchmarks.frames import DATA
 from benchmarks.labelled import AbsentError, LabelledFrame, frames_of
+from benchmarks.rival_points import metres
 
 Row = tuple[float, float, float, float, float]
 FEWEST = 50  # readings
@@ -26,9 +27,7 @@ def judged(each: LabelledFrame) -> tuple[list[Row], list[float]]:
     """Rows (found, share, depth, cosine, none) of true planes, and unlabelled shares of ours."""
     frame = each.frame
     labels = frame.detect(threads=1, instances=each.per_surface).labels
-    z = np.nan_to_num(np.asarray(frame.depth, np.float64))
-    if frame.depth.dtype.kind in "iu":
-        z *= frame.depth_scale or frame.sensor.resolution
+    z = np.nan_to_num(metres(frame))
     points = frame.camera.rays((z.shape[0], z.shape[1])) * z[..., None]
     rows = []
     for number in np.unique(each.truth[each.truth > 0]):

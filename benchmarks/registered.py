@@ -10,18 +10,18 @@ and planes: as the image is, and in coarser pixels (`planewise.scattered`).
 
 from __future__ import annotations
 
-from typing import Any
-from unittest.mock import patch
+from contextlib import nullcontext
 
 import numpy as np
 from numpy.typing import NDArray
 
 import planewise as pw
 from benchmarks.arguments import parser_of
+from benchmarks.enlarged import as_it_is
 from benchmarks.other_sensors import FIRST, READINGS, SMALLEST, Reading, camera_of, frame
-from planewise.enlarged import own_pixels
 from planewise.metrics import evaluate
 
+Array = NDArray[np.float64]
 Grid = NDArray[np.integer]
 
 _TURN = np.radians(0.7)
@@ -38,39 +38,40 @@ _TIMES = 1.5, 1.83, 2.0, 2.5, 4.0
 
 
 def registered(
-    depth: NDArray[Any], marks: tuple[Grid, ...], reading: Reading, times: float
-) -> tuple[NDArray[np.float64], list[Grid], pw.PinholeCamera]:
-    """Depth in metres, marks of pixels, and the camera of the larger picture."""
-    own = reading.size
-    shape = int(times * own[0]), int(times * own[1])
-    camera, there = camera_of(shape), depth > 0
-    z = depth[there] * (reading.sensor.resolution if depth.dtype.kind == "u" else 1.0)
-    points = (camera_of(own).rays(own)[there] * z[:, None]) @ _AXES.T + _MOVED
-    column, row = np.rint(camera.project(points)).astype(int).T
+    z: Array,
+    camera: pw.PinholeCamera,
+    larger: pw.PinholeCamera,
+    shape: tuple[int, int],
+    *marks: Grid,
+) -> tuple[Array, list[Grid]]:
+    """Depth in metres and marks of pixels, moved to those of a larger picture of this shape."""
+    there = z > 0
+    rays = camera.rays((z.shape[0], z.shape[1]))
+    points = (rays[there] * z[there][:, None]) @ _AXES.T + _MOVED
+    column, row = np.rint(larger.project(points)).astype(int).T
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
-    order = np.argsort(-points[:, 2], kind="stable")
+    order = np.argsort(-points[:, 2], kind="stable")  # what is nearest stays
     order = order[inside[order]]
     where = row[order], column[order]
     image, moved = np.zeros(shape), [np.zeros(shape, int) for _ in marks]
     image[where] = points[order, 2]
     for out, each in zip(moved, marks, strict=True):
         out[where] = each[there][order]
-    return image, moved, camera
+    return image, moved
 
 
 def scored(reading: Reading, times: float, seed: int) -> list[float]:
     """VOI, P, R and planes of a room."""
     depth, *marks = frame(reading, seed)
-    image, (labels, faces), camera = registered(depth, tuple(marks), reading, times)
-    model = pw.detect_planes(image, camera, reading.sensor)
+    z = depth * (reading.sensor.resolution if depth.dtype.kind == "u" else 1.0)
+    shape = int(times * reading.size[0]), int(times * reading.size[1])
+    larger = camera_of(shape)
+    image, (labels, faces) = registered(z, camera_of(reading.size), larger, shape, *marks)
+    model = pw.detect_planes(image, larger, reading.sensor)
     fewest = int(SMALLEST * np.prod(reading.size))
     row = evaluate(model.labels, labels, minimum_pixels=fewest).row()
     precision = evaluate(model.labels, faces).row()["precision@0.5"]
     return [row["voi_labelled"], precision, row["recall@0.5"], len(model)]
-
-
-def as_it_is(_: object, __: object) -> None:
-    """In place of `own_pixels`: none are looked for."""
 
 
 def main() -> None:
@@ -83,8 +84,8 @@ def main() -> None:
     for reading in (each for each in READINGS if each.name in _NAMES):
         for times in _TIMES:
             cells = []
-            for found in (as_it_is, own_pixels):
-                with patch("planewise.detect.own_pixels", found):
+            for how in (as_it_is, nullcontext):
+                with how():
                     seeds = range(FIRST, FIRST + given.rooms)
                     rows = [scored(reading, times, seed) for seed in seeds]
                 voi, precision, recall, planes = np.nanmean(rows, axis=0)

@@ -7,6 +7,12 @@ import numpy as np
 import planewise as pw
 
 
+def models_of(depth, camera, sensor):
+    """What every door but `detect_planes` finds in an image."""
+    detector = pw.Detector(camera, sensor)
+    return detector(depth), detector(depth), *detector.stream([depth, depth])
+
+
 def repeated(image, shape, *, centred=False):
     """The nearest own pixel for each, as OpenCV or, with centres, as Pillow says."""
     rows, columns = (

@@ -15,7 +15,7 @@ import planewise as pw
 from planewise.enlarged import own_pixels
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run
-from tests.enlarging import camera_of, interpolated, repeated
+from tests.enlarging import camera_of, interpolated, models_of, repeated
 
 SIZE = 120, 160
 
@@ -194,8 +194,7 @@ def test_every_door_looks(room, how):
     shape = (240, 320)
     depth, camera = how(0.001 * room.depth, shape), camera_of(room.camera, SIZE, shape)
     wanted = pw.detect_planes(depth, camera, room.sensor)
-    detector = pw.Detector(camera, room.sensor)
-    for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
+    for model in models_of(depth, camera, room.sensor):
         assert_array_equal(model.labels, wanted.labels)
         assert model.information == wanted.information
     auto = pw.Sensor(noise="auto")

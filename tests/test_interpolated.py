@@ -12,6 +12,7 @@ import planewise as pw
 from planewise.enlarged import own_pixels
 from planewise.interpolated import Knots
 from tests.enlarging import along, camera_of, interpolated, places
+from tests.test_frame_error import smooth
 
 SIZE = 120, 160
 
@@ -139,17 +140,6 @@ def test_own_rows_give_back_what_was_interpolated(own, times, corners, seed):
     assert_array_equal(np.cumsum(lines.count)[:-1], lines.first[1:])
     assert lines.count.min() >= 1
     assert lines.count.sum() == size
-
-
-def smooth(shape, width, rng):
-    """White noise that a Gaussian of so many pixels has smoothed."""
-    waves = sum(
-        np.square(np.fft.fftfreq(n)).reshape(turned)
-        for n, turned in zip(shape, ((-1, 1), (1, -1)), strict=True)
-    )
-    noise = np.fft.fft2(rng.normal(0, 1, shape)) * np.exp(-2 * (np.pi * width) ** 2 * waves)
-    field = np.fft.ifft2(noise).real
-    return field / field.std()
 
 
 ROW, COLUMN = np.indices((240, 320))

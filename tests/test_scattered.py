@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.registered import registered
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
@@ -13,11 +14,7 @@ from planewise.enlarged import own_pixels
 from planewise.metrics import evaluate
 from planewise.own_camera import checked_camera
 from planewise.scattered import Scattered
-from tests.enlarging import camera_of
-
-TURN = np.deg2rad(0.7)
-AXES = np.array([[np.cos(TURN), -np.sin(TURN), 0], [np.sin(TURN), np.cos(TURN), 0], [0, 0, 1]])
-MOVE = np.array([0.05, 0.002, 0.001])
+from tests.enlarging import camera_of, models_of
 
 
 @pytest.fixture(scope="module")
@@ -25,27 +22,18 @@ def room():
     return pw.scenes.room(0)
 
 
-def registered(room, times):
+def in_a_picture(room, times):
     """Depth, true labels and camera of a picture so many times as large, beside the camera's."""
     own = room.depth.shape
     shape = round(times * own[0]), round(times * own[1])
     camera = camera_of(room.camera, own, shape)
-    there = room.depth > 0
-    z = 0.001 * room.depth[there]
-    points = (room.camera.rays(own)[there] * z[:, None]) @ AXES.T + MOVE
-    column, row = np.rint(camera.project(points)).astype(int).T
-    seen = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
-    order = np.argsort(-points[:, 2], kind="stable")  # what is nearest stays
-    order = order[seen[order]]
-    depth, labels = np.zeros(shape, np.uint16), np.zeros(shape, int)
-    depth[row[order], column[order]] = np.rint(1000 * points[order, 2])
-    labels[row[order], column[order]] = room.labels[there][order]
-    return depth, labels, camera
+    z, (labels,) = registered(0.001 * room.depth, room.camera, camera, shape, room.labels)
+    return np.rint(1000 * z).astype(np.uint16), labels, camera
 
 
 @pytest.mark.parametrize("times", [1.6, 1.83, 2, 2.5, 3, 4])
 def test_planes_are_those_of_coarser_pixels(room, times):
-    depth, true, camera = registered(room, times)
+    depth, true, camera = in_a_picture(room, times)
     before = depth.copy()
     model = pw.detect_planes(depth, camera, room.sensor)
     assert_array_equal(depth, before)
@@ -68,7 +56,7 @@ def test_planes_are_those_of_coarser_pixels(room, times):
 
 @pytest.mark.parametrize("kind", [np.uint16, np.float32])
 def test_coarse_pixels_have_a_reading_and_its_ray(room, kind):
-    depth, _, camera = registered(room, 2.5)
+    depth, _, camera = in_a_picture(room, 2.5)
     depth = depth.astype(kind)
     depth[100:140, 200:300] = 0 if kind is np.uint16 else np.nan
     found = own_pixels(depth, camera)
@@ -114,14 +102,14 @@ def test_other_readings_are_not_scattered_evenly(room, name):
 
 def test_readings_that_say_more_than_their_pixels_stay_as_they_are():
     room = pw.scenes.room(0, sigma=0.001)
-    depth, _, camera = registered(room, 2)
+    depth, _, camera = in_a_picture(room, 2)
     assert "own_size" not in pw.detect_planes(depth, camera, room.sensor).settings
     rough = replace(room.sensor, noise=0.02)
     assert "own_size" in pw.detect_planes(depth, camera, rough).settings
 
 
 def test_a_lens_may_bend_the_picture(room):
-    depth, _, camera = registered(room, 2)
+    depth, _, camera = in_a_picture(room, 2)
     bent = replace(camera, distortion=(0.02, 0.0, 0.0, 0.0))
     found = own_pixels(depth, bent)
     there = found.depth > 0
@@ -133,10 +121,9 @@ def test_a_lens_may_bend_the_picture(room):
 
 
 def test_every_door_looks(room):
-    depth, _, camera = registered(room, 2)
+    depth, _, camera = in_a_picture(room, 2)
     wanted = pw.detect_planes(depth, camera, room.sensor)
-    detector = pw.Detector(camera, room.sensor)
-    for model in (detector(depth), detector(depth), *detector.stream([depth, depth])):
+    for model in models_of(depth, camera, room.sensor):
         assert_array_equal(model.labels, wanted.labels)
         assert model.information == wanted.information
     auto = replace(room.sensor, noise="auto")

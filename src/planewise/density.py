@@ -7,8 +7,28 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+Mask = NDArray[np.bool_]
+
 LEAST_READINGS = 5
 """Of a cell: two more than a plane takes."""
+
+
+def has_reading(depth: NDArray[Any]) -> Mask:
+    """Where depth is neither missing (0, NaN) nor infinite."""
+    return np.asarray(np.isfinite(depth) & (depth != 0))
+
+
+def middle_rows(image: NDArray[Any], count: int) -> NDArray[Any]:
+    """So many rows of an image, from its middle."""
+    first = max(0, image.shape[0] // 2 - count // 2)
+    return image[first : first + count]
+
+
+def cell_counts(there: Mask, side: int) -> NDArray[np.intp]:
+    """How many pixels of every whole cell of so many to a side are there."""
+    rows, columns = (n // side for n in there.shape)
+    cells = there[: rows * side, : columns * side].reshape(rows, side, columns, side)
+    return np.asarray(cells.sum(axis=(1, 3)))
 
 
 def usual_count(readings: NDArray[Any]) -> int:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
+from planewise.density import Mask, has_reading, middle_rows
 from planewise.interpolated import interpolated
 from planewise.model import Plane, PlaneModel
 from planewise.observation import RayObservation
@@ -21,7 +22,6 @@ from planewise.own_lines import Index, Lines
 from planewise.scattered import Scattered, scattered
 
 Image = NDArray[Any]
-Mask = NDArray[np.bool_]
 
 _LEAST, _MOST = 1.2, 16.0  # times as wide
 _LOOKED_AT = 7  # rows, or columns, of which two are equal where that is more than `_LEAST`
@@ -62,7 +62,7 @@ class OwnPixels:
         fy, cy = rows.own(camera.fy, camera.cy)
         height, width = depth.shape
         own = replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, height=height, width=width)
-        there = np.isfinite(image) & (image != 0)
+        there = has_reading(image)
         return cls(rows=rows, columns=columns, there=there, depth=depth, camera=own)
 
     def enlarge(self, image: Image) -> Image:
@@ -143,7 +143,10 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
 
 def _repeated(image: Image) -> tuple[Lines, Lines] | None:
     """Own rows and columns of an image that repeats them."""
-    if not (_equal(_middle(image)).any() and _equal(_middle(image.T)).any()):
+    if not (
+        _equal(middle_rows(image, _LOOKED_AT)).any()
+        and _equal(middle_rows(image.T, _LOOKED_AT)).any()
+    ):
         return None
     rows, columns = _own_rows(image), _own_rows(image.T)
     return None if rows is None or columns is None else (rows, columns)
@@ -151,18 +154,15 @@ def _repeated(image: Image) -> tuple[Lines, Lines] | None:
 
 def _sparse(image: Image) -> tuple[Lines, Lines] | None:
     """Own rows and columns of an image of which others have no readings."""
-    if _has_readings(_middle(image)).all() and _has_readings(_middle(image.T)).all():
+    if (
+        _has_readings(middle_rows(image, _LOOKED_AT)).all()
+        and _has_readings(middle_rows(image.T, _LOOKED_AT)).all()
+    ):
         return None
     rows, columns = _rows_with_readings(image), _rows_with_readings(image.T)
     if rows is None or columns is None:
         return None
     return (rows, columns) if rows.times * columns.times >= _SPARSE else None
-
-
-def _middle(image: Image) -> Image:
-    """Some rows."""
-    first = max(0, image.shape[0] // 2 - _LOOKED_AT // 2)
-    return image[first : first + _LOOKED_AT]
 
 
 def _equal(image: Image) -> Mask:
@@ -176,7 +176,7 @@ def _equal(image: Image) -> Mask:
 
 def _has_readings(image: Image) -> Mask:
     """Whether rows have any readings."""
-    return np.asarray((np.isfinite(image) & (image != 0)).any(axis=1))
+    return np.asarray(has_reading(image).any(axis=1))
 
 
 def _own_rows(image: Image) -> Lines | None:

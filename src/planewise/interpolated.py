@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.density import has_reading
 from planewise.own_lines import Index, Lines
 
 Array = NDArray[np.float64]
@@ -135,7 +136,7 @@ def interpolated(image: Image) -> tuple[tuple[Lines, Lines], Image] | None:
 def _readings(image: Image) -> Array:
     """Float depth, NaN where there is none."""
     out = image.astype(np.float64)
-    out[~(np.isfinite(out) & (out != 0))] = np.nan
+    out[~has_reading(out)] = np.nan
     return out
 
 
@@ -175,11 +176,12 @@ def _candidates(size: int, period: float) -> Iterator[Knots]:
 
 def _period(image: Array) -> float | None:
     """After how many rows the same comes again in the second differences along columns."""
-    there = np.isfinite(image)
-    inside = there[2:] & there[1:-1] & there[:-2]
-    if len(image) < 2 * _FEWEST or 2 * np.count_nonzero(inside) < np.count_nonzero(there):
+    if len(image) < 2 * _FEWEST:
+        return None
+    bend = _second_differences(image)
+    if 2 * np.count_nonzero(np.isfinite(bend)) < np.count_nonzero(np.isfinite(image)):
         return None  # lines through readings far apart leave nothing
-    signals = np.stack(_bends(image))
+    signals = np.stack(_bends(bend))
     signals -= signals.sum(axis=1, keepdims=True) / signals.shape[1]
     waves = np.fft.rfft(signals)
     power = (waves.real**2 + waves.imag**2).sum(axis=0)
@@ -189,14 +191,18 @@ def _period(image: Array) -> float | None:
     return signals.shape[1] / best if regular else None
 
 
-def _bends(image: Array) -> tuple[Array, Array]:
-    """What second differences along columns show, two arrays of shape (H - 4,).
+def _second_differences(image: Array) -> Array:
+    """Those along columns, shape (H - 2, W); NaN where a reading is missing."""
+    slope = image[1:] - image[:-1]
+    return np.asarray(slope[1:] - slope[:-1])
+
+
+def _bends(bend: Array) -> tuple[Array, Array]:
+    """What second differences along columns show, two arrays of shape (H - 4,); sets NaN to 0.
 
     How alike those of every row and the one before are, -1 to 1; and what share of the energy of
     three rows is that of the middle one.
     """
-    slope = image[1:] - image[:-1]
-    bend = slope[1:] - slope[:-1]
     bend[np.isnan(bend)] = 0
     energy = np.einsum("ij,ij->i", bend, bend) + np.finfo(float).tiny
     product, two = np.einsum("ij,ij->i", bend[1:-1], bend[:-2]), energy[1:] + energy[:-1]
@@ -205,8 +211,8 @@ def _bends(image: Array) -> tuple[Array, Array]:
 
 def _is_smooth(image: Array) -> bool:
     """Whether errors of neighbours are alike; else their second differences are opposed."""
-    sides = (image, image.T)
-    return sum(float(_bends(_some_columns(each, _COLUMNS[1]))[0].mean()) for each in sides) > 0
+    bends = (_second_differences(_some_columns(each, _COLUMNS[1])) for each in (image, image.T))
+    return sum(float(_bends(bend)[0].mean()) for bend in bends) > 0
 
 
 def _left(image: Array, knots: Knots) -> float:

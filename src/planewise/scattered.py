@@ -15,15 +15,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.density import usual_count
+from planewise.density import Mask, cell_counts, has_reading, middle_rows, usual_count
 
 if TYPE_CHECKING:
     from planewise.observation import RayObservation
+    from planewise.sectors import Sectors
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 Image = NDArray[Any]
-Mask = NDArray[np.bool_]
 
 _ALONE = 0.2  # of the readings of some rows have none to their right, at least
 _MIDDLE = 9  # rows that are looked at
@@ -100,7 +100,7 @@ class ScatteredCamera:
         at = np.asarray(pixels, np.float64)
         return self.parent.unproject((at + 0.5) * self.times - 0.5)
 
-    def sectors(self, shape: tuple[int, int]) -> Any:
+    def sectors(self, shape: tuple[int, int]) -> Sectors:
         """One, whose coordinates are those of the rays."""
         from planewise.sectors import one_sector  # loads Numba
 
@@ -169,55 +169,46 @@ def scattered(image: Image, camera: PinholeCamera) -> Scattered | None:
     ValueError
         If they are, and the image cannot have been taken by the camera.
     """
-    first = max(0, image.shape[0] // 2 - _MIDDLE // 2)
-    some = _has_reading(image[first : first + _MIDDLE])
+    some = has_reading(middle_rows(image, _MIDDLE))
     alone = np.count_nonzero(some[:, :-1] & ~some[:, 1:])
     if not alone > _ALONE * np.count_nonzero(some):
         return None
-    there = _has_reading(image)
-    share = usual_count(_counts(there, _CELL)) / _CELL**2
+    there = has_reading(image)
+    share = usual_count(cell_counts(there, _CELL)) / _CELL**2
     if not _FEWEST <= share <= _MOST:
         return None
-    for wider in _WIDER:
-        found = _packed(image, there, camera, wider / np.sqrt(share))
-        full = _counts(found.depth != 0, _SQUARE)
-        full = full[2 * full >= _SQUARE**2]
-        if full.size and full.mean() >= _FILLED * _SQUARE**2:
-            camera.check((image.shape[0], image.shape[1]))
-            return found if np.isfinite(found.camera.u).all() else None  # else a lens folds it
-    return None
-
-
-def _packed(image: Image, there: Mask, camera: PinholeCamera, times: float) -> Scattered:
-    """Coarse pixels so many times as wide."""
-    height, width = (int(np.ceil(n / times)) for n in image.shape)
     row, column = there.nonzero()
-    i, j = (
-        np.minimum((at / times).astype(np.intp), n - 1)
-        for at, n in ((row, height), (column, width))
-    )
-    of_reading = i * width + j
-    middle = [(np.arange(n) + 0.5) * times - 0.5 for n in (height, width)]
+    for wider in _WIDER:
+        times = wider / np.sqrt(share)
+        shape = int(np.ceil(image.shape[0] / times)), int(np.ceil(image.shape[1] / times))
+        i, j = (
+            np.minimum((at / times).astype(np.intp), n - 1)
+            for at, n in zip((row, column), shape, strict=True)
+        )
+        if _is_filled(i, j, shape):
+            break
+    else:
+        return None
+    camera.check((image.shape[0], image.shape[1]))
+    middle = [(np.arange(n) + 0.5) * times - 0.5 for n in shape]
     off = np.square(row - middle[0][i]) + np.square(column - middle[1][j])
     last = np.argsort(-off, kind="stable")  # what is written last stays
-    where = of_reading[last]
-    depth = np.zeros(height * width, image.dtype)
+    where = i[last], j[last]
+    depth = np.zeros(shape, image.dtype)
     depth[where] = image[there][last]
-    y, x = (np.ascontiguousarray(each).reshape(-1) for each in np.meshgrid(*middle, indexing="ij"))
+    y, x = (np.ascontiguousarray(each) for each in np.meshgrid(*middle, indexing="ij"))
     y[where], x[where] = row[last], column[last]
-    rays = camera.unproject(np.stack((x, y), axis=-1)).reshape(height, width, 3)
-    own = ScatteredCamera(parent=camera, times=times, u=rays[..., 0], v=rays[..., 1])
-    return Scattered(
-        there=there, of_reading=of_reading, depth=depth.reshape(height, width), camera=own
-    )
+    u, v, _ = np.moveaxis(camera.unproject(np.stack((x, y), axis=-1)), -1, 0)
+    if not np.isfinite(u).all():  # a lens folds it
+        return None
+    own = ScatteredCamera(parent=camera, times=times, u=u, v=v)
+    return Scattered(there=there, of_reading=i * shape[1] + j, depth=depth, camera=own)
 
 
-def _has_reading(image: Image) -> Mask:
-    return np.asarray(np.isfinite(image) & (image != 0))
-
-
-def _counts(there: Mask, side: int) -> Index:
-    """How many pixels of every square of so many to a side are there."""
-    rows, columns = (n // side for n in there.shape)
-    squares = there[: rows * side, : columns * side].reshape(rows, side, columns, side)
-    return np.asarray(squares.sum(axis=(1, 3)))
+def _is_filled(i: Index, j: Index, shape: tuple[int, int]) -> bool:
+    """Whether nearly all coarse pixels away from borders have one of the readings in them."""
+    full = np.zeros(shape, np.bool_)
+    full[i, j] = True
+    counts = cell_counts(full, _SQUARE)
+    counts = counts[2 * counts >= _SQUARE**2]
+    return bool(counts.size) and bool(counts.mean() >= _FILLED * _SQUARE**2)

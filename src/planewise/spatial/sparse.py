@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.density import usual_count
+from planewise.density import cell_counts, usual_count
 from planewise.observation import RayObservation
 from planewise.ranks import ranks
 from planewise.spatial.frame import Frame
@@ -27,19 +27,12 @@ def is_sparse(frame: Frame, readings: int) -> bool:
         or not _FEWEST <= readings < (_MOST / _CELL**2 + 1) / 2 * frame.p.size
     ):
         return False
-    return _usual(frame.p > 0) <= _MOST
+    return usual_count(cell_counts(frame.p > 0, _CELL)) <= _MOST
 
 
 def usual_share(frame: Frame) -> float:
     """Share of the pixels that have a reading, in the median cell that has any."""
-    return _usual(frame.sectors.image(frame.p) > 0) / _CELL**2
-
-
-def _usual(there: NDArray[np.bool_]) -> int:
-    """Readings of the median cell that has any."""
-    rows, columns = (n // _CELL for n in there.shape)
-    cells = there[: rows * _CELL, : columns * _CELL].reshape(rows, _CELL, columns, _CELL)
-    return usual_count(cells.sum(axis=(1, 3)))
+    return usual_count(cell_counts(frame.sectors.image(frame.p) > 0, _CELL)) / _CELL**2
 
 
 def segment_points(
