@@ -2,7 +2,7 @@
 
 Frame of the pinhole camera: x right, y down, z forward, origin at the optical centre. Pixel (0, 0)
 is the centre of the upper left pixel. The ray of a pixel is r = (u, v, 1) and a reading z on it is
-the point z r.
+the point z r; where readings are distances (`radial`), r = (u, v, 1) / |(u, v, 1)|.
 """
 
 from __future__ import annotations
@@ -115,6 +115,9 @@ class PinholeCamera:
         tangential ("plumb_bob"), with k4 to k6 the rational model ("rational_polynomial"), as of
         Azure Kinect. Rays are undistorted once per camera and image size. Pixels that the lens
         cannot have seen, where it folds the image, hold no readings.
+    radial : bool
+        Readings are distances from the optical centre, as some time-of-flight cameras and renderers
+        give them, rather than depth along z: rays are unit directions.
 
     Raises
     ------
@@ -136,6 +139,7 @@ class PinholeCamera:
     width: int | None = None
     height: int | None = None
     distortion: tuple[float, ...] = ()
+    radial: bool = False
 
     def __post_init__(self) -> None:
         given: Any = self.distortion
@@ -171,6 +175,9 @@ class PinholeCamera:
                 f"at least 1, got {shown(self.width)} and {shown(self.height)}"
             )
         make_plain(self, int, "width", "height")
+        if not isinstance(self.radial, bool | np.bool_):
+            raise ValueError(f"camera: radial must be True or False, got {shown(self.radial)}")
+        make_plain(self, bool, "radial")
 
     @property
     def frame(self) -> str:
@@ -241,9 +248,9 @@ class PinholeCamera:
         Returns
         -------
         ndarray, shape (height, width, 3)
-            (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy; u and v are NaN where the lens
-            folds the image, at the pixel or beside it. Read-only: it is computed once per camera
-            and image size.
+            (u, v, 1) with u = (x - cx) / fx, v = (y - cy) / fy, or of length one (`radial`); NaN
+            where the lens folds the image, at the pixel or beside it. Read-only: it is computed
+            once per camera and image size.
 
         Raises
         ------
@@ -254,11 +261,11 @@ class PinholeCamera:
         return np.moveaxis(_ray_rows(self, shape).reshape(3, *shape), 0, -1)
 
     def ray_rows(self, shape: tuple[int, int]) -> Array:
-        """Return the same rays as rows u, v, 1 over the flattened image, shape (3, H * W)."""
+        """Return the same rays as rows over the flattened image, shape (3, H * W)."""
         return _ray_rows(self, checked_shape("shape", shape))
 
     def pixel_area(self, shape: tuple[int, int]) -> Array:
-        """Area du dv that each pixel covers on the plane z = 1, in square metres.
+        """Area that each pixel covers where readings are 1, in square metres: du dv at z = 1.
 
         Parameters
         ----------
@@ -286,13 +293,13 @@ class PinholeCamera:
         return np.stack((self.fx * u + self.cx, self.fy * v + self.cy), axis=-1)
 
     def unproject(self, pixels: ArrayLike) -> Array:
-        """Rays (u, v, 1) through any pixel coordinates: the inverse of `project`.
+        """Rays through any pixel coordinates: the inverse of `project`.
 
         Parameters
         ----------
         pixels : array_like, shape (..., 2)
-            x and y; pixel centres are at integers. u is NaN where x is, v where y is; with
-            distortion both are, and where the lens sees nothing.
+            x and y; pixel centres are at integers. Where either is NaN, so is its part of the
+            ray, or all of it with distortion and `radial`; and where the lens sees nothing.
         """
         pixels = checked_pixels(pixels)
         u = (pixels[..., 0] - self.cx) / self.fx
@@ -303,7 +310,7 @@ class PinholeCamera:
             if known.any():
                 out[:, known] = undistort(self.distortion, u[known], v[known])
             u, v = out
-        return np.stack((u, v, np.ones_like(u)), axis=-1)
+        return np.moveaxis(self._rays_of(u, v), 0, -1)
 
     def scaled(self, factor: float) -> PinholeCamera:
         """Return the camera of the image resized by `factor` (pixel centres at integers)."""
@@ -351,9 +358,9 @@ class PinholeCamera:
             )
         return replace(self, cx=self.cx - left, cy=self.cy - top, width=width, height=height)
 
-    def describe(self) -> dict[str, float | list[float]]:
+    def describe(self) -> dict[str, float | list[float] | bool]:
         """Say in plain types what the camera is, for result files."""
-        out: dict[str, float | list[float]] = {
+        out: dict[str, float | list[float] | bool] = {
             "fx": self.fx,
             "fy": self.fy,
             "cx": self.cx,
@@ -361,15 +368,22 @@ class PinholeCamera:
         }
         if any(self.distortion):
             out["distortion"] = list(self.distortion)
+        if self.radial:
+            out["radial"] = True
         return out
 
     def directions(self, shape: tuple[int, int]) -> tuple[Array, Array]:
-        """Undistorted u and v of all pixels, shape (height, width): `rays` without the third."""
+        """Undistorted u and v of all pixels, shape (height, width)."""
         shape = checked_shape("shape", shape)
         if any(self.distortion):
-            u, v, _ = _ray_rows(self, shape).reshape(3, *shape)
-            return u, v
+            u, v, z = _ray_rows(self, shape).reshape(3, *shape)
+            return (u / z, v / z) if self.radial else (u, v)
         return self._on_plane(shape)
+
+    def _rays_of(self, u: Array, v: Array) -> Array:
+        """Rays, shape (3, ...), through places on the plane z = 1."""
+        rays = np.stack((u, v, np.ones_like(u)))
+        return rays / np.linalg.norm(rays, axis=0) if self.radial else rays
 
     def _on_plane(self, shape: tuple[int, int], margin: int = 0) -> tuple[Array, Array]:
         """Where pixels lie on the plane z = 1, distorted; with a margin of pixels all around."""
@@ -382,7 +396,7 @@ class PinholeCamera:
 @lru_cache(maxsize=RIG)
 def _ray_rows(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     u, v = _undistorted(camera, shape) if any(camera.distortion) else camera._on_plane(shape)
-    rows = np.stack((u, v, np.ones(shape))).reshape(3, -1)
+    rows = camera._rays_of(u, v).reshape(3, -1)
     rows.flags.writeable = False
     return rows
 
@@ -416,7 +430,7 @@ def _sectors(camera: PinholeCamera, shape: tuple[int, int]) -> Sectors:
 
     straight = not any(camera.distortion)
     u, v = camera.directions(shape) if straight else _filled(camera, shape)
-    return one_sector(u, v, (camera.fx, camera.fy), straight)
+    return one_sector(u, v, (camera.fx, camera.fy), straight, radial=camera.radial)
 
 
 @lru_cache(maxsize=RIG)
@@ -424,7 +438,10 @@ def _pixel_area(camera: PinholeCamera, shape: tuple[int, int]) -> Array:
     if any(camera.distortion):
         (u_y, u_x), (v_y, v_x) = map(np.gradient, _filled(camera, shape))
         area = np.abs(u_x * v_y - u_y * v_x)
-        area.flags.writeable = False
     else:
         area = np.broadcast_to(1.0 / (camera.fx * camera.fy), shape)  # one number, not an image
+    if camera.radial:
+        u, v = _filled(camera, shape)
+        area = area / (1.0 + u * u + v * v) ** 1.5  # on the sphere of radius one
+    area.flags.writeable = False
     return np.asarray(area)

@@ -52,7 +52,8 @@ def detect_planes(
     Parameters
     ----------
     depth : array_like, shape (H, W)
-        Metres if floating point, units of `depth_scale` if integer; for a `SphericalCamera`, range.
+        Metres if floating point, units of `depth_scale` if integer: z, or for a `SphericalCamera`
+        and a `PinholeCamera` that is `radial`, range.
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
         sensor's range are "no reading". What was enlarged, by repeating pixels, interpolating
         linearly, rows and columns without readings, or moving readings to the pixels of a larger

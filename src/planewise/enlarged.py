@@ -119,7 +119,7 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     turns; but for a few that are like the ones before, and any without readings. Or only every n-th
     row, or column, or both, have readings, a third of the pixels at most. Or they were interpolated
     linearly, within 1.2 and 16 times. Or readings lie on scattered pixels, as evenly as those of a
-    coarser image. Only images of a `PinholeCamera` are looked at.
+    coarser image, and are depth along z. Only images of a `PinholeCamera` are looked at.
 
     Raises
     ------
@@ -136,7 +136,7 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     elif (found := interpolated(depth)) is not None:
         lines, own = found
     else:
-        return scattered(depth, camera)
+        return None if camera.radial else scattered(depth, camera)
     camera.check((depth.shape[0], depth.shape[1]))
     return OwnPixels.of(depth, camera, *lines, own)
 

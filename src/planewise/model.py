@@ -209,8 +209,9 @@ class PlaneModel:
     search, objective : str
         What found it and what it minimises.
     note : str
-        Why there is no plane, where there is none, and what noise was assumed, where "auto" could
-        not tell it; else empty.
+        Why there is no plane, where there is none; what noise was assumed, where "auto" could not
+        tell it; and whether readings look like distances that were read as depth, or depth as
+        distances. Else empty.
     settings : Mapping
         Options the model was made with, in plain types, for result files.
     """

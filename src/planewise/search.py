@@ -19,6 +19,7 @@ from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
 from planewise.point_observation import PointObservation, checked_origin, checked_sigma
+from planewise.radial import misread
 from planewise.sensor import Sensor
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -73,7 +74,7 @@ def find(
     settings = _settings(observation, options)
     if observation.count < observation.dimension:
         empty = objective.empty(observation)
-        return noted(_no_planes(observation, options, settings, empty))
+        return noted(_no_planes(observation, options, settings, empty), observation)
 
     image = isinstance(observation, RayObservation)
     compilation.announce("spatial" if spatial else "paper" if image else "points")
@@ -93,10 +94,11 @@ def find(
                 workspace=workspace,
                 regions=regions,
             )
-            return noted(model)
+            return noted(model, observation)
         from planewise.paper.model import separable_model
 
-        return noted(separable_model(observation, options, objective, settings, regions))
+        model = separable_model(observation, options, objective, settings, regions)
+        return noted(model, observation)
 
 
 def find_in_cloud(
@@ -201,13 +203,15 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
     return out
 
 
-def noted(model: PlaneModel) -> PlaneModel:
-    """Say in the model's note, too, where noise could not be estimated and was assumed."""
-    assumed = assumed_noise(model.settings)
-    if not assumed:
-        return model
-    assumed = f"noise: {assumed}; where that is wrong, so are planes"
-    return replace(model, note="; ".join(filter(None, (model.note, assumed))))
+def noted(model: PlaneModel, observation: Observation | None = None) -> PlaneModel:
+    """Say in the model's note, too, which noise was assumed, and whether readings look misread."""
+    notes = [model.note]
+    if assumed := assumed_noise(model.settings):
+        notes.append(f"noise: {assumed}; where that is wrong, so are planes")
+    if isinstance(observation, RayObservation):
+        notes.append(misread(observation))
+    note = "; ".join(filter(None, notes))
+    return model if note == model.note else replace(model, note=note)
 
 
 def _no_planes(

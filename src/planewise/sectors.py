@@ -277,8 +277,13 @@ def turn_to_theta(pixel_size: tuple[float, float]) -> Array:
     return np.array([[0, 1 / (UNIT * du), 0], [0, 0, 1 / (UNIT * dv)], [1, 0, 0]])
 
 
-def one_sector(u: Array, v: Array, focal: tuple[float, float], straight: bool) -> Sectors:
-    """Sectors of a pinhole image with rays (u, v, 1) and these focal lengths in pixels."""
+def one_sector(
+    u: Array, v: Array, focal: tuple[float, float], straight: bool, *, radial: bool = False
+) -> Sectors:
+    """Sectors of a pinhole image through (u, v, 1), with these focal lengths in pixels.
+
+    radial: its readings are distances, range rather than z.
+    """
     return Sectors(
         x=(u * (focal[0] / UNIT)).astype(np.float32),
         y=(v * (focal[1] / UNIT)).astype(np.float32),
@@ -288,6 +293,7 @@ def one_sector(u: Array, v: Array, focal: tuple[float, float], straight: bool) -
         column=None,
         start=np.zeros(1, np.intp),
         stop=np.array([u.shape[1]]),
+        ratio=(1.0 / np.sqrt(1.0 + u * u + v * v)).astype(np.float32) if radial else None,
     )
 
 

@@ -23,6 +23,7 @@ from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
 from planewise.model import assumed_noise
 from planewise.own_camera import checked_camera
+from planewise.radial import misread
 from planewise.results.planes_json import number_or_none
 from planewise.sensor import Sensor, checked_sensor
 
@@ -115,6 +116,8 @@ class Outcome:
         in units of the sensor's resolution.
     noise_assumed : bool
         Whether its noise was to be estimated and could not be.
+    misread : str
+        What its readings look like, where the camera says otherwise; else empty.
     reason : str
         Why it failed; empty if it did not.
     fatal : str
@@ -133,6 +136,7 @@ class Outcome:
     out_of_range: bool = False
     unit_told: bool = True
     noise_assumed: bool = False
+    misread: str = ""
     reason: str = ""
     fatal: str = ""
     milliseconds: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -202,6 +206,7 @@ class FrameWork:
             out_of_range=2 * observed.count < observed.image.present,
             unit_told=unit_told(seen.depth, detector.depth_scale),
             noise_assumed=bool(assumed_noise(model.settings)),
+            misread=misread(observed),
             milliseconds=times,
         )
 
@@ -282,7 +287,7 @@ def _frame_row(
 
 
 def _camera_columns(camera: Camera) -> dict[str, Any]:
-    if not isinstance(camera, PinholeCamera):
+    if not isinstance(camera, PinholeCamera) or camera.radial:
         return {"camera": json.dumps(camera.describe())}
     numbers = {name: float(getattr(camera, name)) for name in ("fx", "fy", "cx", "cy")}
     return numbers | {"distortion": [float(each) for each in camera.distortion]}

@@ -24,7 +24,7 @@ def described_camera(described: Mapping[str, Any]) -> Camera | None:
     """
     if described.get("model") == "spherical":
         return spherical_camera(described)
-    if described.keys() - {"distortion"} != set(_INTRINSICS):
+    if described.keys() - {"distortion", "radial"} != set(_INTRINSICS):
         return None
     return PinholeCamera(**described)
 

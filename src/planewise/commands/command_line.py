@@ -19,7 +19,7 @@ from planewise.commands import terminal
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.interrupts import interrupted
 from planewise.errors import NO_ROOM, PlanewiseError
-from planewise.files.camera import camera_file, read_sensor
+from planewise.files.camera import camera_file, read_sensor, without_radial
 from planewise.sensor import Sensor
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def reported() -> Iterator[None]:
 
 def preset_of(camera: str | None) -> str | None:
     """Name of the sensor preset that a camera's preset shares, or begins with."""
-    name = "" if camera is None else camera.lower()
+    name = "" if camera is None else without_radial(camera.lower())
     return next(
         (each for each in sensors.PRESETS if name == each or name.startswith(f"{each}-")), None
     )

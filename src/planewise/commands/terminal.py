@@ -189,7 +189,7 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
 
 
 def warn_of_note(model: PlaneModel, name: str = "") -> None:
-    """Warn where there is no plane, or a noise was assumed; `name` is that of a frame."""
+    """Warn where a model's note says something; `name` is that of a frame."""
     if model.note:
         warning(name + ("" if len(model) else "no plane was found: ") + model.note)
 

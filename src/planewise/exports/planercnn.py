@@ -151,7 +151,7 @@ class PlaneRcnnExport(Form):
         if seen.rgb is None:
             raise PlanewiseError(f"frame {frame.id}: the source has no picture of it")
         if frame.row["fx"] is None:
-            raise PlanewiseError(f"frame {frame.id}: its camera is no pinhole")
+            raise PlanewiseError(f"frame {frame.id}: its readings are no depth of a pinhole camera")
         if scene.camera not in (None, _camera(frame)):
             raise PlanewiseError(f"frame {frame.id}: it has another camera than its scene")
         if scene.count + len(frame.planes) > _MOST_PLANES:

@@ -30,6 +30,7 @@ REGION = "x_offset", "y_offset", "width", "height"
 """What ROS says of the region of a sensor that is read."""
 
 _RECTIFIED, _RAW = ":rect", ":raw"  # behind a file's name
+_RADIAL = ":radial"  # behind that, or any camera
 _FOUR = (("fx",), ("fy",), ("cx", "ppx"), ("cy", "ppy"))  # intrinsics, each by the names it has
 
 NOISE_HELP = (
@@ -55,7 +56,8 @@ def read_camera(text: str) -> Camera:
         camera is that of P (``projection_matrix``), without distortion; ``:raw`` that they are not.
         Without either they are not, with a warning where the file states a P that is another
         camera. A LiDAR's file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's
-        metadata (`planewise.files.lidar`).
+        metadata (`planewise.files.lidar`). ``:radial`` behind any of a pinhole camera says that
+        readings are distances from it, not depth along z, as does ``radial: true`` in a file.
 
     Returns
     -------
@@ -68,6 +70,11 @@ def read_camera(text: str) -> Camera:
         If it is none of these, or the camera is neither a pinhole with radial-tangential or
         rational distortion nor a LiDAR.
     """
+    if (plain := without_radial(text)) != text:
+        camera = read_camera(plain)
+        if not isinstance(camera, PinholeCamera):
+            raise PlanewiseError(f"camera: {text}: ranges of a LiDAR are distances as they are")
+        return replace(camera, radial=True)
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
     path = Path(camera_file(text))
@@ -100,8 +107,14 @@ def read_camera(text: str) -> Camera:
         raise PlanewiseError(f"{error} (from {path.name})") from None
 
 
+def without_radial(text: str) -> str:
+    """Camera without the ``:radial`` behind it; a file of that name as it is."""
+    return text if Path(text).is_file() else text.removesuffix(_RADIAL)
+
+
 def camera_file(text: str) -> str:
-    """Name of the file that a camera is of, without ``:rect`` or ``:raw``; other text as it is."""
+    """Name of the file that a camera is of, without what says more of it; other text as it is."""
+    text = without_radial(text)
     if Path(text).is_file():
         return text
     return text.removesuffix(_RECTIFIED).removesuffix(_RAW)
@@ -276,6 +289,8 @@ def camera_of_mapping(content: Mapping[str, Any], *, rectified: bool = False) ->
         values = values | {"k": _projection(values)}
     fx, fy, cx, cy = _intrinsics(values)
     width, height = _size(values)
+    if not isinstance(radial := values.get("radial", False), bool):
+        raise PlanewiseError(f"states radial {shown(radial)}; expected true or false")
     camera = PinholeCamera(
         fx=fx,
         fy=fy,
@@ -284,6 +299,7 @@ def camera_of_mapping(content: Mapping[str, Any], *, rectified: bool = False) ->
         width=width,
         height=height,
         distortion=() if rectified else distortion_of(values),
+        radial=radial,
     )
     return _read_out(camera, values)
 

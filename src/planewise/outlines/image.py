@@ -12,7 +12,7 @@ from planewise.arguments import is_finite
 from planewise.camera import Camera
 from planewise.model import Plane, PlaneModel, checked_model
 from planewise.outlines.label_borders import regions
-from planewise.outlines.outlines import PlaneFrame, Surface, load_shapely, surfaces_of
+from planewise.outlines.outlines import PlaneFrame, Surface, dot, load_shapely, surfaces_of
 from planewise.own_camera import check_own, checked_camera
 
 Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def outline_image(
 
         def laid(pixels: Array, label: int = label, frame: PlaneFrame = frame) -> Array:
             at = camera.unproject(pixels)
-            nearness = np.maximum(at @ theta[label], least[label] / _BEYOND)
+            nearness = np.maximum(dot(at, theta[label]), least[label] / _BEYOND)
             return frame.to_plane(at / nearness[:, None])
 
         pieces = found.get(label, [])

@@ -26,6 +26,15 @@ from planewise.model import Plane
 Array = NDArray[np.float64]
 
 
+def dot(points: Array, axis: Array) -> Array:
+    """Products with an axis (3,), shape (...), of points (..., 3): the same of equal ones.
+
+    Matrix products round them by their places, and rings then do not close.
+    """
+    x, y, z = np.moveaxis(points, -1, 0)
+    return np.asarray(x * axis[0] + y * axis[1] + z * axis[2])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PlaneFrame:
     """Coordinates on a plane.
@@ -56,7 +65,8 @@ class PlaneFrame:
 
     def to_plane(self, points: Array) -> Array:
         """Coordinates (a, b), shape (..., 2), of the feet of points, shape (..., 3)."""
-        return np.asarray((points - self.origin) @ np.stack((self.u, self.v), axis=1))
+        away = points - self.origin
+        return np.stack((dot(away, self.u), dot(away, self.v)), axis=-1)
 
     def to_space(self, coordinates: Array) -> Array:
         """Points, shape (..., 3), at coordinates (a, b), shape (..., 2)."""
