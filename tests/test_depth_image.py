@@ -1,5 +1,7 @@
 """What is worked out by level instead of by reading."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -93,3 +95,29 @@ def test_one_reading_at_the_limit_in_single_precision(camera):
         )
         assert found.readings == told.readings == units.size
         assert_array_equal(found.labels, told.labels)
+
+
+@pytest.mark.parametrize("limit", [2.2, 2.4, 3.0])
+@pytest.mark.parametrize("kind", [np.float32, np.float64, np.uint16])
+def test_depth_that_was_clipped_at_the_limit_is_no_reading(limit, kind):
+    room = pw.scenes.room(3, size=(120, 160))
+    units = 1000 if kind is np.uint16 else 1
+    z = np.asarray(room.depth * (1e-3 * units)).round(0 if kind is np.uint16 else 9).astype(kind)
+    sensor = replace(room.sensor, max_depth=limit)
+    far = z >= kind(units * limit)
+    assert 0.01 < np.mean(far) < 0.99
+    cut, clipped = np.where(far, kind(0), z), np.minimum(z, kind(units * limit))
+    told, found = (pw.detect_planes(image, room.camera, sensor) for image in (cut, clipped))
+    assert found.readings == told.readings == np.count_nonzero(cut)
+    assert found.information == told.information
+    assert_array_equal(found.labels, told.labels)
+
+
+def test_few_readings_at_the_limit_are_readings_and_so_are_all(camera):
+    sensor = pw.Sensor(max_depth=2.0, noise=SIGMA)
+    z = np.random.default_rng(0).uniform(1.0, 1.9, (48, 64))
+    z.flat[: z.size // 101] = 2.0
+    assert pw.observe(z, camera, sensor).count == z.size
+    z.flat[: z.size // 99] = 2.0
+    assert pw.observe(z, camera, sensor).count == z.size - z.size // 99
+    assert pw.observe(np.full_like(z, 2.0), camera, sensor).count == z.size

@@ -27,6 +27,7 @@ _MOST_LEVELS = 1 << 18
 _MOST_UNITS = (1 << 16) - 1  # of integer depth
 _LEAST_DEPTH = 1e-6  # metres
 _ROUNDED = 4  # in the last place: a reading at the sensor's limit may lie so far beyond
+_CLIPPED = 0.01  # of the readings are at the limit, at least, where others are there, too
 _TELLING = 4  # readings of a level on the mean: quantised ones meet again and again
 _WINDOW = 9  # gaps between levels over which the step is a median
 
@@ -90,7 +91,8 @@ class DepthImage:
             if image.dtype.itemsize <= 2 or image.max() <= _MOST_UNITS:
                 low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
                 high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
-                return cls._of_levels(np.ascontiguousarray(image, np.uint16), scale, low, high)
+                values = np.ascontiguousarray(image, np.uint16)
+                return cls._of_levels(values, scale, low, high)._unclipped(sensor.max_depth)
             image, unit = image * scale, scale
         elif depth_scale is not None:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
@@ -109,7 +111,7 @@ class DepthImage:
             1.0 / grid,
             workspace or Workspace(),
             unit,
-        )
+        )._unclipped(sensor.max_depth)
 
     @classmethod
     def _of_levels(
@@ -172,6 +174,15 @@ class DepthImage:
         level = 1.0 if self.values.dtype == np.uint16 else 1.0 / self.per_metre
         wild = wild_readings(self.values, self.low, self.high, level)
         return self if wild is None else self.without(wild)
+
+    def _unclipped(self, limit: float) -> DepthImage:
+        """The same without readings at the sensor's limit, if depth beyond was clipped to it."""
+        if not self.levels.size or self.levels[-1] < int(self.per_metre * limit + 0.5):
+            return self
+        clipped = self.values >= limit / self.scale * (1.0 - _ROUNDED * np.finfo(np.float32).eps)
+        clipped &= self.values <= self.high
+        many = _CLIPPED * self.count <= np.count_nonzero(clipped) < self.count
+        return self.without(clipped) if many else self
 
     def without(self, pixels: NDArray[np.bool_]) -> DepthImage:
         """Return the same without the readings of some pixels, a mask (H, W)."""

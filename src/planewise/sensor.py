@@ -31,7 +31,8 @@ class Sensor:
     Parameters
     ----------
     max_depth : float
-        Largest depth it reports, in metres; readings beyond are "no reading".
+        Largest depth it reports, in metres; readings beyond are "no reading". So are those at it
+        where one in a hundred is, but not all: a renderer clips what lies beyond.
     resolution : float
         eps of the paper: the step between two readings, in metres. An integer depth image is taken
         to be in units of it.
