@@ -18,7 +18,7 @@ from planewise.batch.stored_source import camera_of
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera
 from planewise.metrics import evaluate
-from planewise.radial import radial_share
+from planewise.radial import radial_shares
 from planewise.results.planes_json import SCHEMA_FILE, describe_model
 from tests.command import run
 
@@ -144,9 +144,9 @@ def test_distances_that_were_taken_for_depth_are_told(seed):
     assert found(scene).note == found(distances).note == ""
 
 
-def share(scene, camera=None):
+def shares(scene):
     seen = pw.observe(scene.depth, scene.camera, scene.sensor)
-    return radial_share(seen, camera or scene.camera)
+    return radial_shares(seen, scene.camera)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -162,21 +162,21 @@ def test_rooms_without_noise_are_what_they_are(seed, shape):
         at = model.labels == label
         depth[at] = -plane.distance / (rays[at] @ plane.normal)
     smooth = replace(scene, depth=depth, sensor=sensor)
-    assert abs(share(smooth)) < 0.1
-    assert abs(share(with_distances(smooth)) - 1) < 0.1
+    assert_allclose(shares(smooth), 0, atol=0.1)
+    assert_allclose(shares(with_distances(smooth)), 1, atol=0.1)
 
 
 def test_frames_that_cannot_tell_say_nothing():
     scene = scenes.room(0)  # a Kinect's noise hides it
-    assert np.isnan(share(scene))
+    assert np.isnan(shares(scene)).all()
     wall = np.full((40, 40), 2.0)
     camera = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=20)
     small = replace(scene, depth=wall[:24, :24], camera=camera, sensor=pw.Sensor(noise=0.01))
-    assert np.isnan(share(small))
+    assert np.isnan(shares(small)).all()
     corner = scenes.corner(sigma=0.001)
     y, x = np.indices(corner.depth.shape)
     some = np.where((x // 30 + y // 30) % 2, corner.depth, 0)  # no square is whole
-    assert np.isnan(share(replace(corner, depth=some)))
+    assert np.isnan(shares(replace(corner, depth=some))).all()
 
 
 def test_cameras_are_said_to_be_radial(tmp_path):

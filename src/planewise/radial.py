@@ -2,7 +2,8 @@
 
 In the image the inverse depth of a plane is affine, its inverse distance affine over |(u, v, 1)|:
 what is read as the other is bent, on every plane alike. That share of the curvature of flat squares
-which this explains is 0 of depth and 1 of distances, whatever the planes.
+which this explains, along rows and along columns, is 0 of depth and 1 of distances, whatever the
+planes.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ _SQUARES = 10  # along the longer side of an image
 _PLACES = 12  # rows, and columns, of a square that are looked at
 _FLAT = 2.0  # times the residuals of the flattest quarter
 _FEWEST = 6  # flat squares
-_ERROR = 0.12  # of the median share, at most ...
-_OFF = 0.25  # ... which is so near to what it is of the other kind
+_ERROR = 0.15  # of either median share, at most ...
+_OFF = 0.35  # ... which are so near to what they are of the other kind
 
 
 def misread(observation: RayObservation) -> str:
@@ -33,13 +34,13 @@ def misread(observation: RayObservation) -> str:
     camera = observation.camera
     if type(camera) is not PinholeCamera:
         return ""
-    share = radial_share(observation, camera)
-    if camera.radial and abs(share) < _OFF:
+    shares = radial_shares(observation, camera)
+    if camera.radial and np.all(np.abs(shares) < _OFF):
         return (
             "readings look like depth along z, not distances from the camera; where they are, it "
             "must not be radial"
         )
-    if not camera.radial and abs(share - 1.0) < _OFF:
+    if not camera.radial and np.all(np.abs(shares - 1.0) < _OFF):
         return (
             "readings look like distances from the camera, not depth along z; where they are, it "
             "must be radial (PinholeCamera(..., radial=True), --camera CAMERA:radial)"
@@ -47,40 +48,43 @@ def misread(observation: RayObservation) -> str:
     return ""
 
 
-def radial_share(observation: RayObservation, camera: PinholeCamera) -> float:
-    """Share of the curvature of flat squares by which readings are distances.
+def radial_shares(observation: RayObservation, camera: PinholeCamera) -> Array:
+    """Shares of the curvature of flat squares, across and down, by which readings are distances.
 
-    The median, if its error is small; else NaN, as where noise hides it or squares are few.
+    Medians, if their errors are small; else NaN, as where noise hides them or squares are few.
     """
     squares, image = _squares(camera, observation.shape), observation.image
     values = image.values[squares.row, squares.column].astype(np.float64)
     whole = ((values >= image.low) & (values <= image.high)).all(axis=1)
     if np.count_nonzero(whole) < _FEWEST:
-        return math.nan
+        return np.full(2, np.nan)
     inverse, shrunk = 1.0 / values[whole], squares.shrunk[whole]
     inverse /= inverse.mean(axis=1, keepdims=True)
-    plane = _affine(inverse / shrunk, squares.basis)  # 1 / z, if these are distances
-    curvature, bend = (each - _affine(each, squares.basis) for each in (inverse, plane * shrunk))
-    shares = np.einsum("sk,sk->s", curvature, bend) / np.einsum("sk,sk->s", bend, bend)
-    left = np.square(curvature - shares[:, None] * bend).sum(axis=1)
-    shares = shares[left <= _FLAT * np.quantile(left, 0.25)]
-    middle = np.median(shares)
+    plane = _fit(inverse / shrunk, squares.affine)  # 1 / z, if these are distances
+    bent, bend = (each - _fit(each, squares.affine) for each in (inverse, plane * shrunk))
+    curvature, of_plane = bent @ squares.square, bend @ squares.square
+    left = np.square(bent).sum(axis=1) - np.square(curvature).sum(axis=1)
+    flat = left <= _FLAT * np.quantile(left, 0.25)
+    shares = curvature[flat] / of_plane[flat]
+    middle = np.median(shares, axis=0)
     # Of a median, by that of deviations: sqrt(pi / 2) 1.4826 MAD / sqrt(n) of normal ones.
-    error = 1.858 * np.median(np.abs(shares - middle)) / math.sqrt(len(shares))
-    return float(middle) if len(shares) >= _FEWEST and error < _ERROR else math.nan
+    error = 1.858 * np.median(np.abs(shares - middle), axis=0) / math.sqrt(len(shares))
+    sure = len(shares) >= _FEWEST and bool((error < _ERROR).all())
+    return np.asarray(middle) if sure else np.full(2, np.nan)
 
 
 class _Squares(NamedTuple):
     """Squares of pixels (s,), and places (k,) in each.
 
-    row, column (s, k); shrunk (s, k): z / distance, 1 / |(u, v, 1)|; basis (k, 3): orthonormal, of
-    the affine functions.
+    row, column (s, k); shrunk (s, k): z / distance, 1 / |(u, v, 1)|; affine (k, 3), square (k, 2):
+    orthonormal, of the affine functions and of squares of x and y, less these.
     """
 
     row: Index
     column: Index
     shrunk: Array
-    basis: Array
+    affine: Array
+    square: Array
 
 
 @lru_cache(maxsize=RIG)
@@ -91,10 +95,11 @@ def _squares(camera: PinholeCamera, shape: tuple[int, int]) -> _Squares:
     top, left = (side * np.indices([n // side for n in shape])).reshape(2, -1, 1)
     row, column = top + y, left + x
     u, v = (each[row, column] for each in camera.directions(shape))
-    basis, _ = np.linalg.qr(np.stack((np.ones(x.size), x, y), axis=1))
-    return _Squares(row, column, 1.0 / np.sqrt(1.0 + u * u + v * v), basis)
+    basis, _ = np.linalg.qr(np.stack((np.ones(x.size), x, y, x * x, y * y), axis=1))
+    shrunk = 1.0 / np.sqrt(1.0 + u * u + v * v)
+    return _Squares(row, column, shrunk, basis[:, :3], basis[:, 3:])
 
 
-def _affine(values: Array, basis: Array) -> Array:
-    """Nearest affine functions of values (s, k)."""
+def _fit(values: Array, basis: Array) -> Array:
+    """Nearest functions of a basis to values (s, k)."""
     return np.asarray((values @ basis) @ basis.T)
