@@ -26,7 +26,7 @@ _PLACES = 12  # rows, and columns, of a square that are looked at
 _FLAT = 2.0  # times the residuals of the flattest quarter
 _FEWEST = 6  # flat squares
 _ERROR = 0.15  # of either median share, at most ...
-_OFF = 0.35  # ... which are so near to what they are of the other kind
+_OFF = 0.3  # ... which are so near to what they are of the other kind
 
 
 def misread(observation: RayObservation) -> str:
