@@ -1,11 +1,12 @@
 """Synthetic rooms whose depth was registered to a larger picture: prints a Markdown table.
 
-python -m benchmarks.registered [--rooms N]
+python -m benchmarks.registered [--rooms N] [--blocks]
 
 Every reading is moved to the pixel of a camera beside the sensor, turned by 0.7 degrees and with so
-many times as many rows and columns, that sees it; the nearest stays, and nothing is filled in. VOI,
-share of what is found that is a flat face, share of true planes of 0.25 % of the readings found,
-and planes: as the image is, and in coarser pixels (`planewise.scattered`).
+many times as many rows and columns, that sees it, and nothing is filled in; or with `--blocks` to
+all pixels that its own covers. The nearest stays. VOI, share of what is found that is a flat face,
+share of true planes of 0.25 % of the readings found, and planes: as the image is, and in coarser
+pixels (`planewise.scattered`, `planewise.filled`).
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _NAMES = (
     "Kinect",
     "Kinect, 320 x 240",
     "stereo, smooth over 8 px",
+    "stereo, smooth over 20 px",
     "time of flight",
     "phone, 256 x 192",
 )
@@ -43,32 +45,47 @@ def registered(
     larger: pw.PinholeCamera,
     shape: tuple[int, int],
     *marks: Grid,
+    blocks: bool = False,
 ) -> tuple[Array, list[Grid]]:
-    """Depth in metres and marks of pixels, moved to those of a larger picture of this shape."""
-    there = z > 0
-    rays = camera.rays((z.shape[0], z.shape[1]))
-    points = (rays[there] * z[there][:, None]) @ _AXES.T + _MOVED
-    column, row = np.rint(larger.project(points)).astype(int).T
-    inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
-    order = np.argsort(-points[:, 2], kind="stable")  # what is nearest stays
-    order = order[inside[order]]
-    where = row[order], column[order]
-    image, moved = np.zeros(shape), [np.zeros(shape, int) for _ in marks]
-    image[where] = points[order, 2]
-    for out, each in zip(moved, marks, strict=True):
-        out[where] = each[there][order]
-    return image, moved
+    """Depth in metres and marks of pixels, moved to those of a larger picture of this shape.
+
+    blocks: to all pixels that a pixel covers, from the one where its first corner is seen to that
+    of its last.
+    """
+    row, column = (z > 0).nonzero()
+    depth, half = z[row, column], 0.5 if blocks else 0.0
+
+    def seen(off: float) -> tuple[Array, Grid]:
+        rays = camera.unproject(np.stack((column + off, row + off), axis=-1))
+        points = (rays * depth[:, None]) @ _AXES.T + _MOVED
+        return points[:, 2], np.floor(larger.project(points) + 0.5).astype(int)
+
+    moved, (_, first), (_, last) = seen(0.0)[0], seen(-half), seen(half)
+    whole = ((first >= 0) & (last < shape[::-1])).all(axis=1)
+    sides = (1 + last - first)[whole].max(axis=0).tolist()
+    which, places = [], []
+    for off in map(np.array, np.ndindex(*sides)):
+        which.append(np.flatnonzero(whole & (first + off <= last).all(axis=1)))
+        places.append(first[which[-1]] + off)
+    readings, (x, y) = np.concatenate(which), np.concatenate(places).T
+    order = np.argsort(-moved[readings], kind="stable")  # what is nearest stays
+    readings, at = readings[order], (y[order], x[order])
+    images = np.zeros((1 + len(marks), *shape))
+    for image, values in zip(images, (moved, *(m[row, column] for m in marks)), strict=True):
+        image[at] = values[readings]
+    return images[0], list(images[1:].astype(int))
 
 
-def scored(reading: Reading, times: float, seed: int) -> list[float]:
+def scored(reading: Reading, times: float, seed: int, blocks: bool) -> list[float]:
     """VOI, P, R and planes of a room."""
     depth, *marks = frame(reading, seed)
     z = depth * (reading.sensor.resolution if depth.dtype.kind == "u" else 1.0)
     shape = int(times * reading.size[0]), int(times * reading.size[1])
     larger = camera_of(shape)
-    image, (labels, faces) = registered(z, camera_of(reading.size), larger, shape, *marks)
+    own = camera_of(reading.size)
+    image, (labels, faces) = registered(z, own, larger, shape, *marks, blocks=blocks)
     model = pw.detect_planes(image, larger, reading.sensor)
-    fewest = int(SMALLEST * np.prod(reading.size))
+    fewest = int(SMALLEST * np.prod(shape if blocks else reading.size))
     row = evaluate(model.labels, labels, minimum_pixels=fewest).row()
     precision = evaluate(model.labels, faces).row()["precision@0.5"]
     return [row["voi_labelled"], precision, row["recall@0.5"], len(model)]
@@ -77,6 +94,7 @@ def scored(reading: Reading, times: float, seed: int) -> list[float]:
 def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--rooms", type=int, default=6)
+    parser.add_argument("--blocks", action="store_true")
     given = parser.parse_args()
     print(
         "| readings | times | as it is: VOI, P, R, planes | in coarser pixels |\n|---|---|---|---|"
@@ -87,7 +105,7 @@ def main() -> None:
             for how in (as_it_is, nullcontext):
                 with how():
                     seeds = range(FIRST, FIRST + given.rooms)
-                    rows = [scored(reading, times, seed) for seed in seeds]
+                    rows = [scored(reading, times, seed, given.blocks) for seed in seeds]
                 voi, precision, recall, planes = np.nanmean(rows, axis=0)
                 cells.append(f"{voi:.2f} {precision:.2f} {recall:.2f} {planes:.1f}")
             print(f"| {reading.name} | {times} | {' | '.join(cells)} |", flush=True)

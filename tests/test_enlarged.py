@@ -149,9 +149,6 @@ OTHERS = {
     "NaN": lambda depth, rng: np.full(SIZE, np.nan),
     "the same rows": lambda depth, rng: np.tile(depth[50], (120, 1)),
     "few rows and columns": lambda depth, rng: np.kron(depth[50:60, :10], np.ones((4, 4))),
-    "a border with readings": lambda depth, rng: np.pad(
-        np.kron(depth, np.ones((2, 2), depth.dtype)), 9, constant_values=1500
-    ),
     "every second row has readings": lambda depth, rng: depth * (np.indices(SIZE)[0] % 2),
     "half of the pixels have readings": lambda depth, rng: depth * (np.indices(SIZE).sum(0) % 2),
     "few rows have readings": lambda depth, rng: depth * (np.indices(SIZE)[0] % 16 == 3),

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
 from planewise.density import Mask, has_reading, middle_rows
+from planewise.filled import filled
 from planewise.interpolated import interpolated
 from planewise.model import Plane, PlaneModel
 from planewise.observation import RayObservation
@@ -118,8 +119,9 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     Rows and columns must repeat evenly, each within 1.2 and 16 times: twice, or once and twice by
     turns; but for a few that are like the ones before, and any without readings. Or only every n-th
     row, or column, or both, have readings, a third of the pixels at most. Or they were interpolated
-    linearly, within 1.2 and 16 times. Or readings lie on scattered pixels, as evenly as those of a
-    coarser image, and are depth along z. Only images of a `PinholeCamera` are looked at.
+    linearly, within 1.2 and 16 times. Or readings, of depth along z, lie on scattered pixels, as
+    evenly as those of a coarser image, or are blocks of pixels, twice to 8 times as wide. Only
+    images of a `PinholeCamera` are looked at.
 
     Raises
     ------
@@ -133,6 +135,8 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     lines = _repeated(depth) or _sparse(depth)
     if lines is not None:
         own = depth[np.ix_(lines[0].first, lines[1].first)]
+    elif not camera.radial and (blocks := filled(depth, camera)) is not None:
+        return blocks
     elif (found := interpolated(depth)) is not None:
         lines, own = found
     else:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.density import Mask, cell_counts, has_reading, middle_rows, usual_count
+from planewise.noise import evaluated
 
 if TYPE_CHECKING:
     from planewise.observation import RayObservation
@@ -151,7 +152,10 @@ class Scattered:
             return True
         depth = float(np.median(seen.depth))
         off = _LEANS * math.sqrt(math.prod(self.camera.parent.pixel_size)) * depth / math.sqrt(12)
-        return off < _ROUNDED * float(seen.sensor.sigma([depth])[0])
+        sensor, at = seen.sensor, np.array([depth])
+        parts = sensor.parts
+        shared = 0.0 if parts is None else float(evaluated("parts.shared", parts.shared, at)[0])
+        return off < _ROUNDED * math.hypot(float(sensor.sigma(at)[0]), shared)
 
     def around(self, box: tuple[int, ...]) -> tuple[int, ...]:
         """First row and column, and those behind the last, of what coarse ones (`box`) cover."""
