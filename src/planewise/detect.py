@@ -57,8 +57,8 @@ def detect_planes(
         0, NaN, infinity of either sign, what is masked in a masked array and readings outside the
         sensor's range are "no reading". What was enlarged, by repeating pixels, interpolating
         linearly, rows and columns without readings, or moving readings to pixels of a larger
-        picture, or to blocks of them, is searched at its own size (spatial objective, without a partition;
-        ``settings["own_size"]`` says it).
+        picture, or to blocks of them, is searched at its own size (spatial objective, without a
+        partition; ``settings["own_size"]`` says it).
     camera : Camera
         `PinholeCamera`, or `SphericalCamera` for range images; `planewise.cameras` has presets.
     sensor : Sensor
