@@ -210,8 +210,8 @@ class PlaneModel:
         What found it and what it minimises.
     note : str
         Why there is no plane, where there is none; what noise was assumed, where "auto" could not
-        tell it; and whether readings look like distances that were read as depth, or depth as
-        distances. Else empty.
+        tell it; and whether readings look like something else than they are taken for: depth,
+        distances or disparity. Else empty.
     settings : Mapping
         Options the model was made with, in plain types, for result files.
     """

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import compilation, threads
 from planewise.allocator import keep_freed
 from planewise.cloud_image import CloudImage, image_of_cloud
+from planewise.misread import misread
 from planewise.model import Curve, PlaneModel, assumed_noise
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, as_objective
@@ -19,7 +20,6 @@ from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
 from planewise.point_observation import PointObservation, checked_origin, checked_sigma
-from planewise.radial import misread
 from planewise.sensor import Sensor
 from planewise.stages import stage
 from planewise.workspace import Workspace

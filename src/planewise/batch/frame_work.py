@@ -21,9 +21,9 @@ from planewise.camera import Camera, PinholeCamera
 from planewise.errors import SetupError
 from planewise.files.camera import no_camera
 from planewise.files.coco_rle import encode_labels
+from planewise.misread import misread
 from planewise.model import assumed_noise
 from planewise.own_camera import checked_camera
-from planewise.radial import misread
 from planewise.results.planes_json import number_or_none
 from planewise.sensor import Sensor, checked_sensor
 

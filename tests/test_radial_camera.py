@@ -1,4 +1,4 @@
-"""Pinhole cameras whose readings are distances, and readings that were taken for the other kind."""
+"""Pinhole cameras whose readings are distances."""
 
 from __future__ import annotations
 
@@ -18,26 +18,11 @@ from planewise.batch.stored_source import camera_of
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera
 from planewise.metrics import evaluate
-from planewise.radial import radial_shares
 from planewise.results.planes_json import SCHEMA_FILE, describe_model
 from tests.command import run
+from tests.distances import lengths, with_distances
 
 BARREL = (-0.25, 0.05, 0.001, -0.0005)
-
-
-def lengths(camera, shape):
-    """|(u, v, 1)| of all pixels."""
-    return np.linalg.norm(np.stack((*camera.directions(shape), np.ones(shape))), axis=0)
-
-
-def with_distances(scene):
-    """A scene of depth whose readings are distances, in metres or in steps of the same size."""
-    distance = scene.depth * lengths(scene.camera, scene.depth.shape)
-    if scene.depth.dtype.kind != "f":
-        distance = np.rint(distance).astype(scene.depth.dtype)
-    sensor = replace(scene.sensor, max_depth=2 * scene.sensor.max_depth)
-    camera = replace(scene.camera, radial=True)
-    return replace(scene, depth=distance, camera=camera, sensor=sensor)
 
 
 def read(scene, sigma):
@@ -132,53 +117,6 @@ def test_an_image_of_repeated_distances_is_searched_at_its_own_size():
     assert_array_equal(model.labels[::2, ::2], found(scene).labels)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_distances_that_were_taken_for_depth_are_told(seed):
-    scene = scenes.corner(sigma=0.002, rng=seed)
-    distances = with_distances(scene)
-    taken = replace(distances, camera=scene.camera)
-    assert "readings look like distances" in found(taken).note
-    assert "--camera CAMERA:radial" in found(taken, objective="paper").note
-    taken = replace(scene, camera=distances.camera)
-    assert "readings look like depth along z" in found(taken).note
-    assert found(scene).note == found(distances).note == ""
-
-
-def shares(scene):
-    seen = pw.observe(scene.depth, scene.camera, scene.sensor)
-    return radial_shares(seen, scene.camera)
-
-
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("shape", [(480, 640), (240, 320), (192, 256)])
-def test_rooms_without_noise_are_what_they_are(seed, shape):
-    scene = scenes.room(seed, sigma=1e-4, size=shape)
-    camera, sensor = scene.camera, pw.Sensor(noise=0.001)
-    # As a renderer gives it: no steps of disparity.
-    model = pw.detect_planes(scene.depth, camera, scene.sensor)
-    depth = np.zeros(shape)
-    rays = camera.rays(shape)
-    for label, plane in enumerate(model.planes, 1):
-        at = model.labels == label
-        depth[at] = -plane.distance / (rays[at] @ plane.normal)
-    smooth = replace(scene, depth=depth, sensor=sensor)
-    assert_allclose(shares(smooth), 0, atol=0.1)
-    assert_allclose(shares(with_distances(smooth)), 1, atol=0.1)
-
-
-def test_frames_that_cannot_tell_say_nothing():
-    scene = scenes.room(0)  # a Kinect's noise hides it
-    assert np.isnan(shares(scene)).all()
-    wall = np.full((40, 40), 2.0)
-    camera = pw.PinholeCamera(fx=50, fy=50, cx=20, cy=20)
-    small = replace(scene, depth=wall[:24, :24], camera=camera, sensor=pw.Sensor(noise=0.01))
-    assert np.isnan(shares(small)).all()
-    corner = scenes.corner(sigma=0.001)
-    y, x = np.indices(corner.depth.shape)
-    some = np.where((x // 30 + y // 30) % 2, corner.depth, 0)  # no square is whole
-    assert np.isnan(shares(replace(corner, depth=some))).all()
-
-
 def test_cameras_are_said_to_be_radial(tmp_path):
     numbers = read_camera("500,501,320,240:radial")
     assert numbers == pw.PinholeCamera(fx=500, fy=501, cx=320, cy=240, radial=True)
@@ -197,22 +135,16 @@ def test_cameras_are_said_to_be_radial(tmp_path):
         read_camera("velodyne-vlp16:radial")
 
 
-def test_the_command_takes_distances_and_says_where_they_look_misread(tmp_path):
+def test_the_command_takes_distances(tmp_path):
     scene = with_distances(scenes.corner(sigma=0.002))
     depth, camera = tmp_path / "distance.npy", scene.camera
     np.save(depth, 0.001 * scene.depth)
-    text = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}"
-    code, out, err = run("detect", depth, "--camera", text, "--noise", "2mm", "-o", tmp_path / "a")
-    assert code == 0
-    assert "readings look like distances from the camera" in out + err
-    radial = f"{text}:radial"
-    code, out, err = run(
-        "detect", depth, "--camera", radial, "--noise", "2mm", "-o", tmp_path / "b"
-    )
+    radial = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}:radial"
+    given = ("--camera", radial, "--noise", "2mm", "-o", tmp_path / "out")
+    code, out, _ = run("detect", depth, *given)
     assert code == 0
     assert "4 planes" in out
-    assert "look like" not in out + err
-    told = json.loads((tmp_path / "b" / "planes.json").read_text())
+    told = json.loads((tmp_path / "out" / "planes.json").read_text())
     assert told["camera"]["radial"] is True
     jsonschema.validate(told, json.loads(SCHEMA_FILE.read_text()))
 
@@ -253,22 +185,3 @@ def test_outlines_lie_on_planes_of_distances():
         for each in (scene, distances)
     ]
     assert_allclose(*areas, rtol=0.01)
-
-
-def test_a_batch_counts_frames_that_look_misread(tmp_path):
-    scene = with_distances(scenes.corner(sigma=0.002))
-    frames, camera = tmp_path / "frames", scene.camera
-    frames.mkdir()
-    for number in range(2):
-        np.save(frames / f"{number}.npy", 0.001 * scene.depth)
-    text = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}"
-    arguments = ("batch", frames, "--noise", "2mm", "-o")
-    _, _, errors = run(*arguments, tmp_path / "trial", "--camera", text, "--dry-run")
-    assert "warning: 2 frames: readings look like distances from the camera" in errors
-    code, _, errors = run(*arguments, tmp_path / "store", "--camera", text)
-    assert code == 0
-    assert "warning: 2 frames: readings look like distances from the camera" in errors
-    notes = Store(tmp_path / "store").frames["note"].to_pylist()
-    assert all("readings look like distances" in note for note in notes)
-    _, _, errors = run(*arguments, tmp_path / "other", "--camera", f"{text}:radial")
-    assert "look like" not in errors
