@@ -139,3 +139,16 @@ def test_a_batch_counts_frames_that_look_misread(tmp_path):
     assert all(DISTANCES in note for note in notes)
     _, _, errors = run(*arguments, tmp_path / "other", "--camera", f"{text}:radial")
     assert "look like" not in errors
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_detector_looks_at_its_first_frame(threads):
+    scene = with_distances(scenes.corner(sigma=0.002))
+    camera = replace(scene.camera, radial=False)
+    detector = pw.Detector(camera, scene.sensor, threads=threads)
+    notes = [model.note for model in detector.stream([scene.depth] * 3)]
+    assert notes[0].startswith(DISTANCES)
+    assert notes[1:] == ["", ""]
+    detector = pw.Detector(camera, scene.sensor, threads=threads)
+    assert [bool(detector(scene.depth).note) for _ in range(2)] == [True, False]
+    assert [model.note for model in detector.stream([scene.depth] * 2)] == ["", ""]

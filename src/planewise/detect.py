@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from planewise.arguments import checked_points, checked_scale
 from planewise.camera import Camera
 from planewise.enlarged import as_enlarged, own_pixels
+from planewise.misread import misread
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
 from planewise.observation import RayObservation, observe
@@ -121,6 +122,7 @@ def observe_and_find(
     depth_scale: float | None = None,
     rgb: ArrayLike | None = None,
     workspace: Workspace | None = None,
+    doubt: bool = True,
 ) -> tuple[RayObservation, PlaneModel]:
     """Give what is seen in a depth image, too; of an enlarged one, in its own pixels.
 
@@ -132,6 +134,8 @@ def observe_and_find(
         How to search.
     workspace : Workspace, optional
         Memory to work in.
+    doubt : bool
+        Whether the model's note says what readings look like, where that is not what they should.
     """
     options, own = options.resolved(spatial=True), None
 
@@ -149,6 +153,8 @@ def observe_and_find(
         if own is None:
             seen = observed(depth, camera)
     model = find(seen, options, workspace, rgb=rgb)
+    if doubt:
+        model = model.with_note(misread(seen))
     return seen, model if own is None else as_enlarged(own, model, seen.index)
 
 
@@ -257,6 +263,7 @@ class Detector:
 
     With ``noise="auto"`` every frame has a noise of its own. Planes are steadier with the one that
     the first frames show: ``planewise.calibrate(frames, camera, sensor).sensor(sensor)``.
+    Whether readings look like something else than depth is looked at in the first frame alone.
 
     Parameters
     ----------
@@ -290,7 +297,7 @@ class Detector:
         self.depth_scale = checked_scale(depth_scale)
         self.options = Options(**options).resolved(spatial=True)
         self.options.check_samples(3)
-        self._workspace = Workspace()
+        self._workspace, self._seen = Workspace(), False
 
     def __call__(self, depth: ArrayLike, *, rgb: ArrayLike | None = None) -> PlaneModel:
         """Detect the planes of one frame; only a partition looks at its picture."""
@@ -301,7 +308,7 @@ class Detector:
     ) -> tuple[RayObservation, PlaneModel]:
         """Do the same and give what was seen, too, which lasts until the next frame."""
         with self._workspace.frame():
-            return observe_and_find(
+            found = observe_and_find(
                 depth,
                 self.camera,
                 self.sensor,
@@ -309,7 +316,10 @@ class Detector:
                 depth_scale=self.depth_scale,
                 rgb=rgb,
                 workspace=self._workspace,
+                doubt=not self._seen,
             )
+        self._seen = True
+        return found
 
     def stream(self, frames: Iterable[ArrayLike]) -> Iterator[PlaneModel]:
         """Detect the planes of one frame after another, several of them side by side.
@@ -349,12 +359,13 @@ class Detector:
         count = chosen(self.options.threads)
         if count == 1 or not isinstance(self.options.rng, int):  # frames draw one after another
             return in_order([self], frames)
-        return in_order([self._with_one_thread() for _ in range(count)], frames)
+        workers = [self._with_one_thread(seen=self._seen or k > 0) for k in range(count)]
+        return in_order(workers, frames)
 
-    def _with_one_thread(self) -> Detector:
-        """Return a detector with the same options but memory of its own."""
+    def _with_one_thread(self, seen: bool) -> Detector:
+        """Return a detector with the same options but memory of its own; seen: a frame before."""
         worker = copy(self)
-        worker.options = replace(self.options, threads=1)
+        worker.options, worker._seen = replace(self.options, threads=1), seen
         return worker
 
     def __getstate__(self) -> dict[str, Any]:

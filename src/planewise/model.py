@@ -230,6 +230,12 @@ class PlaneModel:
     def __len__(self) -> int:
         return len(self.planes)
 
+    def with_note(self, said: str) -> PlaneModel:
+        """Return the same model with this in its note, too."""
+        if not said or said in self.note:
+            return self
+        return replace(self, note="; ".join(filter(None, (self.note, said))))
+
     def __repr__(self) -> str:
         phi = f"Phi = {self.information:,.0f} nats"
         planes, readings = counted(len(self), "plane"), counted(self.readings, "reading")

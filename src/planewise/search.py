@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from planewise import compilation, threads
 from planewise.allocator import keep_freed
 from planewise.cloud_image import CloudImage, image_of_cloud
-from planewise.misread import misread
 from planewise.model import Curve, PlaneModel, assumed_noise
 from planewise.noise import AUTO
 from planewise.objective import PAPER, SPATIAL, as_objective
@@ -74,7 +73,7 @@ def find(
     settings = _settings(observation, options)
     if observation.count < observation.dimension:
         empty = objective.empty(observation)
-        return noted(_no_planes(observation, options, settings, empty), observation)
+        return noted(_no_planes(observation, options, settings, empty))
 
     image = isinstance(observation, RayObservation)
     compilation.announce("spatial" if spatial else "paper" if image else "points")
@@ -94,11 +93,10 @@ def find(
                 workspace=workspace,
                 regions=regions,
             )
-            return noted(model, observation)
+            return noted(model)
         from planewise.paper.model import separable_model
 
-        model = separable_model(observation, options, objective, settings, regions)
-        return noted(model, observation)
+        return noted(separable_model(observation, options, objective, settings, regions))
 
 
 def find_in_cloud(
@@ -203,15 +201,12 @@ def _settings(observation: Observation, options: Options) -> dict[str, object]:
     return out
 
 
-def noted(model: PlaneModel, observation: Observation | None = None) -> PlaneModel:
-    """Say in the model's note, too, which noise was assumed, and whether readings look misread."""
-    notes = [model.note]
-    if assumed := assumed_noise(model.settings):
-        notes.append(f"noise: {assumed}; where that is wrong, so are planes")
-    if isinstance(observation, RayObservation):
-        notes.append(misread(observation))
-    note = "; ".join(filter(None, notes))
-    return model if note == model.note else replace(model, note=note)
+def noted(model: PlaneModel) -> PlaneModel:
+    """Say in the model's note, too, where noise could not be estimated and was assumed."""
+    assumed = assumed_noise(model.settings)
+    if not assumed:
+        return model
+    return model.with_note(f"noise: {assumed}; where that is wrong, so are planes")
 
 
 def _no_planes(

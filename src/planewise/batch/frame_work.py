@@ -180,6 +180,8 @@ class FrameWork:
         detector = self._detector(seen)
         regions = self.recipe.options.partition is not None and is_registered(self.source)
         observed, model = detector.observe_and_find(seen.depth, rgb=seen.rgb if regions else None)
+        doubt = misread(observed)  # of every frame: a detector looks at its first alone
+        model = model.with_note(doubt)
         detected = time.perf_counter()
         name, label_file, rle = None, None, None
         if self.recipe.labels == "png":
@@ -206,7 +208,7 @@ class FrameWork:
             out_of_range=2 * observed.count < observed.image.present,
             unit_told=unit_told(seen.depth, detector.depth_scale),
             noise_assumed=bool(assumed_noise(model.settings)),
-            misread=misread(observed),
+            misread=doubt,
             milliseconds=times,
         )
 
