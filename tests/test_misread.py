@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.curved_frames import CAMERA, SURFACES, rays
+from benchmarks.frames import real
 from benchmarks.other_sensors import READINGS, camera_of, frame
 
 import planewise as pw
@@ -14,7 +15,6 @@ from planewise import scenes
 from planewise.batch import Store
 from planewise.misread import misread
 from tests.command import run
-from tests.conftest import SHARED
 from tests.distances import with_distances
 
 DISTANCES = "readings look like distances from the camera"
@@ -75,16 +75,13 @@ def test_depth_is_depth(reading):
     assert of(z, camera) == ""
 
 
-@pytest.mark.parametrize("name", ["nyu_dpd", "mosd_boxes", "kinect_7scenes", "rgbd_misc"])
-def test_real_depth_is_depth(name):
-    paths = sorted((SHARED / name).glob("*.npz"))
-    if not paths:
-        pytest.skip(f"real data is not part of the project: {name} is not here")
-    for path in paths:
-        with np.load(path) as arrays:
-            fx, fy, cx, cy = arrays["K"]
-            depth = arrays["depth_scale"] * arrays["depth"]
-            assert of(depth, pw.PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy)) == "", path.name
+def test_real_depth_is_depth():
+    frames = list(real())
+    if not frames:
+        pytest.skip("real data is not part of the project: it is not here")
+    assert {each.name: of(each.depth_scale * each.depth, each.camera) for each in frames} == {
+        each.name: "" for each in frames
+    }
 
 
 @pytest.mark.parametrize("name", ["tank", "silo", "pipe", "tunnel", "ball of 1 m", "bowl"])
