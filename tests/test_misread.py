@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -69,6 +70,23 @@ def test_each_kind_is_told_from_the_others(name, seed):
     assert of(np.rint(1000 * disparity(z)).astype(np.uint16), camera).startswith(DISPARITY)
 
 
+@pytest.mark.parametrize("k1", [-0.2, -0.1, 0.1])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_lens_that_the_camera_does_not_know_is_told(k1, seed):
+    precise = next(each for each in READINGS if each.name == "2 mm")
+    z, camera = in_metres(replace(precise, distortion=k1), seed)
+    said = of(z, camera)
+    about = float(re.search(r"about k1 = (-?[\d.]+)", said)[1])
+    assert 0.6 < about / k1 < 1.7
+    known = replace(camera, distortion=(k1, 0.0, 0.0, 0.0))
+    assert of(z, known) == ""
+    length = np.linalg.norm(np.dstack((*known.directions(z.shape), np.ones(z.shape))), axis=2)
+    assert of(z * length, replace(known, radial=True)) == ""
+    # The other way round: rectified images, and a camera that is said to bend.
+    z, camera = in_metres(precise, seed)
+    assert "about k1 = " in of(z, replace(camera, distortion=(k1, 0.0, 0.0, 0.0)))
+
+
 @pytest.mark.parametrize("reading", READINGS, ids=lambda each: each.name)
 def test_depth_is_depth(reading):
     z, camera = in_metres(reading, 0)
@@ -84,7 +102,9 @@ def test_real_depth_is_depth():
     }
 
 
-@pytest.mark.parametrize("name", ["tank", "silo", "pipe", "tunnel", "ball of 1 m", "bowl"])
+@pytest.mark.parametrize(
+    "name", ["tank", "silo", "pipe", "tunnel", "tower, inside", "ball of 1 m", "bowl"]
+)
 def test_what_is_curved_is_depth(name):
     z = SURFACES[name](rays())
     z = np.where(np.isfinite(z), z, 0)

@@ -1,9 +1,10 @@
-"""Whether readings are what they are taken for: depth, distances from the camera, or disparity.
+"""Whether readings are what they are taken for: depth, distances, or disparity, through a lens.
 
 In the image the inverse depth of a plane is affine; of distances, inverse distance is affine over
 |(u, v, 1)|, and of disparity the reading itself. What is taken for the other is bent, on all planes
 alike: that share of the curvature of flat squares which this explains is 0 of the one and 1 of the
-other, whatever the planes.
+other, whatever the planes. A lens whose distortion the camera does not know bends them, too, the
+more the farther out and the more they lean: by the k1 that the camera lacks.
 """
 
 from __future__ import annotations
@@ -24,10 +25,12 @@ Index = NDArray[np.intp]
 _SQUARES = 10  # along the longer side of an image
 _PLACES = 12  # rows, and columns, of a square that are looked at
 _FLAT = 2.0  # times the residuals of the flattest quarter
-_STEEPEST = 0.5  # of the flat squares tell disparity: it is no other on a wall that is faced
+_STEEPEST = 0.5  # of the flat squares tell disparity and lenses, which walls that are faced do not
 _FEWEST = 6  # squares that tell
 _ERROR = 0.15  # of a median share, at most ...
 _OFF = 0.3  # ... which is so near to what it is of another kind
+_CERTAIN = 6.0  # errors of k1
+_LENS = 0.03, 0.45  # k1 that bends planes, and that of what is curved itself
 
 
 def misread(observation: RayObservation) -> str:
@@ -35,8 +38,7 @@ def misread(observation: RayObservation) -> str:
     camera = observation.camera
     if type(camera) is not PinholeCamera:
         return ""
-    squares = _squares(camera, observation.shape)
-    readings, whole = _readings(observation, squares)
+    readings, squares = _readings(observation, _squares(camera, observation.shape))
     if len(readings) < _FEWEST:
         return ""
     if abs(disparity_share(readings, squares) - 1.0) < _OFF:
@@ -44,7 +46,7 @@ def misread(observation: RayObservation) -> str:
             "readings look like disparity or inverse depth, not depth, which is focal length x "
             "baseline / disparity"
         )
-    shares = radial_shares(readings, squares.shrunk[whole], squares)
+    shares = radial_shares(readings, squares)
     if camera.radial and np.all(np.abs(shares) < _OFF):
         return (
             "readings look like depth along z, not distances from the camera; where they are, it "
@@ -55,18 +57,22 @@ def misread(observation: RayObservation) -> str:
             "readings look like distances from the camera, not depth along z; where they are, it "
             "must be radial (PinholeCamera(..., radial=True), --camera CAMERA:radial)"
         )
+    k1, error = lens_left(readings * squares.shrunk if camera.radial else readings, squares)
+    least, most = _LENS
+    if max(least, _CERTAIN * error) < abs(k1) < most:
+        return (
+            f"planes look bent by a lens: the camera lacks a distortion of about k1 = {k1:.2g}, or "
+            "images are to be rectified"
+        )
     return ""
 
 
-def radial_shares(readings: Array, shrunk: Array, squares: Squares) -> Array:
-    """Shares of curvature, across and down, by which readings are distances; NaN if not known.
-
-    readings (s, k): of squares, against their means; shrunk (s, k): as in `Squares`, of the same.
-    """
+def radial_shares(readings: Array, squares: Squares) -> Array:
+    """Shares of curvature, across and down, by which readings are distances; NaN if not known."""
     inverse = 1.0 / readings
-    plane = _fit(inverse / shrunk, squares.affine)  # 1 / z, if these are distances
-    bent, bend = (each - _fit(each, squares.affine) for each in (inverse, plane * shrunk))
-    curvature, of_plane = bent @ squares.square, bend @ squares.square
+    plane = squares.fit(inverse / squares.shrunk)  # 1 / z, if these are distances
+    bent, bend = (each - squares.fit(each) for each in (inverse, plane * squares.shrunk))
+    curvature, of_plane = (squares.curvature(each) for each in (bent, bend))
     left = np.square(bent).sum(axis=1) - np.square(curvature).sum(axis=1)
     flat = left <= _FLAT * np.quantile(left, 0.25)
     return _median(curvature[flat] / of_plane[flat])
@@ -74,28 +80,70 @@ def radial_shares(readings: Array, shrunk: Array, squares: Squares) -> Array:
 
 def disparity_share(readings: Array, squares: Squares) -> float:
     """Share of the curvature of 1 / reading by which readings are disparity; NaN if not known."""
-    inverse, plane = 1.0 / readings, _fit(readings, squares.affine)
-    bent, bend = (each - _fit(each, squares.affine) for each in (inverse, 1.0 / plane))
+    inverse, plane = 1.0 / readings, squares.fit(readings)
+    bent, bend = (each - squares.fit(each) for each in (inverse, 1.0 / plane))
     left = np.minimum(np.square(bent).sum(axis=1), np.square(readings - plane).sum(axis=1))
     energy = np.square(bend).sum(axis=1)
-    flat = left <= _FLAT * np.quantile(left, 0.25)
-    tells = flat & (energy > np.quantile(energy[flat], 1.0 - _STEEPEST))
+    tells = _telling(left, energy)
     share = np.einsum("sk,sk->s", bent[tells], bend[tells]) / energy[tells]
     return float(_median(share[:, None])[0])
+
+
+def lens_left(depth: Array, squares: Squares) -> tuple[float, float]:
+    """Distortion k1 that a camera lacks, and its error; NaN if squares are too few.
+
+    What is seen at (u, v) lies at (u, v) (1 - k1 r^2), r^2 = u^2 + v^2: a plane of inverse depth
+    a + b u + c v is bent by -k1 r^2 (b u + c v).
+    """
+    u, v, inverse = squares.u, squares.v, 1.0 / depth
+    plane, last = squares.fit(inverse), [_PLACES - 1, (_PLACES - 1) * _PLACES]
+    # Two corners against the first: b and c, for such planes are affine.
+    across = np.stack([each[:, last] - each[:, :1] for each in (u, v)], axis=2)
+    b, c = np.linalg.solve(across, (plane[:, last] - plane[:, :1])[..., None])[..., 0].T
+    bend = -(b[:, None] * u + c[:, None] * v) * (u * u + v * v)
+    bent, bend = inverse - plane, bend - squares.fit(bend)
+    left = np.square(bent).sum(axis=1) - np.square(squares.curvature(bent)).sum(axis=1)
+    tells = _telling(left, np.square(bend).sum(axis=1))
+    k1 = np.einsum("sk,sk->s", bent[tells], bend[tells]) / np.square(bend[tells]).sum(axis=1)
+    if len(k1) < _FEWEST:
+        return math.nan, math.nan
+    middle, error = _median_and_error(k1)
+    return float(middle), float(error)
+
+
+def _telling(left: Array, energy: Array) -> NDArray[np.bool_]:
+    """Which squares (s,) are flat, by what is left of their curvature, and bent by much."""
+    flat = left <= _FLAT * np.quantile(left, 0.25)
+    return np.asarray(flat & (energy > np.quantile(energy[flat], 1.0 - _STEEPEST)))
 
 
 class Squares(NamedTuple):
     """Squares of pixels (s,), and places (k,) in each.
 
-    row, column (s, k); shrunk (s, k): z / distance, 1 / |(u, v, 1)|; affine (k, 3), square (k, 2):
-    orthonormal, of the affine functions and of squares of x and y, less these.
+    row, column (s, k); u, v (s, k): where they lie at z = 1; shrunk (s, k): z / distance there,
+    1 / |(u, v, 1)|; affine (s, k, 3), square (s, k, 2): orthonormal, of the affine functions of
+    u and v and of their squares, less these.
     """
 
     row: Index
     column: Index
+    u: Array
+    v: Array
     shrunk: Array
     affine: Array
     square: Array
+
+    def fit(self, values: Array) -> Array:
+        """Nearest affine functions to values (s, k)."""
+        return np.asarray(np.einsum("sc,skc->sk", _products(values, self.affine), self.affine))
+
+    def curvature(self, values: Array) -> Array:
+        """How much of squares of u and v is in values (s, k): shape (s, 2)."""
+        return _products(values, self.square)
+
+
+def _products(values: Array, basis: Array) -> Array:
+    return np.asarray(np.einsum("sk,skc->sc", values, basis))
 
 
 @lru_cache(maxsize=RIG)
@@ -106,30 +154,35 @@ def _squares(camera: PinholeCamera, shape: tuple[int, int]) -> Squares:
     top, left = (side * np.indices([n // side for n in shape])).reshape(2, -1, 1)
     row, column = top + y, left + x
     u, v = (each[row, column] for each in camera.directions(shape))
-    basis, _ = np.linalg.qr(np.stack((np.ones(x.size), x, y, x * x, y * y), axis=1))
+    seen = np.isfinite(u).all(axis=1)  # by the lens
+    row, column, u, v = row[seen], column[seen], u[seen], v[seen]
+    basis, _ = np.linalg.qr(np.stack((np.ones_like(u), u, v, u * u, v * v), axis=2))
     shrunk = 1.0 / np.sqrt(1.0 + u * u + v * v)
-    return Squares(row, column, shrunk, basis[:, :3], basis[:, 3:])
+    return Squares(row, column, u, v, shrunk, basis[..., :3], basis[..., 3:])
 
 
-def _readings(observation: RayObservation, squares: Squares) -> tuple[Array, NDArray[np.bool_]]:
-    """Readings of whole squares against their means, (s, k), and which squares are whole."""
+def _readings(observation: RayObservation, squares: Squares) -> tuple[Array, Squares]:
+    """Readings of whole squares against their means, (s, k), and these squares."""
     image = observation.image
     values = image.values[squares.row, squares.column].astype(np.float64)
-    whole = np.asarray(((values >= image.low) & (values <= image.high)).all(axis=1))
+    whole = ((values >= image.low) & (values <= image.high)).all(axis=1)
     values = values[whole]
-    return np.asarray(values / values.mean(axis=1, keepdims=True)), whole
-
-
-def _fit(values: Array, basis: Array) -> Array:
-    """Nearest functions of a basis to values (s, k)."""
-    return np.asarray((values @ basis) @ basis.T)
+    return values / values.mean(axis=1, keepdims=True), squares._make(each[whole] for each in squares)
 
 
 def _median(shares: Array) -> Array:
     """Medians over squares of shares (s, n), if all their errors are small; else NaN."""
     if len(shares) < _FEWEST:
         return np.full(shares.shape[1], np.nan)
-    middle = np.median(shares, axis=0)
-    # Of a median, by that of deviations: sqrt(pi / 2) 1.4826 MAD / sqrt(n) of normal ones.
-    error = 1.858 * np.median(np.abs(shares - middle), axis=0) / math.sqrt(len(shares))
-    return np.asarray(middle) if (error < _ERROR).all() else np.full_like(middle, np.nan)
+    middle, error = _median_and_error(shares)
+    return middle if (error < _ERROR).all() else np.full_like(middle, np.nan)
+
+
+def _median_and_error(values: Array) -> tuple[Array, Array]:
+    """Medians over squares (s, ...), and their errors by the median deviation.
+
+    sqrt(pi / 2) 1.4826 / sqrt(s) of it, if values are normal.
+    """
+    middle = np.median(values, axis=0)
+    deviation = np.median(np.abs(values - middle), axis=0)
+    return np.asarray(middle), np.asarray(1.858 * deviation / math.sqrt(len(values)))

@@ -211,7 +211,7 @@ class PlaneModel:
     note : str
         Why there is no plane, where there is none; what noise was assumed, where "auto" could not
         tell it; and whether readings look like something else than they are taken for: depth,
-        distances or disparity. Else empty.
+        distances or disparity; or planes as if bent by a lens. Else empty.
     settings : Mapping
         Options the model was made with, in plain types, for result files.
     """
