@@ -71,7 +71,7 @@ def test_each_kind_is_told_from_the_others(name, seed):
 
 
 @pytest.mark.parametrize("k1", [-0.2, -0.1, 0.1])
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [1, 3])
 def test_a_lens_that_the_camera_does_not_know_is_told(k1, seed):
     precise = next(each for each in READINGS if each.name == "2 mm")
     z, camera = in_metres(replace(precise, distortion=k1), seed)

@@ -10,8 +10,8 @@ more the farther out and the more they lean: by the k1 that the camera lacks.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +74,7 @@ def radial_shares(readings: Array, squares: Squares) -> Array:
     bent, bend = (each - squares.fit(each) for each in (inverse, plane * squares.shrunk))
     curvature, of_plane = (squares.curvature(each) for each in (bent, bend))
     left = np.square(bent).sum(axis=1) - np.square(curvature).sum(axis=1)
-    flat = left <= _FLAT * np.quantile(left, 0.25)
+    flat = _flat(left)
     return _median(curvature[flat] / of_plane[flat])
 
 
@@ -111,13 +111,25 @@ def lens_left(depth: Array, squares: Squares) -> tuple[float, float]:
     return float(middle), float(error)
 
 
+def _flat(left: Array) -> NDArray[np.bool_]:
+    """Which squares (s,) are flat, by what is left of their curvature."""
+    return np.asarray(left <= _FLAT * _ranked(left, 0.25))
+
+
 def _telling(left: Array, energy: Array) -> NDArray[np.bool_]:
-    """Which squares (s,) are flat, by what is left of their curvature, and bent by much."""
-    flat = left <= _FLAT * np.quantile(left, 0.25)
-    return np.asarray(flat & (energy > np.quantile(energy[flat], 1.0 - _STEEPEST)))
+    """Which of the flat squares (s,) would be bent by much."""
+    flat = _flat(left)
+    return np.asarray(flat & (energy > _ranked(energy[flat], 1.0 - _STEEPEST)))
 
 
-class Squares(NamedTuple):
+def _ranked(values: Array, share: float) -> float:
+    """A quantile of values, one of them."""
+    place = int(share * len(values))
+    return float(np.partition(values, place)[place])
+
+
+@dataclass(frozen=True, eq=False)
+class Squares:
     """Squares of pixels (s,), and places (k,) in each.
 
     row, column (s, k); u, v (s, k): where they lie at z = 1; shrunk (s, k): z / distance there,
@@ -133,17 +145,24 @@ class Squares(NamedTuple):
     affine: Array
     square: Array
 
+    def some(self, which: NDArray[np.bool_]) -> Squares:
+        """Those of a mask (s,)."""
+        pixels = self.row[which], self.column[which]
+        rays = self.u[which], self.v[which], self.shrunk[which]
+        return Squares(*pixels, *rays, self.affine[which], self.square[which])
+
     def fit(self, values: Array) -> Array:
         """Nearest affine functions to values (s, k)."""
-        return np.asarray(np.einsum("sc,skc->sk", _products(values, self.affine), self.affine))
+        return np.asarray((self.affine @ self._on(self.affine, values))[..., 0])
 
     def curvature(self, values: Array) -> Array:
         """How much of squares of u and v is in values (s, k): shape (s, 2)."""
-        return _products(values, self.square)
+        return self._on(self.square, values)[..., 0]
 
-
-def _products(values: Array, basis: Array) -> Array:
-    return np.asarray(np.einsum("sk,skc->sc", values, basis))
+    @staticmethod
+    def _on(basis: Array, values: Array) -> Array:
+        """Products of functions of a basis (s, k, c) and values (s, k): shape (s, c, 1)."""
+        return np.asarray(np.swapaxes(basis, 1, 2) @ values[..., None])
 
 
 @lru_cache(maxsize=RIG)
@@ -158,16 +177,16 @@ def _squares(camera: PinholeCamera, shape: tuple[int, int]) -> Squares:
     row, column, u, v = row[seen], column[seen], u[seen], v[seen]
     basis, _ = np.linalg.qr(np.stack((np.ones_like(u), u, v, u * u, v * v), axis=2))
     shrunk = 1.0 / np.sqrt(1.0 + u * u + v * v)
-    return Squares(row, column, u, v, shrunk, basis[..., :3], basis[..., 3:])
+    return Squares(row, column, u, v, shrunk, basis[..., :3].copy(), basis[..., 3:].copy())
 
 
 def _readings(observation: RayObservation, squares: Squares) -> tuple[Array, Squares]:
     """Readings of whole squares against their means, (s, k), and these squares."""
     image = observation.image
     values = image.values[squares.row, squares.column].astype(np.float64)
-    whole = ((values >= image.low) & (values <= image.high)).all(axis=1)
+    whole = np.all((values >= image.low) & (values <= image.high), axis=1)
     values = values[whole]
-    return values / values.mean(axis=1, keepdims=True), squares._make(each[whole] for each in squares)
+    return values / values.mean(axis=1, keepdims=True), squares.some(whole)
 
 
 def _median(shares: Array) -> Array:
