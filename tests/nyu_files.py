@@ -38,7 +38,7 @@ def frame(number, size=(48, 64)):
     """Two planes, a hole, and objects that are no planes."""
     rng = np.random.default_rng(number)
     rows, columns = np.indices(size)
-    depth = np.where(columns < size[1] // 2, 2.0, 1 / (0.6305 - 0.00257 * columns))
+    depth = np.where(columns < size[1] // 2, 2.0, 1 / (0.632 - 0.00258 * columns))
     depth += rng.normal(0, 0.002, size)
     raw = depth.copy()
     raw[:5, :7] = 0
