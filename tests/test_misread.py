@@ -158,6 +158,21 @@ def test_a_batch_counts_frames_that_look_misread(tmp_path):
     assert "look like" not in errors
 
 
+def test_a_calibration_counts_frames_by_what_they_look_like(tmp_path):
+    precise = next(each for each in READINGS if each.name == "2 mm")
+    for seed in (1, 3):
+        z, camera = in_metres(replace(precise, distortion=-0.1), seed)
+        np.save(tmp_path / f"{seed}.npy", z)
+    np.save(tmp_path / "other.npy", disparity(z))
+    text = f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}"
+    out = tmp_path / "sensor.json"
+    code, _, errors = run("calibrate", tmp_path, "--camera", text, "-o", out)
+    assert code == 0
+    assert errors.count("planes look bent by a lens") == 1
+    assert "warning: 2 frames: planes look bent by a lens" in errors
+    assert f"warning: 1 frame: {DISPARITY}" in errors
+
+
 @pytest.mark.parametrize("threads", [1, 2])
 def test_a_detector_looks_at_its_first_frame(threads):
     scene = with_distances(scenes.corner(sigma=0.002))

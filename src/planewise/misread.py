@@ -61,8 +61,8 @@ def misread(observation: RayObservation) -> str:
     least, most = _LENS
     if max(least, _CERTAIN * error) < abs(k1) < most:
         return (
-            f"planes look bent by a lens: the camera lacks a distortion of about k1 = {k1:.2g}, or "
-            "images are to be rectified"
+            f"planes look bent by a lens, by a distortion of about k1 = {k1:.2g} that the camera "
+            "lacks; give it, or rectify images"
         )
     return ""
 

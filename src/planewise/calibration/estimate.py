@@ -189,10 +189,17 @@ def cells_of_frame(
     depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
 ) -> NoiseCells:
     """What one frame says about the noise of its sensor."""
+    return noise_cells(own_readings(depth, camera, sensor, depth_scale))
+
+
+def own_readings(
+    depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
+) -> RayObservation:
+    """Readings of a frame in its own pixels, whatever their noise."""
     known = replace(checked_sensor(sensor), noise=1.0)
     if (own := own_pixels(depth, camera)) is not None:
         depth, camera = own.depth, own.camera
-    return noise_cells(observe(depth, camera, known, depth_scale=depth_scale))
+    return observe(depth, camera, known, depth_scale=depth_scale)
 
 
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -13,6 +12,7 @@ import numpy as np
 
 from planewise.commands import terminal
 from planewise.commands.command_line import unusual_unit
+from planewise.commands.frame_doubts import FrameDoubts
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.wording import counted
 
@@ -44,8 +44,8 @@ class Progress:
     empty, out_of_range, noise_assumed : int
         Frames without a reading, those most of whose readings are outside the sensor's range, and
         those whose noise was to be estimated and could not be.
-    misread : Counter of str
-        Frames whose readings look like what the camera says they are not, by what they look like.
+    doubts : FrameDoubts
+        Frames whose readings look like something else than they are taken for.
     milliseconds : ndarray, shape (3,)
         To read, detect and encode, summed over frames that were done.
     """
@@ -54,7 +54,7 @@ class Progress:
         self.plan, self.total = plan, len(plan.to_do)
         self.done = self.failed = self.planes = 0
         self.empty = self.out_of_range = self.noise_assumed = 0
-        self.misread: Counter[str] = Counter()
+        self.doubts = FrameDoubts()
         self._sizes = FrameSizes(recipe.camera)
         self._unit = unusual_unit(recipe.sensor.resolution)
         self.milliseconds = np.zeros(3)
@@ -97,7 +97,7 @@ class Progress:
                 self._unit = ""  # once is enough
             self.out_of_range += outcome.out_of_range
             self.noise_assumed += outcome.noise_assumed
-            self.misread.update(filter(None, [outcome.misread]))
+            self.doubts.see(outcome.misread)
             self.milliseconds += outcome.milliseconds
         self._show()
 
@@ -184,15 +184,10 @@ def show_result(progress: Progress, store: Path) -> None:
             f"the noise of {counted(progress.noise_assumed, 'frame')} could not be estimated and "
             "was assumed; where that is wrong, so are planes: the store's column 'note' says more"
         )
-    _warn_of_misread(progress.misread)
+    progress.doubts.warn()
     failed = plan.failed + progress.failed
     if failed:
         terminal.warning(f"{counted(failed, 'frame')} failed; --retry-failed tries again")
-
-
-def _warn_of_misread(frames: Counter[str]) -> None:
-    for readings, count in frames.items():
-        terminal.warning(f"{counted(count, 'frame')}: {readings}")
 
 
 def show_damaged(plan: Plan) -> None:
@@ -229,7 +224,7 @@ def show_forecast(batch: Batch, plan: Plan, tried: Sequence[Outcome], workers: i
     unit = unusual_unit(recipe.sensor.resolution)
     if unit and not all(each.unit_told for each in good):
         terminal.warning(unit)
-    _warn_of_misread(Counter(each.misread for each in good if each.misread))
+    FrameDoubts(each.misread for each in good).warn()
     if good:
         _show_costs(good, len(plan.to_do), workers)
 

@@ -21,6 +21,7 @@ from planewise.commands.command_line import (
     unusual_unit,
 )
 from planewise.commands.exit_codes import FAILED
+from planewise.commands.frame_doubts import FrameDoubts
 from planewise.commands.frame_sizes import FrameSizes
 from planewise.commands.shared_options import (
     CameraName,
@@ -98,7 +99,7 @@ def calibrate(
         from planewise.calibration.calibrate import describe_calibration, pooled
         from planewise.sensors import save
 
-        job = _Reading(base, known, depth_scale, FrameSizes(known))
+        job = _Reading(base, known, depth_scale, FrameSizes(known), FrameDoubts())
         cells: list[NoiseCells] = []
         failed = 0
         for result in terminal.progress(job.run(found), len(found)):
@@ -109,6 +110,7 @@ def calibrate(
                 cells.append(result)
         if not job.unit_told and (unit := unusual_unit(base.resolution)):
             terminal.warning(unit)
+        job.doubts.warn()
         if not cells:
             raise typer.Exit(FAILED)
         noise = pooled(cells, base, seed)
@@ -151,6 +153,7 @@ class _Reading:
     camera: Camera | None
     depth_scale: float | None
     sizes: FrameSizes
+    doubts: FrameDoubts
     unit_told: bool = True
 
     def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
@@ -164,8 +167,9 @@ class _Reading:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 
     def _cells(self, given: _Frame) -> NoiseCells:
-        from planewise.calibration.cells import FEWEST
-        from planewise.calibration.estimate import cells_of_frame, too_few
+        from planewise.calibration.cells import FEWEST, noise_cells
+        from planewise.calibration.estimate import own_readings, too_few
+        from planewise.misread import misread
 
         frame = given.read()
         self.sizes.see(given.name, frame.depth.shape)
@@ -174,7 +178,9 @@ class _Reading:
             raise no_camera("the file")
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
         self.unit_told &= unit_told(frame.depth, scale)
-        cells = cells_of_frame(frame.depth, camera, self.sensor, scale)
+        seen = own_readings(frame.depth, camera, self.sensor, scale)
+        self.doubts.see(misread(seen))
+        cells = noise_cells(seen)
         flat = int(cells.usable.sum())
         if flat < FEWEST:
             raise PlanewiseError(
