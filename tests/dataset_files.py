@@ -78,6 +78,24 @@ def write_icl_rendered(root):
     return root
 
 
+def write_hypersim(root):
+    """Two cameras; what a frame has of depth is its distances."""
+    import h5py
+
+    for n, each in enumerate(FRAMES):
+        camera, number = ("cam_00", n) if n < 2 else ("cam_01", 0)
+        place = root / f"images/scene_{camera}_geometry_hdf5"
+        place.mkdir(parents=True, exist_ok=True)
+        with h5py.File(place / f"frame.{number:04d}.depth_meters.hdf5", "w") as file:
+            distance = np.where(each["raw"] > 0, each["raw"], np.nan).astype(np.float32)
+            file.create_dataset("dataset", data=distance, chunks=(16, 16), compression="gzip")
+        (place / f"frame.{number:04d}.normal_cam.hdf5").write_bytes(b"not looked at")
+        name = f"images/scene_{camera}_final_preview/frame.{number:04d}.tonemap.jpg"
+        (root / name).parent.mkdir(exist_ok=True)
+        Image.fromarray(each["rgb"]).save(root / name)
+    return root
+
+
 def write_seven_scenes(root):
     for n, each in enumerate(FRAMES):
         depth = units(each, 0.001)

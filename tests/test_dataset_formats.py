@@ -5,6 +5,7 @@ import pickle
 import re
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from PIL import Image
 import planewise as pw
 from planewise import datasets
 from planewise.batch import open_source
+from planewise.datasets import hypersim
 from planewise.datasets.association import nearest
 from planewise.datasets.frames import Dataset
 from planewise.errors import PlanewiseError
@@ -42,6 +44,7 @@ FORMATS = {
     "icl-nuim": (files.write_icl, True),
     "icl-nuim-rendered": (files.write_icl_rendered, True),
     "7-scenes": (files.write_seven_scenes, True),
+    "hypersim": (files.write_hypersim, True),
     "scannet": (files.write_scannet, False),
     "sens": (files.write_sens, False),
     "redwood": (files.write_redwood, False),
@@ -83,7 +86,7 @@ def test_every_format_is_recognised_and_gives_what_was_put_in(kind, dataset):
         assert_allclose(seen.depth * scale, wanted, atol=step)
         assert_array_equal(seen.valid, wanted > 0)
         assert seen.rgb.shape[2] == 3
-        lossy = kind in ("sens", "redwood")
+        lossy = kind in ("sens", "redwood", "hypersim")
         small = seen.rgb[:: seen.rgb.shape[0] // 48, :: seen.rgb.shape[1] // 64].astype(float)
         assert np.abs(small - each["rgb"]).mean() < (60 if lossy else 1e-9)
 
@@ -130,8 +133,10 @@ def test_a_damaged_file_concerns_its_frame_alone(kind, tmp_path):
 
 
 def _is_depth(path):
-    return path.suffix in (".pgm", ".npz", ".depth") or (
-        path.suffix == ".png" and (path.parent.name == "depth" or ".depth." in path.name)
+    return (
+        path.suffix in (".pgm", ".npz", ".depth")
+        or "depth_meters" in path.name
+        or (path.suffix == ".png" and (path.parent.name == "depth" or ".depth." in path.name))
     )
 
 
@@ -420,6 +425,25 @@ def test_the_rendered_distances_become_depth(tmp_path):
         datasets.open(root)[0]  # the real ones are 640 x 480
     with pytest.raises(PlanewiseError, match="width and height must be given"):
         datasets.open(root, camera=CAMERA)
+
+
+def test_distances_of_hypersim_are_those_of_a_radial_camera(tmp_path):
+    root = files.write_hypersim(tmp_path / "ai_001_001")
+    dataset = datasets.open(root)
+    assert dataset.ids == ("cam_00.0000", "cam_00.0001", "cam_01.0000")
+    seen = dataset["cam_01.0000"]
+    assert seen.camera == hypersim.CAMERA
+    assert seen.camera.radial
+    half = 0.5 * seen.camera.width / seen.camera.fx
+    assert np.degrees(2 * np.arctan(half)) == pytest.approx(60, abs=0.01)
+    assert seen.depth[0, 0] == 0  # NaN in the file
+    assert datasets.open(root, camera=SIZED)[0].camera == replace(SIZED, radial=True)
+    shutil.rmtree(root / "images/scene_cam_01_final_preview")
+    assert datasets.open(root)[2].rgb is None
+    for path in root.rglob("*.depth_meters.hdf5"):
+        path.unlink()
+    with pytest.raises(PlanewiseError, match=r"holds no frame.0000.depth_meters.hdf5"):
+        datasets.open(root)
 
 
 def test_raw_readings_of_either_order_of_bytes(tmp_path):

@@ -17,6 +17,7 @@ from planewise.batch import Batch, DepthFolder, Recipe, Store
 from planewise.batch.stored_source import camera_of
 from planewise.errors import PlanewiseError
 from planewise.files.camera import read_camera
+from planewise.gallery import write_gallery
 from planewise.metrics import evaluate
 from planewise.results.planes_json import SCHEMA_FILE, describe_model
 from tests.command import run
@@ -171,6 +172,8 @@ def test_stores_keep_that_a_camera_is_radial(tmp_path):
             pass
     store = Store(tmp_path / "store")
     assert [camera_of(frame) for frame in store] == [scene.camera]
+    write_gallery(store, tmp_path / "page.html")
+    assert "cy 240.0 (pixels), radial" in (tmp_path / "page.html").read_text(encoding="utf-8")
     model = found(scene)
     told = describe_model(model, camera=scene.camera, sensor=scene.sensor, depth=scene.depth)
     assert told["camera"] == scene.camera.describe()

@@ -8,6 +8,7 @@
 from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.frames import Dataset, DatasetFrame, Frames, PointDataset, PointFrame
 from planewise.datasets.generic import GenericFolder
+from planewise.datasets.hypersim import Hypersim
 from planewise.datasets.icl_nuim import IclNuim, IclNuimRendered
 from planewise.datasets.lidar import LidarFolder
 from planewise.datasets.nyu import NyuFolder, NyuLabelled, open_nyu
@@ -27,6 +28,7 @@ __all__ = [
     "DatasetFrame",
     "Frames",
     "GenericFolder",
+    "Hypersim",
     "IclNuim",
     "IclNuimRendered",
     "LidarFolder",

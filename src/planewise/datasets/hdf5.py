@@ -1,8 +1,8 @@
-"""Arrays of an HDF5 file that nobody has vouched for, one row at a time.
+"""Arrays of an HDF5 file that nobody has vouched for, whole or one row at a time.
 
 HDF5 can do more than hold arrays: links into other files, arrays spread over others, filters that
-are loaded as programs, compressed pieces that swell beyond their size. MATLAB writes none of these,
-and a file that has them is refused.
+are loaded as programs, compressed pieces that swell beyond their size. No dataset here has any of
+these, and a file that does is refused.
 """
 
 from __future__ import annotations
@@ -52,9 +52,10 @@ def opened(path: Path) -> Iterator[Any]:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
+        old = "; files of MATLAB before version 7.3 are of another kind"
         raise PlanewiseError(
-            f"data: {path.name} is no HDF5 file, or is cut short ({in_one_line(error)}); files of "
-            "MATLAB before version 7.3 are of another kind"
+            f"data: {path.name} is no HDF5 file, or is cut short ({in_one_line(error)})"
+            + old * (path.suffix == ".mat")
         ) from None
     with file:
         yield file
@@ -103,23 +104,28 @@ def array_of(file: Any, name: str, dimensions: int, kinds: str) -> Any:
 
 def row_of(array: Any, row: int) -> NDArray[Any]:
     """One row along the first axis, after a look at the pieces it is stored in."""
+    return np.asarray(rows_of(array, slice(row, row + 1))[0])
+
+
+def rows_of(array: Any, rows: slice) -> NDArray[Any]:
+    """Rows along the first axis, start to stop, after a look at the pieces they are stored in."""
     if array.chunks is not None:
         check_size(math.prod(array.chunks))
-        _check_pieces(array, row)
-    out = np.asarray(array[row])
+        _check_pieces(array, rows)
+    out = np.asarray(array[rows])
     return out.astype(out.dtype.newbyteorder("="), copy=False)
 
 
-def _check_pieces(array: Any, row: int) -> None:
-    """Refuse compressed pieces that hold more than their size, and filters MATLAB does not use."""
+def _check_pieces(array: Any, rows: slice) -> None:
+    """Refuse compressed pieces that hold more than their size, and filters that are not usual."""
     properties = array.id.get_create_plist()
     filters = [properties.get_filter(i)[0] for i in range(properties.get_nfilters())]
     if len(set(filters)) < len(filters) or not {_DEFLATE, _SHUFFLE, _CHECKSUM}.issuperset(filters):
-        raise PlanewiseError(f"is packed in a way that MATLAB does not use (filters {filters})")
+        raise PlanewiseError(f"is packed in an unusual way (filters {filters})")
     if _DEFLATE not in filters:
         return
     size = math.prod(array.chunks) * array.dtype.itemsize
-    selection = (slice(row, row + 1), *(slice(0, n) for n in array.shape[1:]))
+    selection = (rows, *(slice(0, n) for n in array.shape[1:]))
     for piece in array.iter_chunks(selection):
         at = tuple(part.start // n * n for part, n in zip(piece, array.chunks, strict=True))
         stored = array.id.get_chunk_info_by_coord(at)

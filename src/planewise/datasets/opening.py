@@ -14,6 +14,7 @@ from planewise.datasets.archives import ArchiveFolder
 from planewise.datasets.collection import BETWEEN, Collection, PointCollection
 from planewise.datasets.frames import Dataset, PointDataset
 from planewise.datasets.generic import GenericFolder
+from planewise.datasets.hypersim import Hypersim
 from planewise.datasets.icl_nuim import IclNuim, IclNuimRendered
 from planewise.datasets.lidar import LidarFolder
 from planewise.datasets.nyu import NyuFolder, NyuLabelled
@@ -42,6 +43,7 @@ READERS: tuple[Reader, ...] = (
     IclNuim,
     IclNuimRendered,
     SevenScenes,
+    Hypersim,
     ScanNetFolder,
     RedwoodFolder,
     GenericFolder,

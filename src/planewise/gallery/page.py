@@ -221,7 +221,8 @@ def _camera(camera: dict[str, Any] | None) -> str:
         return f"spherical, {counted(len(known.elevation), 'row')}"
     if known is None:
         return str(camera.get("model", "of another kind"))
-    return ", ".join(f"{name} {value}" for name, value in camera.items()) + " (pixels)"
+    numbers = ", ".join(f"{name} {value}" for name, value in camera.items() if name != "radial")
+    return f"{numbers} (pixels)" + (", radial" if camera.get("radial") else "")
 
 
 def _own(name: str) -> str:
