@@ -85,6 +85,7 @@ def test_distances_tell_the_planes_that_depth_does(make, objective):
         apart = np.abs(model.coefficients[:, None] - scene.planes).max(axis=2)
         assert_array_equal(np.sort(apart.argmin(axis=1)), np.arange(4))
         assert apart.min(axis=1).max() < 0.002
+        assert_allclose([plane.rms for plane in model.planes], 0.005, rtol=0.15)
         if objective == "spatial":
             assert evaluate(model.labels, scene.labels).row()["voi_labelled"] < 0.05
 
@@ -102,6 +103,34 @@ def test_distances_through_a_lens_tell_the_planes():
     assert evaluate(model.labels, hits.argmin(axis=0) + 1).row()["voi_labelled"] < 0.02
     known = planes[:, :3] @ np.stack([plane.normal for plane in model.planes]).T
     assert_allclose(known.max(axis=1), 1, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"instances": True},
+        {"partition": "blocks"},
+        {"search": "sequential", "reassign": "normals"},
+        {"objective": "paper", "partition": "blocks"},
+    ],
+    ids=lambda each: ", ".join(each),
+)
+def test_every_search_takes_distances(options):
+    scene = scenes.corner(sigma=1e-4)
+    distances = with_distances(scene)
+    model, other = (found(read(each, 0.005), **options) for each in (scene, distances))
+    assert len(model) == len(other) >= 4
+    areas = [[plane.area for plane in each.planes] for each in (model, other)]
+    assert_allclose(*map(sorted, areas), rtol=0.03)
+    assert_allclose(*[sorted(each.coefficients[:, 3]) for each in (model, other)], atol=0.003)
+
+
+def test_few_distances_are_searched_in_space():
+    distances = read(with_distances(scenes.corner(sigma=1e-4)), 0.005)
+    there = np.random.default_rng(0).random(distances.depth.shape) < 0.05
+    model = found(replace(distances, depth=distances.depth * there))
+    assert_allclose(sorted(model.coefficients[:, 3]), [0.7, 0.7, 0.7, 1.5], atol=0.003)
+    assert_allclose([plane.rms for plane in model.planes], 0.005, rtol=0.15)  # along the rays
 
 
 def test_noise_of_distances_is_estimated_along_the_rays():

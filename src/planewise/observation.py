@@ -187,8 +187,8 @@ class RayObservation(Observation):
 
     @property
     def ranges(self) -> bool:
-        """Whether depth is the distance from the sensor: of a LiDAR."""
-        return self.camera.sectors(self.shape).ratio is not None
+        """Whether depth is the range of a LiDAR."""
+        return self.camera.sectors(self.shape).column is not None
 
     def in_sectors(self) -> tuple[Array, Array]:
         """Rays as (u, v, 1) in the sector of each, shape (3, k), and depth along its axis, (k,)."""

@@ -65,7 +65,7 @@ class Sectors:
     start, stop : ndarray of int, shape (K,)
         First column of each sector, and the one behind its last.
     ratio : ndarray of float32, shape (H, W'), optional
-        c = z / range, 1 in gaps; ``None`` where depth is z. With it there is always a `column`.
+        c = z / range, 1 in gaps; ``None`` where depth is z.
     wraps : bool
         Whether the last sector is beside the first one.
     margin, beyond : ndarray of int
@@ -84,10 +84,6 @@ class Sectors:
     wraps: bool = False
     margin: NDArray[np.intp] = field(default_factory=_no_columns)
     beyond: NDArray[np.intp] = field(default_factory=_no_columns)
-
-    def __post_init__(self) -> None:
-        if self.ratio is not None and self.column is None:
-            object.__setattr__(self, "column", np.arange(self.ratio.shape[1]))
 
     @cached_property
     def count(self) -> int:
@@ -130,9 +126,9 @@ class Sectors:
     @cached_property
     def mean_ratio(self) -> float:
         """Root mean square of c: depth z against range of a usual reading."""
-        if self.ratio is None or self.column is None:
+        if self.ratio is None:
             return 1.0
-        return float(np.sqrt(np.mean(np.square(self.ratio[:, self.column >= 0], dtype=np.float64))))
+        return float(np.sqrt(np.mean(np.square(self.image(self.ratio), dtype=np.float64))))
 
     @cached_property
     def fineness(self) -> float:
@@ -147,9 +143,15 @@ class Sectors:
     def spread(self, w: Image, p: Image) -> tuple[Image, Image]:
         """Inverse depth and its precision in sectors, from inverse range and precision (H, W).
 
-        Margins have inverse depth, but precision 0: their readings count where they are.
+        Where the image is one sector they are written there. Margins have inverse depth, but
+        precision 0: their readings count where they are.
         """
-        if self.column is None or self.ratio is None:
+        if self.ratio is None:
+            return w, p
+        if self.column is None:
+            w /= self.ratio
+            p *= self.ratio
+            p *= self.ratio
             return w, p
         there = self.column >= 0
         out_w, out_p = (np.take(image, self.column, axis=1) for image in (w, p))

@@ -55,7 +55,8 @@ def segment_points(
 
     readings = observation.tame
     w, p = (image.reshape(-1)[readings.index].astype(np.float64) for image in (frame.w, frame.p))
-    along = np.linalg.norm(readings.rays, axis=0) / (w * w * np.sqrt(p))  # with quantisation
+    longer = np.linalg.norm(readings.rays, axis=0) / readings.rays[2]  # than depth along z
+    along = longer / (w * w * np.sqrt(p))  # with quantisation
     model = cloud_model(
         readings.positions(),
         readings.sensor,
