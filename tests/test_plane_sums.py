@@ -1,5 +1,7 @@
 """Planes described from images in inverse depth, against the readings one by one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -31,11 +33,15 @@ def random_frame(rng, camera, shape):
     return depth, label.astype(np.uint16)
 
 
+@pytest.mark.parametrize("radial", [False, True])
 @pytest.mark.parametrize("distortion", [(), (0.05, -0.02, 0.001, 0.0)])
 @pytest.mark.parametrize("shape", [(40, 61), (20, 200), (200, 20)])
-def test_planes_are_described_as_by_their_readings(shape, distortion):
+def test_planes_are_described_as_by_their_readings(shape, distortion, radial):
     camera = pw.PinholeCamera(fx=180, fy=170, cx=33, cy=18, distortion=distortion)
     depth, labels = random_frame(np.random.default_rng(shape[1]), camera, shape)
+    if radial:
+        depth *= np.linalg.norm(camera.rays(shape), axis=-1)
+        camera = replace(camera, radial=True)
     observation = pw.observe(depth, camera, SENSOR)
     theta = PLANES[:, [1, 2, 0]] * [camera.fx / UNIT, camera.fy / UNIT, 1]
     length = np.linalg.norm(theta, axis=1, keepdims=True)

@@ -12,16 +12,17 @@ _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
 
 @compiled
 def plane_sums(  # type: ignore[no-untyped-def]
-    labels, place, w, x, y, straight, planes, solid, first, last, ranked, sums, boxes
+    labels, place, w, x, y, straight, planes, solid, ratio, first, last, ranked, sums, boxes
 ):
     """Rank labels, and sum over the readings of every plane w = t0 + t1 x + t2 y.
 
     In rows first ... last - 1.
     labels (H, W) uint16, 0 where there is no reading; place (.): what becomes of each, 0 for none;
     w, x, y (H, W) float32, straight as in `kernels.cells`; planes (N, 3), ranked; solid: area of
-    every pixel on z = 1, (H, W), or of them all, (1, 1). Writes ranked (H, W) uint16; sums (N, 7):
-    count, 0, delta^2, z^3 solid, z x, z y, z, with z = 1 / w and delta = z - 1 / (t . (1, x, y));
-    and boxes (N, 4): first row and column, last row and column + 1.
+    every pixel where readings are 1, (H, W), or of them all, (1, 1); ratio: c = z / reading (H, W),
+    or (1, 1) where readings are z. Writes ranked (H, W) uint16; sums (N, 7): count, 0, delta^2, s^3
+    solid, z x, z y, z, with z = 1 / w, s = z / c and delta = s - 1 / (c t . (1, x, y)); and boxes
+    (N, 4): first row and column, last row and column + 1.
     """
     sums[:] = 0.0
     boxes[:, :2] = _FAR
@@ -54,7 +55,17 @@ def plane_sums(  # type: ignore[no-untyped-def]
                 across += z * c
                 down += z * d
                 along += z
-            if solid.size > 1:
+            if ratio.size > 1:
+                area, less = solid[i, start:stop], ratio[i, start:stop]
+                square = cube = 0.0
+                for k in range(v.size):
+                    inverse, c, d = np.float64(v[k]), np.float64(a[k]), np.float64(b[k])
+                    q = t0 + t1 * c + t2 * d
+                    r = 1.0 / (inverse * q * less[k])
+                    s, delta = q * r, (q - inverse) * r
+                    square += delta * delta
+                    cube += s * s * s * area[k]
+            elif solid.size > 1:
                 area = solid[i, start:stop]
                 cube = 0.0
                 for k in range(v.size):

@@ -52,7 +52,7 @@ def describe(
     if isinstance(observation, RayObservation):
         direction, depth, solid = observation.rays, observation.depth, observation.solid
         if observation.ranges:
-            square = np.square(_off(rows, labels, direction, depth)[0])  # see there
+            square = _across(rows, labels, direction, depth)
     else:
         direction = observation.positions().T.copy()
         depth, solid = np.ones(observation.count), np.zeros(observation.count)
@@ -74,17 +74,14 @@ def describe(
     return planes_of(rows, covariances, total, box, told)
 
 
-def _off(
-    rows: Array, labels: NDArray[np.integer], direction: Array, depth: Array
-) -> tuple[Array, Array]:
-    """Distances of readings to their planes, normal . x + distance, and normal . ray.
+def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:
+    """Squared distances of readings to their planes, normal . x + distance.
 
-    Their ratio is the distance along the ray, which says little where many rays graze the ground,
-    as those of a LiDAR do.
+    Many rays of a LiDAR graze the ground: distances along them say little.
     """
     x, y, z, distance = np.vstack((np.zeros((1, 4)), rows)).T.copy()
     facing = x[labels] * direction[0] + y[labels] * direction[1] + z[labels] * direction[2]
-    return depth * facing + distance[labels], facing
+    return np.asarray(np.square(ranges * facing + distance[labels]))
 
 
 def _around(
@@ -118,7 +115,7 @@ def describe_labels(
     labels: NDArray[np.uint16],
     **told: list[float],
 ) -> list[Plane]:
-    """`paper.describe` for a label image of ranges, or of distances from a pinhole camera.
+    """`paper.describe` for a label image of ranges.
 
     Parameters
     ----------
@@ -134,11 +131,8 @@ def describe_labels(
         What else is known of each plane, by the names of `Plane`.
     """
     mine = labels.reshape(-1)[observation.index]
-    nothing = square = np.zeros(mine.size)
-    if not observation.ranges:
-        off, facing = _off(rows, mine, observation.rays, observation.depth)
-        square = np.square(np.divide(off, facing, out=np.zeros(mine.size), where=mine > 0))
-    return describe(observation, rows, covariances, mine, nothing, square, 1, **told)
+    nothing = np.zeros(mine.size)
+    return describe(observation, rows, covariances, mine, nothing, nothing, 1, **told)
 
 
 def planes_of(

@@ -34,7 +34,7 @@ def describe_image(
     frame : Frame
         The readings.
     area : ndarray, shape (H, W)
-        That each pixel covers on the plane z = 1, in square metres.
+        That each pixel covers where readings are 1, in square metres.
     affine : ndarray, shape (N, 3)
         (t0, t1, t2) of w = t0 + t1 x + t2 y, the planes that residuals are taken to.
     rows : ndarray, shape (N, 4)
@@ -59,13 +59,16 @@ def describe_image(
     both = np.empty((2, len(rows), 7))
     boxes = np.empty((2, len(rows), 4), np.int64)
 
-    solid = area[:1, :1].copy() if frame.straight else area  # the same of all pixels
+    solid, ratio = area, frame.sectors.ratio
+    if ratio is None:
+        ratio = np.ones((1, 1), np.float32)
+        solid = area[:1, :1].copy() if frame.straight else area  # the same of all pixels
 
     def add_up(first: int, last: int) -> None:
         half = int(first > 0)
         plane_sums(
-            labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, first, last,
-            ranked, both[half], boxes[half],
+            labels, place, frame.w, frame.x, frame.y, frame.straight, affine, solid, ratio, first,
+            last, ranked, both[half], boxes[half],
         )  # fmt: skip
 
     threads.halves(add_up, len(labels))

@@ -159,7 +159,7 @@ def _described(
         "significance": found.significance[order].tolist(),
         "residual_correlation": found.residual_correlation[order].tolist(),
     }
-    if frame.sectors.ratio is None:
+    if frame.sectors.column is None:
         area = observation.camera.pixel_area(observation.shape)
         return describe_image(frame, area, affine, rows, covariances, found.labels, place, **told)
     labels = frame.sectors.image(place[found.labels])
