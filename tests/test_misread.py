@@ -112,6 +112,16 @@ def test_what_is_curved_is_depth(name):
     assert of(np.where(z > 0, z + noise, 0), CAMERA) == ""
 
 
+@pytest.mark.parametrize("depth", [0.7, 2.0, 3.3])
+@pytest.mark.parametrize("lean", [0.0, 1e-12, 1e-9])
+def test_a_wall_that_is_faced_says_nothing(depth, lean):
+    camera = pw.PinholeCamera(fx=131, fy=131, cx=79.5, cy=59.5)
+    wall = depth * (1 + lean * np.arange(160) + np.zeros((120, 1)))
+    assert of(wall, camera) == of(wall.astype(np.float32), camera) == ""
+    rounding = np.random.default_rng(0).normal(0, 1e-16, wall.shape)
+    assert of(wall + rounding, camera) == ""
+
+
 def test_frames_that_cannot_tell_say_nothing():
     scene = scenes.room(0)  # a Kinect's noise hides it
     assert of(0.001 * with_distances(scene).depth, scene.camera) == ""

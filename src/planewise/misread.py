@@ -26,6 +26,7 @@ _SQUARES = 10  # along the longer side of an image
 _PLACES = 12  # rows, and columns, of a square that are looked at
 _FLAT = 2.0  # times the residuals of the flattest quarter
 _STEEPEST = 0.5  # of the flat squares tell disparity and lenses, which walls that are faced do not
+_ROUNDING = 1e-6  # of inverse depth: a smaller bend is none
 _FEWEST = 6  # squares that tell
 _ERROR = 0.15  # of a median share, at most ...
 _OFF = 0.3  # ... which is so near to what it is of another kind
@@ -119,7 +120,8 @@ def _flat(left: Array) -> NDArray[np.bool_]:
 def _telling(left: Array, energy: Array) -> NDArray[np.bool_]:
     """Which of the flat squares (s,) would be bent by much."""
     flat = _flat(left)
-    return np.asarray(flat & (energy > _ranked(energy[flat], 1.0 - _STEEPEST)))
+    least = max(_ranked(energy[flat], 1.0 - _STEEPEST), _PLACES**2 * _ROUNDING**2)
+    return np.asarray(flat & (energy > least))
 
 
 def _ranked(values: Array, share: float) -> float:
