@@ -229,6 +229,12 @@ READINGS = (
 )
 
 
+def frame_in_metres(reading: Reading, seed: int) -> tuple[Array, Grid, Grid]:
+    """`frame`, in metres whatever its unit."""
+    depth, labels, faces = frame(reading, seed)
+    return depth * (reading.sensor.resolution if depth.dtype.kind == "u" else 1.0), labels, faces
+
+
 def frame(reading: Reading, seed: int) -> tuple[NDArray[Any], Grid, Grid]:
     """Depth image, true labels and flat faces."""
     z, labels, faces = exact(seed, reading.size, reading.distortion)

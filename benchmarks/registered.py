@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import planewise as pw
 from benchmarks.arguments import parser_of
 from benchmarks.enlarged import as_it_is
-from benchmarks.other_sensors import FIRST, READINGS, SMALLEST, Reading, camera_of, frame
+from benchmarks.other_sensors import FIRST, READINGS, SMALLEST, Reading, camera_of, frame_in_metres
 from planewise.metrics import evaluate
 
 Array = NDArray[np.float64]
@@ -78,8 +78,7 @@ def registered(
 
 def scored(reading: Reading, times: float, seed: int, blocks: bool) -> list[float]:
     """VOI, P, R and planes of a room."""
-    depth, *marks = frame(reading, seed)
-    z = depth * (reading.sensor.resolution if depth.dtype.kind == "u" else 1.0)
+    z, *marks = frame_in_metres(reading, seed)
     shape = int(times * reading.size[0]), int(times * reading.size[1])
     larger = camera_of(shape)
     own = camera_of(reading.size)

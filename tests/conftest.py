@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from benchmarks.frames import real
 from hypothesis import settings
 from PIL import Image
 
@@ -66,6 +67,15 @@ def real_frames():
             return frame["depth"], camera, float(frame["depth_scale"])
 
     return read
+
+
+@pytest.fixture(scope="session")
+def every_real_frame():
+    """All real frames; skips where the data is absent."""
+    frames = list(real())
+    if not frames:
+        pytest.skip("real data is not part of the project: none is here")
+    return frames
 
 
 @pytest.fixture(scope="session")

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.frames import real
-from benchmarks.other_sensors import READINGS, camera_of, frame
+from benchmarks.other_sensors import READINGS, camera_of, frame, frame_in_metres
 from benchmarks.registered import registered
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -24,11 +23,10 @@ SIZE = STEREO.size
 
 def painted(times, seed=0, reading=STEREO):
     """Depth in millimetres, true labels and camera of a picture so many times as large."""
-    depth, labels, _ = frame(reading, seed)
-    unit = reading.sensor.resolution if depth.dtype.kind == "u" else 1.0
+    z, labels, _ = frame_in_metres(reading, seed)
     shape = round(times * reading.size[0]), round(times * reading.size[1])
     larger, own = camera_of(shape), camera_of(reading.size)
-    z, (marks,) = registered(unit * depth, own, larger, shape, labels, blocks=True)
+    z, (marks,) = registered(z, own, larger, shape, labels, blocks=True)
     return np.rint(1000 * z).astype(np.uint16), marks, larger
 
 
@@ -122,11 +120,8 @@ def test_other_readings_are_no_blocks(name):
     assert filled(depth, camera) is None
 
 
-def test_real_frames_are_no_blocks():
-    frames = list(real())
-    if not frames:
-        pytest.skip("real data is not part of the project: it is not here")
-    assert not [each.name for each in frames if filled(each.depth, each.camera)]
+def test_real_frames_are_no_blocks(every_real_frame):
+    assert not [each.name for each in every_real_frame if filled(each.depth, each.camera)]
 
 
 def test_a_lens_may_bend_the_picture():

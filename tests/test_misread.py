@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.curved_frames import CAMERA, SURFACES, rays
-from benchmarks.frames import real
-from benchmarks.other_sensors import READINGS, camera_of, frame
+from benchmarks.other_sensors import READINGS, camera_of, frame_in_metres
 
 import planewise as pw
 from planewise import scenes
@@ -33,9 +32,8 @@ def of(depth, camera):
 
 
 def in_metres(reading, seed):
-    depth, *_ = frame(reading, seed)
-    unit = reading.sensor.resolution if depth.dtype.kind == "u" else 1.0
-    return unit * depth, camera_of(reading.size)
+    z, *_ = frame_in_metres(reading, seed)
+    return z, camera_of(reading.size)
 
 
 def disparity(z):
@@ -93,13 +91,9 @@ def test_depth_is_depth(reading):
     assert of(z, camera) == ""
 
 
-def test_real_depth_is_depth():
-    frames = list(real())
-    if not frames:
-        pytest.skip("real data is not part of the project: it is not here")
-    assert {each.name: of(each.depth_scale * each.depth, each.camera) for each in frames} == {
-        each.name: "" for each in frames
-    }
+def test_real_depth_is_depth(every_real_frame):
+    said = {each.name: of(each.depth_scale * each.depth, each.camera) for each in every_real_frame}
+    assert said == dict.fromkeys(said, "")
 
 
 @pytest.mark.parametrize(

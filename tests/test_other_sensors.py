@@ -210,13 +210,12 @@ def test_readings_are_near_the_truth(number, monkeypatch):
     if reading.size == other_sensors.VGA:
         monkeypatch.setattr(other_sensors, "VGA", SHAPE)
         reading = other_sensors.replace(reading, size=SHAPE)
-    depth, labels, faces = other_sensors.frame(reading, 200)
+    metres, labels, faces = other_sensors.frame_in_metres(reading, 200)
     z, _, _ = other_sensors.exact(200, reading.size, reading.distortion)
-    metres = depth * (reading.sensor.resolution if depth.dtype == np.uint16 else 1.0)
     z = z * (10.0 if "outdoors" in reading.name else 1.0)
     there = metres > 0
     assert there.mean() > 0.95 * (1 - reading.missing)
     off = np.abs(metres[there] / z[there] - 1)
     assert 1e-4 < np.median(off) < 0.03
-    assert labels.shape == faces.shape == depth.shape
+    assert labels.shape == faces.shape == metres.shape
     assert (faces[labels > 0] > 0).all()

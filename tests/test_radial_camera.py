@@ -209,7 +209,6 @@ def test_stores_keep_that_a_camera_is_radial(tmp_path):
 
 
 def test_outlines_lie_on_planes_of_distances():
-    pytest.importorskip("shapely")
     scene = scenes.corner(sigma=0.002)
     distances = with_distances(scene)
     areas = [

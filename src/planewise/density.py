@@ -24,6 +24,12 @@ def middle_rows(image: NDArray[Any], count: int) -> NDArray[Any]:
     return image[first : first + count]
 
 
+def spread_rows(image: NDArray[Any], count: int) -> NDArray[Any]:
+    """So many rows of an image, or a few more, as far apart as may be."""
+    step = max(1, image.shape[0] // count)
+    return image[step // 2 :: step]
+
+
 def cell_counts(there: Mask, side: int) -> NDArray[np.intp]:
     """How many pixels of every whole cell of so many to a side are there."""
     rows, columns = (n // side for n in there.shape)

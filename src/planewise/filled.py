@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.density import has_reading
+from planewise.density import has_reading, spread_rows
 from planewise.scattered import Scattered, ScatteredCamera
 
 Array = NDArray[np.float64]
@@ -52,12 +52,9 @@ def filled(image: Image, camera: PinholeCamera) -> Scattered | None:
     most = math.ceil(times)
     x = column + _to_middle(image[row], column, most)
     y = row[:, None] + _to_middle(image[:, column].T, row, most).T
-    u, v, _ = np.moveaxis(camera.unproject(np.stack((x, y), axis=-1)), -1, 0)
-    if not np.isfinite(u).all():  # a lens folds it
+    own = ScatteredCamera.of(camera, times, x, y)
+    if own is None:
         return None
-    own = ScatteredCamera(
-        parent=camera, times=times, u=np.ascontiguousarray(u), v=np.ascontiguousarray(v)
-    )
     there = has_reading(image)
     i, j = ((np.arange(n) / times).astype(np.intp) for n in image.shape)
     of_pixel = i[:, None] * len(column) + j
@@ -67,7 +64,7 @@ def filled(image: Image, camera: PinholeCamera) -> Scattered | None:
 
 def _block_size(image: Image) -> float | None:
     """How far readings of rows change from each other, in pixels; None if they are no blocks."""
-    rows = image[max(1, len(image) // _ROWS) // 2 :: max(1, len(image) // _ROWS)]
+    rows = spread_rows(image, _ROWS)
     there = has_reading(rows)
     known = there[:, 1:] & there[:, :-1]
     change = known & (rows[:, 1:] != rows[:, :-1])

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.density import has_reading
+from planewise.density import has_reading, spread_rows
 from planewise.own_lines import Index, Lines
 
 Array = NDArray[np.float64]
@@ -142,8 +142,7 @@ def _readings(image: Image) -> Array:
 
 def _some_columns(image: Image, count: int) -> Array:
     """Readings of so many columns, or a few more."""
-    step = max(1, image.shape[1] // count)
-    return _readings(image[:, step // 2 :: step])
+    return _readings(spread_rows(image.T, count).T)
 
 
 def _knots(image: Image) -> tuple[Knots, float] | None:

@@ -42,12 +42,14 @@ def misread(observation: RayObservation) -> str:
     readings, squares = _readings(observation, _squares(camera, observation.shape))
     if len(readings) < _FEWEST:
         return ""
-    if abs(disparity_share(readings, squares) - 1.0) < _OFF:
+    inverse = 1.0 / readings
+    bent = inverse - squares.fit(inverse)
+    if abs(disparity_share(readings, bent, squares) - 1.0) < _OFF:
         return (
             "readings look like disparity or inverse depth, not depth, which is focal length x "
             "baseline / disparity"
         )
-    shares = radial_shares(readings, squares)
+    shares = radial_shares(inverse, bent, squares)
     if camera.radial and np.all(np.abs(shares) < _OFF):
         return (
             "readings look like depth along z, not distances from the camera; where they are, it "
@@ -58,7 +60,7 @@ def misread(observation: RayObservation) -> str:
             "readings look like distances from the camera, not depth along z; where they are, it "
             "must be radial (PinholeCamera(..., radial=True), --camera CAMERA:radial)"
         )
-    k1, error = lens_left(readings * squares.shrunk if camera.radial else readings, squares)
+    k1, error = lens_left(inverse / squares.shrunk if camera.radial else inverse, squares)
     least, most = _LENS
     if max(least, _CERTAIN * error) < abs(k1) < most:
         return (
@@ -68,44 +70,40 @@ def misread(observation: RayObservation) -> str:
     return ""
 
 
-def radial_shares(readings: Array, squares: Squares) -> Array:
-    """Shares of curvature, across and down, by which readings are distances; NaN if not known."""
-    inverse = 1.0 / readings
+def radial_shares(inverse: Array, bent: Array, squares: Squares) -> Array:
+    """Shares of curvature, across and down, by which readings are distances; NaN if not known.
+
+    inverse (s, k): 1 / reading; bent (s, k): what it is beyond affine.
+    """
     plane = squares.fit(inverse / squares.shrunk)  # 1 / z, if these are distances
-    bent, bend = (each - squares.fit(each) for each in (inverse, plane * squares.shrunk))
-    curvature, of_plane = (squares.curvature(each) for each in (bent, bend))
-    left = np.square(bent).sum(axis=1) - np.square(curvature).sum(axis=1)
-    flat = _flat(left)
-    return _median(curvature[flat] / of_plane[flat])
+    bend = plane * squares.shrunk
+    curvature = squares.curvature(bent)
+    flat = _flat(squares.rough(bent))
+    return _median(curvature[flat] / squares.curvature(bend - squares.fit(bend))[flat])
 
 
-def disparity_share(readings: Array, squares: Squares) -> float:
-    """Share of the curvature of 1 / reading by which readings are disparity; NaN if not known."""
-    inverse, plane = 1.0 / readings, squares.fit(readings)
-    bent, bend = (each - squares.fit(each) for each in (inverse, 1.0 / plane))
+def disparity_share(readings: Array, bent: Array, squares: Squares) -> float:
+    """Share of `bent`, as of `radial_shares`, by which readings are disparity; NaN if not known."""
+    plane = squares.fit(readings)
+    bend = 1.0 / plane
     left = np.minimum(np.square(bent).sum(axis=1), np.square(readings - plane).sum(axis=1))
-    energy = np.square(bend).sum(axis=1)
-    tells = _telling(left, energy)
-    share = np.einsum("sk,sk->s", bent[tells], bend[tells]) / energy[tells]
-    return float(_median(share[:, None])[0])
+    return float(_median(_shares(bent, bend - squares.fit(bend), left)[:, None])[0])
 
 
-def lens_left(depth: Array, squares: Squares) -> tuple[float, float]:
+def lens_left(inverse: Array, squares: Squares) -> tuple[float, float]:
     """Distortion k1 that a camera lacks, and its error; NaN if squares are too few.
 
     What is seen at (u, v) lies at (u, v) (1 - k1 r^2), r^2 = u^2 + v^2: a plane of inverse depth
     a + b u + c v is bent by -k1 r^2 (b u + c v).
     """
-    u, v, inverse = squares.u, squares.v, 1.0 / depth
+    u, v = squares.u, squares.v
     plane, last = squares.fit(inverse), [_PLACES - 1, (_PLACES - 1) * _PLACES]
     # Two corners against the first: b and c, for such planes are affine.
     across = np.stack([each[:, last] - each[:, :1] for each in (u, v)], axis=2)
     b, c = np.linalg.solve(across, (plane[:, last] - plane[:, :1])[..., None])[..., 0].T
     bend = -(b[:, None] * u + c[:, None] * v) * (u * u + v * v)
-    bent, bend = inverse - plane, bend - squares.fit(bend)
-    left = np.square(bent).sum(axis=1) - np.square(squares.curvature(bent)).sum(axis=1)
-    tells = _telling(left, np.square(bend).sum(axis=1))
-    k1 = np.einsum("sk,sk->s", bent[tells], bend[tells]) / np.square(bend[tells]).sum(axis=1)
+    bent = inverse - plane
+    k1 = _shares(bent, bend - squares.fit(bend), squares.rough(bent))
     if len(k1) < _FEWEST:
         return math.nan, math.nan
     middle, error = _median_and_error(k1)
@@ -122,6 +120,13 @@ def _telling(left: Array, energy: Array) -> NDArray[np.bool_]:
     flat = _flat(left)
     least = max(_ranked(energy[flat], 1.0 - _STEEPEST), _PLACES**2 * _ROUNDING**2)
     return np.asarray(flat & (energy > least))
+
+
+def _shares(bent: Array, bend: Array, left: Array) -> Array:
+    """How much of a bend (s, k) is in what is bent, of the squares that tell; left (s,)."""
+    energy = np.square(bend).sum(axis=1)
+    tells = _telling(left, energy)
+    return np.asarray(np.einsum("sk,sk->s", bent[tells], bend[tells]) / energy[tells])
 
 
 def _ranked(values: Array, share: float) -> float:
@@ -160,6 +165,11 @@ class Squares:
     def curvature(self, values: Array) -> Array:
         """How much of squares of u and v is in values (s, k): shape (s, 2)."""
         return self._on(self.square, values)[..., 0]
+
+    def rough(self, bent: Array) -> Array:
+        """What squares of u and v leave of values that are beyond affine: shape (s,)."""
+        curvature = self.curvature(bent)
+        return np.asarray(np.square(bent).sum(axis=1) - np.square(curvature).sum(axis=1))
 
     @staticmethod
     def _on(basis: Array, values: Array) -> Array:

@@ -56,6 +56,15 @@ class ScatteredCamera:
     u: Array
     v: Array
 
+    @classmethod
+    def of(cls, parent: PinholeCamera, times: float, x: Array, y: Array) -> ScatteredCamera | None:
+        """Camera whose pixels lie at these places of the image; None where a lens folds it."""
+        u, v, _ = np.moveaxis(parent.unproject(np.stack((x, y), axis=-1)), -1, 0)
+        if not np.isfinite(u).all():
+            return None
+        u, v = np.ascontiguousarray(u), np.ascontiguousarray(v)
+        return cls(parent=parent, times=times, u=u, v=v)
+
     @property
     def frame(self) -> str:
         """The camera's axes in words."""
@@ -202,10 +211,9 @@ def scattered(image: Image, camera: PinholeCamera) -> Scattered | None:
     depth[where] = image[there][last]
     y, x = (np.ascontiguousarray(each) for each in np.meshgrid(*middle, indexing="ij"))
     y[where], x[where] = row[last], column[last]
-    u, v, _ = np.moveaxis(camera.unproject(np.stack((x, y), axis=-1)), -1, 0)
-    if not np.isfinite(u).all():  # a lens folds it
+    own = ScatteredCamera.of(camera, times, x, y)
+    if own is None:
         return None
-    own = ScatteredCamera(parent=camera, times=times, u=u, v=v)
     return Scattered(there=there, of_reading=i * shape[1] + j, depth=depth, camera=own)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 
 from planewise.commands import terminal
@@ -26,7 +25,7 @@ class FrameDoubts:
     def see(self, said: str) -> None:
         """Take note of a frame."""
         if said:
-            kind = re.split("[:,]", said)[0]  # what follows may differ from frame to frame
+            kind, _, _ = said.partition(",")  # what follows may differ from frame to frame
             count, first = self._frames.get(kind, (0, said))
             self._frames[kind] = count + 1, first
 

@@ -34,6 +34,19 @@ def is_hdf5(path: Path) -> bool:
     return start.startswith(_SIGNATURE) or start[512:] == _SIGNATURE
 
 
+def load_h5py(reading: str) -> Any:
+    """Module h5py; `reading` says what for.
+
+    Raises
+    ------
+    MissingExtraError
+        If it is not installed.
+    """
+    with needs("h5py", f"reading {reading}", "datasets"):
+        import h5py  # type: ignore[import-untyped, import-not-found, unused-ignore]
+    return h5py
+
+
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
     """Open an HDF5 file to read; yields a ``h5py.File``.
@@ -45,8 +58,7 @@ def opened(path: Path) -> Iterator[Any]:
     MissingExtraError
         If h5py is not installed.
     """
-    with needs("h5py", f"reading {path.name}", "datasets"):
-        import h5py  # type: ignore[import-untyped, import-not-found, unused-ignore]
+    h5py = load_h5py(path.name)
     if not path.is_file():
         raise PlanewiseError(f"data: there is no file {path}")
     try:

@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
-from planewise.datasets.frames import Dataset, DatasetFrame
-from planewise.datasets.hdf5 import array_of, opened, rows_of
+from planewise.datasets.hdf5 import array_of, load_h5py, opened, rows_of
 from planewise.datasets.paths import inside, listed
-from planewise.errors import PlanewiseError, needs
-from planewise.files.colour import read_colour
+from planewise.datasets.picture_folder import FrameFiles, PictureFolder
+from planewise.errors import PlanewiseError
 from planewise.files.depth import natural_order
 
 CAMERA = PinholeCamera(
@@ -30,18 +30,11 @@ CAMERA = PinholeCamera(
 """The usual camera of 60 degrees, as the dataset's authors state it."""
 
 _GEOMETRY = re.compile(r"scene_(cam_\d+)_geometry_hdf5")
+_FOLDERS = "geometry_hdf5", "final_preview"
 _DISTANCES = re.compile(r"frame\.(\d+)\.depth_meters\.hdf5")
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Files:
-    """Files of one frame, as paths below the scene's folder."""
-
-    distances: str
-    picture: str
-
-
-class Hypersim(Dataset):
+class Hypersim(PictureFolder):
     """Scene with ``images/scene_cam_00_geometry_hdf5/frame.0000.depth_meters.hdf5`` and so on.
 
     Distances are read as they are, by a camera that is radial; pictures are those of
@@ -60,31 +53,23 @@ class Hypersim(Dataset):
     holds: ClassVar[str] = "a folder with images/scene_cam_00_geometry_hdf5/ (Hypersim)"
 
     def __init__(self, folder: str | Path, *, camera: PinholeCamera | None = None) -> None:
-        with needs("h5py", "reading Hypersim", "datasets"):
-            import h5py  # type: ignore[import-untyped, import-not-found, unused-ignore]  # noqa: F401
-        self.folder, self.camera = Path(folder), replace(camera or CAMERA, radial=True)
-        self._files = dict(_frames(self.folder))
-        if not self._files:
-            raise PlanewiseError(f"{self.folder} holds no frame.0000.depth_meters.hdf5")
-        super().__init__(self.folder.name or str(self.folder), list(self._files))
+        load_h5py("Hypersim")
+        root = Path(folder)
+        frames = list(_frames(root))
+        if not frames:
+            raise PlanewiseError(f"{root} holds no frame.0000.depth_meters.hdf5")
+        super().__init__(root, frames, replace(camera or CAMERA, radial=True), None)
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
         """Whether the folder has one of geometry below its images."""
         return any(_cameras(path))
 
-    def _read(self, frame: str) -> DatasetFrame:
-        files = self._files[frame]
-        with opened(inside(self.folder, files.distances)) as file:
+    def _depth(self, path: Path) -> NDArray[np.float32]:
+        with opened(path) as file:
             array = array_of(file, "dataset", 2, "f")
             distance = rows_of(array, slice(0, array.shape[0]))
-        picture = inside(self.folder, files.picture)
-        return DatasetFrame(
-            id=frame,
-            depth=np.where(np.isfinite(distance), distance, 0).astype(np.float32),
-            camera=self.camera,
-            rgb=read_colour(picture) if self.pictures and picture.is_file() else None,
-        )
+        return np.where(np.isfinite(distance), distance, 0).astype(np.float32)
 
 
 def _cameras(folder: Path) -> Iterator[str]:
@@ -95,15 +80,17 @@ def _cameras(folder: Path) -> Iterator[str]:
             yield name[1]
 
 
-def _frames(folder: Path) -> Iterator[tuple[str, _Files]]:
-    """Ids of the frames of a scene, and their files."""
+def _frames(folder: Path) -> Iterator[FrameFiles]:
     for camera in _cameras(folder):
-        place = f"images/scene_{camera}_geometry_hdf5"
+        place, pictures = (f"images/scene_{camera}_{each}" for each in _FOLDERS)
         for path in listed(inside(folder, place), _has_distances):
             number = _DISTANCES.sub(r"\1", path.name)
-            picture = f"images/scene_{camera}_final_preview/frame.{number}.tonemap.jpg"
-            files = _Files(distances=f"{place}/{path.name}", picture=picture)
-            yield f"{camera}.{number}", files
+            picture = f"{pictures}/frame.{number}.tonemap.jpg"
+            yield FrameFiles(
+                id=f"{camera}.{number}",
+                depth=f"{place}/{path.name}",
+                rgb=picture if (folder / picture).is_file() else None,
+            )
 
 
 def _has_distances(path: Path) -> bool:

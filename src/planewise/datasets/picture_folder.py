@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ class PictureFolder(Dataset):
 
     def _read(self, frame: str) -> DatasetFrame:
         files = self._files[frame]
-        depth = read_depth(inside(self.folder, files.depth)).depth
+        depth = self._depth(inside(self.folder, files.depth))
         if self._invalid is not None and depth.dtype.kind != "f":
             depth[depth == self._invalid] = 0
         return DatasetFrame(
@@ -101,6 +102,10 @@ class PictureFolder(Dataset):
             timestamp=files.timestamp,
             pose=self._pose(files) if self.poses else None,
         )
+
+    def _depth(self, path: Path) -> NDArray[Any]:
+        """Depth image of a file."""
+        return read_depth(path).depth
 
     def _pose(self, files: FrameFiles) -> NDArray[np.float64] | None:
         return None if files.pose is None else pose_of(self.folder, files.pose)
