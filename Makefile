@@ -100,9 +100,10 @@ accuracy: $(READY)  ## score the detector on synthetic and, where they are at ha
 ablation: $(READY)  ## the same with parts of the objective taken out
 	$(BIN)/python -m benchmarks.ablation
 
-pictures: $(READY)  ## draw the pictures of docs/method.md and docs/clouds.md
+pictures: $(READY)  ## draw the pictures of docs/method.md, docs/clouds.md and docs/lidar.md
 	$(BIN)/python -m benchmarks.pictures
 	$(BIN)/python -m benchmarks.cloud_pictures
+	$(BIN)/python -m benchmarks.panoramas --picture docs/panorama.png
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) $(LOWEST) demo-output $(BENCH_OUTPUT) $(REPORT) dist build .mypy_cache .ruff_cache .pytest_cache

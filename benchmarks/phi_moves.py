@@ -276,7 +276,7 @@ def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: fl
     label_loops.label_pixels(
         marks.label.reshape(-1), marks.state.reshape(-1), marks.busy.reshape(-1),
         marks.seen.reshape(-1), marks.label.shape[1], frame.w.reshape(-1), frame.x.reshape(-1),
-        frame.y.reshape(-1), there.shape[1], variance, frame.table.per_metre, affine,
+        frame.y.reshape(-1), there.shape[1], variance, frame.table.ranging, affine,
         spatial_labels._lateral(cells, affine), null * anything, differing, _SWEEPS,
     )  # fmt: skip
     return np.maximum(marks.label[inside], 0).astype(np.uint16)

@@ -76,7 +76,7 @@ def undithered(steps, count, level):
     return 0.5**level * np.clip(2 * np.minimum(steps, count) - count, 0, None)
 
 
-def group_data(m, planes, shared, step, drift, per_metre, error, prior, wavy=1.0):
+def group_data(m, planes, shared, step, drift, ranging, error, prior, wavy=1.0):
     """Nats of groups on none and on a plane each: columns of moments and of planes with extents.
 
     wavy: what the variances that a group shares are times those of the frame.
@@ -105,7 +105,9 @@ def group_data(m, planes, shared, step, drift, per_metre, error, prior, wavy=1.0
     p, own = m[0] / count, 0.5**level
     weight, xx, xy, yy, xw, yw, square = own * np.array([m[0], xx, xy, yy, xw, yw, square])
     rows = np.arange(shared.size)
-    shared, step, drift = (np.interp(per_metre / mean, rows, v) for v in (shared, step, drift))
+    stretch = 1 + ranging[1] * cx**2 + ranging[2] * cy**2  # (range / z)^2
+    row = ranging[0] * np.sqrt(stretch) / mean
+    shared, step, drift = (stretch * np.interp(row, rows, v) for v in (shared, step, drift))
     least = undithered(m[0] * step, count, level)
     explained, determinant = integrated_slopes(slope_prior * mean**2, xw, yw)
     smooth = surface + 0.5 * (np.maximum(square - explained, least) + determinant) + norm

@@ -157,7 +157,7 @@ def test_variances_and_bias_by_depth():
     assert_allclose(slow, 0.7 * (shared + step) + 0.2 * drift)
     assert_allclose(variance, 1.5 * (white + step) + slow)
 
-    table = ErrorTable(100.0, 40, white, shared, drift, step)
+    table = ErrorTable((100.0, 0.0, 0.0), 1.0, 40, white, shared, drift, step)
     w = rng.uniform(0.12, 2.2, 200)
     row = 100.0 / w
     near, far = (np.clip(factor * row, 40, 898) for factor in (0.95, 1.05))

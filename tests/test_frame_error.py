@@ -412,7 +412,9 @@ def test_steps_that_noise_dithers_are_random():
     sectors = camera.sectors((30, 40))
 
     def drifting(white, step, drift=1e-4, factor=1.0):
-        table = ErrorTable(1000.0, 1, *(np.full(4000, v) for v in (white, 0.0, drift, step)))
+        table = ErrorTable(
+            (1000.0, 0.0, 0.0), 1.0, 1, *(np.full(4000, v) for v in (white, 0.0, drift, step))
+        )
         return frame_error.drift_and_distortion(factor, 1.0, 0.5, table, sectors)[0]
 
     assert_allclose(drifting(1e-3, 0.0), 0.1)

@@ -117,9 +117,10 @@ def test_cells_are_those_of_the_search():
     assert groups.SIDE == cells_module.SIDE
 
 
+@pytest.mark.parametrize("oblique", [(0.0, 0.0), (0.3, 0.1)])
 @pytest.mark.parametrize("levels", [1, 4])
 @pytest.mark.parametrize("off", [0.0, 1e-3, 0.02])
-def test_nats_of_groups(off, levels):
+def test_nats_of_groups(off, levels, oblique):
     """Readings on their planes, a little off, and so far that they are surfaces of their own.
 
     In the right half they err five times as much as told.
@@ -133,12 +134,12 @@ def test_nats_of_groups(off, levels):
     planes = np.vstack((PLANES.T, [0.0, 0.4, 0.3, 0.5], [0.0, 0.3, 0.3, 0.4]))
     planes[0] += off
     rng = np.random.default_rng(7)
-    table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 300)), axis=1)
+    table = np.cumsum(SIGMA**2 * rng.uniform(0, 0.01, (3, 400)), axis=1)
     error, prior = (0.8, 0.1, 60.0, 9.0, 0.3, 0.5 * SIGMA), (0.05, 8.0, 9.0)
     alone, white, *data = np.empty((2 + levels, moments.shape[1]))
     data, worth = np.array(data), np.full((levels, 4), 5.0)
     saved, leaving = np.full((2, 4), 5.0)
-    arguments = (*table, 120.0, error, prior)
+    arguments = (*table, (120.0, *oblique), error, prior)
     total = group_data.group_data(
         moments, label, first, planes, *arguments, alone, white, data, worth, saved, leaving
     )

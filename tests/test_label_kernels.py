@@ -13,7 +13,7 @@ from .conftest import quilt
 
 SIGMA = 1e-3
 PLANES = np.array([[0.50, 0.03, -0.02], [0.53, -0.05, 0.04], [0.47, 0.08, 0.06]])
-PER_METRE = 500.0
+RANGING = 500.0, 3.0, 2.0  # as of readings that are ranges
 NULL, DIFFERING = 9.0, 1.0
 
 
@@ -33,11 +33,18 @@ def readings(rng, planes, label, holes=0.0):
     return np.where(p > 0, w, 0).astype(np.float32), p, x, y
 
 
-def by_depth(rng, w, low, high):
+def by_depth(rng, w, x, y, low, high):
     """A table of variances by depth, and those of the readings in it; the last row is too near."""
-    table = SIGMA**2 * rng.uniform(low, high, int(PER_METRE / w[w > 0].min()))
-    row = np.rint(PER_METRE / np.where(w > 0, w, 1).astype(np.float64)).astype(int)
-    return table, table[np.minimum(row, len(table) - 1)]
+    table = SIGMA**2 * rng.uniform(low, high, int(RANGING[0] / w[w > 0].min()))
+    return table, of_table(table, w, x, y)
+
+
+def of_table(table, w, x, y):
+    """What a table says of readings: row per_metre times range, times (range / z)^2."""
+    per_metre, a, b = RANGING
+    stretch = 1 + a * np.square(x, dtype=float) + b * np.square(y, dtype=float)
+    row = per_metre * np.sqrt(stretch) / np.where(w > 0, w, 1).astype(np.float64)
+    return stretch * table[np.minimum(np.rint(row).astype(int), len(table) - 1)]
 
 
 class Marks:
@@ -118,12 +125,12 @@ def test_pixels_laid_out_and_those_that_wait(seed):
     chunks = (marks.state == 1).reshape(*marks.busy.shape, labels.CHUNK).any(2)
     assert (marks.busy >= chunks).all()
     # No other pixel changes but beside a change.
-    table_by_depth, variance = by_depth(rng, w, 1.5, 2.5)
+    table_by_depth, variance = by_depth(rng, w, x, y, 1.5, 2.5)
     label = np.maximum(label, 0)
     cost = oracles.costs(w, x, y, variance, table, np.zeros(4), NULL)
     swept = oracles.sweep_labels(label, ~fixed, cost, p > 0, DIFFERING)
     images = [image.reshape(-1) for image in (w, x, y)]
-    costs = (table_by_depth, PER_METRE, table, np.zeros(4), NULL, DIFFERING, 1)
+    costs = (table_by_depth, RANGING, table, np.zeros(4), NULL, DIFFERING, 1)
     labels.label_pixels(*marks.flat, marks.label.shape[1], *images, w.shape[1], *costs)
     assert_array_equal(marks.labels(), swept)
     assert (swept != label).any()
@@ -144,7 +151,7 @@ def labelling(seed):
     rng = np.random.default_rng(seed)
     label, (w, p, x, y), planes = wavy(rng)
     alike = x[:1], y[:, :1].copy()  # of a straight image, one row and one column will do
-    table, variance = by_depth(rng, w, 1, 2)
+    table, variance = by_depth(rng, w, x, y, 1, 2)
     lateral = SIGMA**2 * rng.uniform(0, 1, len(planes))
     free = rng.random((9, 11)).repeat(3, 0).repeat(3, 1)[: label.shape[0], : label.shape[1]] > 0.3
     cost = oracles.costs(w, x, y, variance, planes, lateral, NULL)
@@ -152,7 +159,7 @@ def labelling(seed):
     def swept(start, sweeps):
         marks = Marks(start, p > 0, free)
         images = [image.reshape(-1) for image in (w, *(alike if seed % 2 else (x, y)))]
-        costs = (table, PER_METRE, planes, lateral, NULL, DIFFERING, sweeps)
+        costs = (table, RANGING, planes, lateral, NULL, DIFFERING, sweeps)
         changed = labels.label_pixels(
             *marks.flat, marks.label.shape[1], *images, w.shape[1], *costs
         )
@@ -198,10 +205,10 @@ def test_borders_lie_in_chunks_that_were_seen():
     marks = Marks(label, p > 0)
     marks.seen[:] = False
     images = [image.reshape(-1) for image in (w, x, y)]
-    table, _ = by_depth(rng, w, 1, 2)
+    table, _ = by_depth(rng, w, x, y, 1, 2)
     costs = (
         table,
-        PER_METRE,
+        RANGING,
         np.vstack((np.zeros((1, 3)), PLANES)),
         np.zeros(4),
         NULL,
@@ -422,12 +429,12 @@ def test_crease_offsets(seed):
     lines[0, 0] += kinds[1, 2] * (wrong[1, 0] - planes[1, 0]) / lines[0, 3]
     w = (w + rng.normal(0, SIGMA, w.shape)).astype(np.float32)
     label[rng.random(p.shape) < 0.05] = 0
-    table, variance = by_depth(rng, w, 1, 1.2)
+    table, variance = by_depth(rng, w, x, y, 1, 1.2)
     lateral = SIGMA**2 * np.array([0, 0.1, 0.2])
     limits = 4, (0.5, 5.0)[seed % 2], (1e9, 3.0, 1e9, 1.0)[seed % 4]
     offset = np.empty(1)
     coordinates = alike(x, y) if seed % 2 else (x, y)
-    arguments = (crease, lines, wrong, w, *coordinates, table, PER_METRE, lateral, *limits, offset)
+    arguments = (crease, lines, wrong, w, *coordinates, table, RANGING, lateral, *limits, offset)
     creases.crease_offsets(borders_of(label), label.astype(np.uint16), *arguments)
     places, cost = oracles.crease_costs(
         label, wrong, kinds, w, x, y, variance, lateral, *limits, (1, 2)
@@ -456,7 +463,7 @@ def put(
     strays = strays_of(label, crease, lines, offset, x, y)
     creases.put_creases(
         strays, marks.label, crease, lines, offset, planes, none, w, x, y, SIGMA**2 + slow, slow,
-        PER_METRE, sure, price, most, marks.state, np.empty((label.size, 2), np.int32),
+        (500.0, 0.0, 0.0), sure, price, most, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     return marks.labels()
 
@@ -552,9 +559,8 @@ def compare_put_creases(seed):
     shift = rng.uniform(-1, 1, 2)
     offset = np.zeros((4, 4))
     offset[1, 2], offset[1, 3] = shift
-    table, variance = by_depth(rng, w, 1, (4, 20)[seed % 2])
+    table, variance = by_depth(rng, w, x, y, 1, (4, 20)[seed % 2])
     slow = SIGMA**2 * rng.uniform(0, 1, table.shape)
-    row = np.rint(PER_METRE / np.where(w > 0, w, 1).astype(np.float64)).astype(int)
     lateral, far, price = SIGMA**2 * rng.uniform(0, 1, 4), (5, 16)[seed % 2], (1.0, 4.0)[seed // 6]
     lines[:, 4], sure = far, (far, far - 1.0)[seed % 3 == 0]
     border, straight = (crease, lines, shift), (alike(x, y) if seed % 2 else (x, y))
@@ -566,12 +572,12 @@ def compare_put_creases(seed):
     cost = np.minimum(oracles.costs(w, x, y, variance, planes, lateral, NULL), 8.0)
     expected, paid = oracles.put_creases(
         label, strays, cost, planes, kinds, offset, x, y,
-        slow[np.minimum(row, slow.size - 1)], far, sure, price,
+        of_table(slow, w, x, y), far, sure, price,
     )  # fmt: skip
     marks = Marks(label, p > 0)
     marks.state[:] = 0
     creases.put_creases(
-        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, PER_METRE,
+        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, RANGING,
         sure, price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     assert_array_equal(marks.labels(), expected)

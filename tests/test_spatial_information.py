@@ -44,6 +44,12 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
     total += spatial_mask_information(mask, there, len(affine) // sectors.count)
     height, width = labels.shape
     slope = 100 * math.sqrt(pixel_size[0] * pixel_size[1])
+    per_pixel = 100 * np.array(pixel_size) if sectors.ratio is not None else np.zeros(2)
+
+    def stretched(x, y):
+        """(range / z)^2 in a direction, where depth is range."""
+        return 1 + np.square(per_pixel * (x, y)).sum()
+
     levels = 4 if error.drifting > 0.5 and sectors.count == 1 else 1
     taken = np.zeros((len(affine) + 1, levels))
     for top in range(0, height, BLOCK):
@@ -62,11 +68,11 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 J = np.column_stack((np.ones_like(x), x - cx, y - cy))
                 # density of z, not of w: dz = z^2 dw, in steps of eps
                 change = np.sum(-2 * np.log(w)) - w.size * math.log(eps)
-                if sectors.ratio is not None:  # density of the range, dz = c dr
-                    aside = 100 * np.array(pixel_size) * middle
-                    change += 0.5 * w.size * math.log(1 + aside @ aside)
+                # density of the range, dz = c dr
+                change += 0.5 * w.size * math.log(stretched(*middle))
                 mean = np.average(w, weights=1 / v)
-                unbiased = 1 + error.seen * frame.table.noise_bias(of_block)
+                of_range = of_block / math.sqrt(stretched(*middle))
+                unbiased = 1 + error.seen * frame.table.noise_bias(of_range)
                 w, mean = unbiased * w, unbiased * mean
                 s = (slope * mean) ** 2
                 slopes = J @ np.diag([0, s, s]) @ J.T
@@ -74,7 +80,12 @@ def oracle(frame, error, affine, labels, R, eps, pixel_size):
                 level = group_level(misfit, w.size)
                 change += group_level_nats(level)
                 own = np.diag(v * 2.0**level)
-                _, shared, drift, step = frame.table.at(mean)
+                stretch = stretched(cx, cy)
+                row = frame.table.ranging[0] * math.sqrt(stretch) / mean
+                shared, drift, step = (
+                    stretch * np.interp(row, np.arange(table.size), table)
+                    for table in (frame.table.shared, frame.table.drift, frame.table.step)
+                )
                 least = undithered(step * np.sum(1 / v), w.size, level)
                 smooth = L + normal_nats(w - mean, own + slopes, least) + change
                 nats = math.log(2) + min(smooth, w.size * L)

@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-_STEEPEST = 75.0  # degrees of elevation: beyond it, sectors are stretched too far
+_STEEPEST = 90.0  # degrees of elevation: straight up
 _UNEVEN = 4.0  # times the usual step that columns may be apart
 _AGAIN = 0.1  # of a step: nearer to the first column the last one is the first again
 _STAGGER = 2.0  # columns by which rows beside each other may be out of step
+_ROUNDED = 1e-9  # degrees
 _FARTHEST = 20.0  # degrees that a row may be off its columns
 
 
@@ -110,5 +111,6 @@ def nearest(angles: Array, wanted: Array) -> NDArray[np.intp]:
     """Index of the nearest of angles that rise or fall, -1 beyond both ends."""
     edges = edges_of(angles)
     sign = 1.0 if edges[-1] > edges[0] else -1.0
+    edges[-1] += sign * _ROUNDED  # straight up and down are in the image whose edge they are
     place = np.searchsorted(sign * edges, sign * wanted, side="right") - 1
     return np.where(place < angles.size, place, -1)

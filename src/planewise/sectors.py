@@ -37,6 +37,7 @@ BLOCK = 3 * SQUARE  # columns in which squares and groups begin together
 GAP = 4 * SQUARE  # columns between sectors: the farthest that cells in a row lie apart
 _MARGIN = 9  # columns beyond a seam that are shown in a gap ...
 _FAR = np.radians(10.0)  # ... and how wide they are at most
+_POLE = np.radians(89.999)  # of elevation: straight up and down there are no coordinates
 _WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
 _UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
 _ROW = [0, 1, 2, 4, 5, 8]  # and back
@@ -122,6 +123,13 @@ class Sectors:
     def lean(self) -> float:
         """Change of w over 100 pixels, against w, of a piece of a surface that leans by `LEAN`."""
         return LEAN * UNIT / self.mean_focal
+
+    @cached_property
+    def oblique(self) -> tuple[float, float]:
+        """a and b of 1 / c^2 = 1 + a x^2 + b y^2, c = z / range; 0 where depth is z."""
+        if self.ratio is None:
+            return 0.0, 0.0
+        return (UNIT / self.focal[0]) ** 2, (UNIT / self.focal[1]) ** 2
 
     @cached_property
     def mean_ratio(self) -> float:
@@ -341,7 +349,7 @@ def of_panorama(
         turn[k] = looking(middle, sense, fall) @ turn_to_theta(pixel_size)
         at = np.arange(max(start[k] - _MARGIN, 0), min(stop[k] + _MARGIN, column.size))
         at = at[shown[at] >= 0]
-        apart, level = azimuth[:, shown[at]] - middle, elevation[:, shown[at]]
+        apart, level = azimuth[:, shown[at]] - middle, elevation[:, shown[at]].clip(-_POLE, _POLE)
         x[:, at] = sense * np.tan(apart) / (UNIT * pixel_size[0])
         y[:, at] = fall * np.tan(level) / np.cos(apart) / (UNIT * pixel_size[1])
         ratio[:, at] = np.cos(level) * np.cos(apart)

@@ -1,4 +1,4 @@
-"""The spherical camera: organised range images of spinning and solid-state LiDAR.
+"""The spherical camera: organised range images of LiDAR and laser scanners, and panoramas.
 
 Frame: x forward, y left, z up, origin at the sensor, as LiDAR drivers have it. Row i looks at
 `elevation[i]`, column j at `azimuth[j]`, counter-clockwise from x; the ray is the unit vector
@@ -38,12 +38,12 @@ Array = NDArray[np.float64]
 
 _FULL_TURN = 1.5  # columns from the last of one to the first, at most
 _FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
-_RADIANS = 2.7  # what all elevations there can be span in radians
+_RADIANS = 3.2  # what all elevations there can be span in radians
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)  # thousands of angles say nothing
 class SphericalCamera:
-    """Directions of an organised LiDAR image, in degrees.
+    """Directions of an organised LiDAR image or a panorama, in degrees.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class SphericalCamera:
     Raises
     ------
     ValueError
-        If angles are not finite or not in order, an elevation lies beyond 75 degrees, columns go
+        If angles are not finite or not in order, an elevation lies beyond 90 degrees, columns go
         round more than once, or rows are off their columns or staggered.
 
     Examples
@@ -144,6 +144,34 @@ class SphericalCamera:
                 "rows, which no spinning LiDAR does; are the angles in degrees?"
             )
         return camera
+
+    @classmethod
+    def panorama(cls, rows: int, columns: int | None = None) -> SphericalCamera:
+        """Camera of an equirectangular panorama: straight up at the top, ahead in the middle.
+
+        Its depth images hold distances. Other panoramas, as of a scanner that does not see the
+        ground below it, are `spinning` ones.
+
+        Parameters
+        ----------
+        rows : int
+            From straight up to straight down.
+        columns : int, optional
+            All the way round; ``None`` means twice as many as rows.
+
+        Examples
+        --------
+        >>> camera = SphericalCamera.panorama(512)
+        >>> camera.shape, camera.wraps
+        ((512, 1024), True)
+        >>> camera.unproject([511.5, 255.5]).round(3)  # the middle of the image looks ahead
+        array([1., 0., 0.])
+        """
+        rows = checked_count("camera: rows", rows, 2)
+        columns = checked_count("camera: columns", 2 * rows if columns is None else columns, 3)
+        step = 180.0 / rows
+        elevation = 90.0 - step * (np.arange(rows) + 0.5)
+        return cls.spinning(elevation, columns, start=180.0 - 180.0 / columns)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -90,7 +90,7 @@ def _valley() -> _Valley:
         x=x,
         y=y,
         straight=True,
-        table=ErrorTable(1000.0, 1, *np.full((4, 4000), 1e-7)),
+        table=ErrorTable((1000.0, 0.0, 0.0), 1.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
         estimated=False,
         resolution=_LIMITS[1],
@@ -110,7 +110,7 @@ def describing() -> None:
     area, place = _CAMERA.pixel_area(labels.shape), np.arange(3, dtype=np.uint16)
     rows, covariances = np.empty((2, 4)), np.empty((2, 4, 4))
     in_space(
-        _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.per_metre, 1.0, 1.0,
+        _PLANES, np.tile(np.eye(3), (2, 1, 1)), table.drift, table.ranging[0], 1.0, 1.0,
         np.eye(3), rows, covariances,
     )  # fmt: skip
     describe_image(frame, area, _PLANES, rows, covariances, labels, place)

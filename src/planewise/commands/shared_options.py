@@ -39,8 +39,8 @@ class ReassignName(StrEnum):
 CAMERA_HELP = (
     "Preset (see 'planewise info'), fx,fy,cx,cy in pixels, or a JSON, YAML or ROS camera_info "
     "file (with :rect behind its name where images are rectified), each with :radial behind it "
-    "where readings are distances rather than depth along z; or a LiDAR's table of angles. Not "
-    "needed where an .npz holds K."
+    "where readings are distances rather than depth along z; or a LiDAR's table of angles, or "
+    "panorama:1024x512 (width x height). Not needed where an .npz holds K."
 )
 
 CameraName = Annotated[str | None, optional(CAMERA_HELP)]

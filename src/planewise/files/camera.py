@@ -17,7 +17,7 @@ from planewise.arguments import shown
 from planewise.camera import Camera, PinholeCamera
 from planewise.errors import PlanewiseError, SetupError
 from planewise.files.distortion import distortion_of
-from planewise.files.lidar import is_spherical, spherical_camera
+from planewise.files.lidar import is_spherical, panorama_camera, spherical_camera
 from planewise.files.named_values import read_mapping
 from planewise.files.numbers import first_of, numbers_of
 from planewise.noise import AUTO, Noise, Polynomial
@@ -56,7 +56,8 @@ def read_camera(text: str) -> Camera:
         camera is that of P (``projection_matrix``), without distortion; ``:raw`` that they are not.
         Without either they are not, with a warning where the file states a P that is another
         camera. A LiDAR's file states ``elevation`` and ``azimuth`` or ``columns``, or is Ouster's
-        metadata (`planewise.files.lidar`). ``:radial`` behind any of a pinhole camera says that
+        metadata (`planewise.files.lidar`). ``panorama:1024x512`` is an equirectangular panorama of
+        that width and height, of distances. ``:radial`` behind any of a pinhole camera says that
         readings are distances from it, not depth along z, as does ``radial: true`` in a file.
 
     Returns
@@ -77,6 +78,8 @@ def read_camera(text: str) -> Camera:
         return replace(camera, radial=True)
     if text.lower() in cameras.PRESETS:
         return cameras.PRESETS[text.lower()]
+    if (panorama := panorama_camera(text)) is not None:
+        return panorama
     path = Path(camera_file(text))
     told = path.name != Path(text).name
     rectified = told and text.endswith(_RECTIFIED)
@@ -85,7 +88,7 @@ def read_camera(text: str) -> Camera:
     if not path.is_file():
         raise PlanewiseError(
             f"camera: {text!r} is neither a preset ({', '.join(cameras.PRESETS)}), "
-            "nor fx,fy,cx,cy in pixels, nor a file"
+            "nor fx,fy,cx,cy in pixels, nor panorama:1024x512, nor a file"
         )
     try:
         content = read_mapping(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,7 +10,20 @@ from planewise.arguments import shown
 from planewise.errors import PlanewiseError
 from planewise.spherical import SphericalCamera
 
+_PANORAMA = re.compile(r"panorama:(\d+)x(\d+)", re.IGNORECASE)
 _TABLE = "expected elevation and azimuth in degrees, or elevation and columns"
+
+
+def panorama_camera(text: str) -> SphericalCamera | None:
+    """Camera of ``panorama:WIDTHxHEIGHT``; ``None`` of other text.
+
+    Raises
+    ------
+    ValueError
+        If there is no panorama of so few pixels.
+    """
+    size = _PANORAMA.fullmatch(text)
+    return None if size is None else SphericalCamera.panorama(int(size[2]), int(size[1]))
 
 
 def is_spherical(values: Mapping[str, Any]) -> bool:

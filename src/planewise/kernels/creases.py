@@ -15,6 +15,7 @@ import numpy as np
 
 from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.labels import CHUNK
+from planewise.kernels.tables import squared_stretch
 
 BINS = 10  # places per pixel at which a crease may lie
 
@@ -128,7 +129,7 @@ def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, l
 
 @compiled
 def crease_offsets(  # type: ignore[no-untyped-def]
-    borders, label, crease, lines, planes, w, x, y, variance, per_metre, lateral,
+    borders, label, crease, lines, planes, w, x, y, variance, ranging, lateral,
     reach, sigma, apart, offset,
 ):  # fmt: skip
     """Where along its normal the border between two planes that meet most likely lies, in pixels.
@@ -169,7 +170,9 @@ def crease_offsets(  # type: ignore[no-untyped-def]
                 xr, yr = np.float64(x[own * r, c]), np.float64(y[r, own * c])
                 place = int(np.rint((d0 + d1 * xr + d2 * yr) * BINS)) + middle
                 if 0 <= place < places.size:
-                    v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
+                    stretch = squared_stretch(ranging, xr, yr)
+                    depth = ranging[0] / value * np.sqrt(stretch)
+                    v = stretch * variance[np.uintp(min(int(depth + 0.5), last))]
                     ea, eb = value - a0 - a1 * xr - a2 * yr, value - b0 - b1 * xr - b2 * yr
                     cost_a = min(0.5 * ea * ea / (v + va), _MOST)
                     places[place] += cost_a - min(0.5 * eb * eb / (v + vb), _MOST)
@@ -237,7 +240,7 @@ def find_strays(borders, label, crease, lines, offset, x, y, step, strays):  # t
 @compiled
 def put_creases(  # type: ignore[no-untyped-def]
     strays, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
-    per_metre, sure, price, most, state, part,
+    ranging, sure, price, most, state, part,
 ):  # fmt: skip
     """Where two planes meet, make their line of intersection the border if that costs less.
 
@@ -263,8 +266,10 @@ def put_creases(  # type: ignore[no-untyped-def]
         number = crease[here, there]
         line, shift, side = lines[number], offset[number], 1.0 if there < here else -1.0
         place = side * _place(line, shift, x, y, i - _1, j - _1, alike)
-        depth = min(int(per_metre / np.float64(w[i - _1, j - _1]) + 0.5), last)
-        if place <= 0.0 or place >= line[4] or slow[depth] >= line[3] * line[3]:
+        value = np.float64(w[i - _1, j - _1])
+        stretch = squared_stretch(ranging, x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)])
+        depth = min(int(ranging[0] / value * np.sqrt(stretch) + 0.5), last)
+        if place <= 0.0 or place >= line[4] or stretch * slow[depth] >= line[3] * line[3]:
             continue
         s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
         part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
@@ -274,7 +279,9 @@ def put_creases(  # type: ignore[no-untyped-def]
             done += 1
             value = np.float64(w[i - _1, j - _1])
             xj, yj = x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)]
-            v = variance[min(int(per_metre / value + 0.5), last)]
+            stretch = squared_stretch(ranging, xj, yj)
+            depth = min(int(ranging[0] / value * np.sqrt(stretch) + 0.5), last)
+            v = stretch * variance[depth]
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
             told = min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
             excess += told

@@ -12,7 +12,7 @@ import numpy as np
 from planewise.kernels.cells import SIDE, UNIT
 from planewise.kernels.elementary import exponential, logarithm
 from planewise.kernels.jit import in_order, internal
-from planewise.kernels.tables import between
+from planewise.kernels.tables import between, squared_stretch
 from planewise.kernels.walk import PLANE_BEND, PLANE_OFFSET
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
@@ -66,14 +66,14 @@ def steepness(planes, count, whole, edges, steep, sizes, samples):  # type: igno
 
 @in_order
 def unit_errors(  # type: ignore[no-untyped-def]
-    planes, count, size, white_part, shared, drift, step, per_metre, white, lateral, steep, out
+    planes, count, size, white_part, shared, drift, step, ranging, white, lateral, steep, out
 ):
     """Variances of w that the error leaves in every unit, at its mean depth.
 
-    white_part, shared, drift, step (L,): of `spatial.frame.ErrorTable`, the first two as told;
-    white: size of the white part in this frame; lateral: error across the image in pixels^2, steep
-    (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (5, n): of the
-    offset by what near readings share; of a slope by it; of the drift over 100 pixels; of the
+    white_part, shared, drift, step (L,), ranging: of `spatial.frame.ErrorTable`, the first two as
+    told; white: size of the white part in this frame; lateral: error across the image in pixels^2,
+    steep (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (5, n): of
+    the offset by what near readings share; of a slope by it; of the drift over 100 pixels; of the
     quantisation that near readings share; and the factor by which readings lie farther from the
     unit's plane than noise would have them.
 
@@ -83,9 +83,12 @@ def unit_errors(  # type: ignore[no-untyped-def]
     last = float(step.size - 2)
     common, slow, coarse, larger = out[0], out[2], out[3], out[4]
     for k in range(count.size):
-        row = per_metre / planes[2, k]
-        common[k], slow[k] = between(shared, row, last), between(drift, row, last)
-        new, square = between(white_part, row, last), between(step, row, last)  # q^2 / 12
+        stretch = squared_stretch(ranging, planes[0, k], planes[1, k])
+        row = ranging[0] / planes[2, k] * np.sqrt(stretch)
+        common[k] = stretch * between(shared, row, last)
+        slow[k] = stretch * between(drift, row, last)
+        new = stretch * between(white_part, row, last)
+        square = stretch * between(step, row, last)  # q^2 / 12
         noise = max(white * (new + square) - square, 0.0)
         coarse[k] = -4 * np.pi * np.pi * noise / (12 * square) if square > 0.0 else 0.0
         larger[k] = square  # for as long as it takes
@@ -102,15 +105,16 @@ def unit_errors(  # type: ignore[no-untyped-def]
 
 
 @in_order
-def wandering(planes, errors, factor, resolution, out):  # type: ignore[no-untyped-def]
+def wandering(planes, errors, factor, resolution, ranging, out):  # type: ignore[no-untyped-def]
     """Variance of w by which the error of every unit drifts over 100 pixels.
 
-    No plane is known better than readings are resolved. errors (5, n): `unit_errors`; factor: size
-    of its drift.
+    No plane is known better than readings are resolved. errors (5, n), ranging: `unit_errors`;
+    factor: size of its drift.
     """
     for k in range(out.size):
         w = planes[2, k]
-        resolved = w * w * w * w * resolution * resolution / 12.0
+        stretch = squared_stretch(ranging, planes[0, k], planes[1, k])
+        resolved = w * w * w * w * resolution * resolution / (12.0 * stretch)
         out[k] = factor * errors[2, k] + errors[3, k] + resolved
 
 

@@ -10,15 +10,17 @@ from planewise.kernels.jit import compiled, internal
 
 
 @internal
-def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
+def _saved(segments, forms, slope_prior, gap_offset, naming, i, j):  # type: ignore[no-untyped-def]
     """Nats saved by making two segments that do not touch one plane, seen from the smaller one.
 
-    It has to be more likely than two that have nothing to do with each other, and than two that are
-    parallel: shelves, or the fronts of two cupboards. To say which other segment it is costs
-    `naming` nats, but so does to which it is parallel. Returns the discord, too.
+    They are compared in the sector that faces it (`kernels.segments`). It has to be more likely
+    than two that have nothing to do with each other, and than two that are parallel: shelves, or
+    the fronts of two cupboards. To say which other segment it is costs `naming` nats, but so does
+    to which it is parallel. Returns the discord, too.
     """
     small = i if segments[0, i, COUNT] < segments[0, j, COUNT] else j
-    here = forms[home[small]]
+    facing = np.argmax(segments[:, small, 6])
+    here = forms[facing]
     offset = gap_offset * gap_offset * here[small, W] * here[small, W]
     discord, evidence = compare_forms(here[i], here[j], offset, slope_prior[small])
     saved = evidence - 0.5 * discord - naming
@@ -29,13 +31,12 @@ def _saved(segments, forms, home, slope_prior, gap_offset, naming, i, j):  # typ
 
 
 @compiled
-def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
+def join_through_gaps(segments, forms, drift, slope_prior, gap_offset, owner):  # type: ignore[no-untyped-def]
     """Join segments of one plane that do not touch, what saves most first.
 
-    segments (K, ., 13), forms (K, ., 13): in the coordinates of every sector; home (.): sector of
-    each; gap_offset: of its depth, where an unrelated plane seen through a gap may lie. segments,
-    forms and home are changed in place. Writes owner (n,): the segment that each of the first n
-    becomes part of.
+    segments (K, ., 13), forms (K, ., 13): in the coordinates of every sector; gap_offset: of its
+    depth, where an unrelated plane seen through a gap may lie. segments and forms are changed in
+    place. Writes owner (n,): the segment that each of the first n becomes part of.
     """
     sectors, n = segments.shape[0], owner.size
     naming = np.log(n)  # nats to say which other segment it is
@@ -51,9 +52,7 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
             for k in range(min(start, i + 1), n):
                 if owner[k] == k and k != i:
                     a, b = min(i, k), max(i, k)
-                    saved, differs = _saved(
-                        segments, forms, home, slope_prior, gap_offset, naming, a, b
-                    )
+                    saved, differs = _saved(segments, forms, slope_prior, gap_offset, naming, a, b)
                     if saved > gain[a] or (saved == gain[a] and b <= partner[a]):
                         partner[a], gain[a], discord[a] = b, saved, differs
                     elif b == partner[a]:
@@ -68,8 +67,6 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
         gain[i], partner[i] = 0.0, -1
         if j < 0:
             continue
-        if segments[0, i, COUNT] < segments[0, j, COUNT]:
-            home[i] = home[j]
         for sector in range(sectors):
             segments[sector, i, MISFIT] += discord[i]
             for e in range(SEGMENT):
@@ -84,7 +81,7 @@ def join_through_gaps(segments, forms, home, drift, slope_prior, gap_offset, own
 
 
 @compiled
-def find_planes(segments, forms, home, slope_prior, gap_offset, owner, plane, first):  # type: ignore[no-untyped-def]
+def find_planes(segments, forms, slope_prior, gap_offset, owner, plane, first):  # type: ignore[no-untyped-def]
     """Plane that each segment is part of which is on none yet.
 
     As `join_through_gaps`, which wrote owner (n,): planes are those of the first n segments that
@@ -103,9 +100,7 @@ def find_planes(segments, forms, home, slope_prior, gap_offset, owner, plane, fi
         plane[k] = -1
         most = 0.0
         for j in range(planes):
-            gain, _ = _saved(
-                segments, forms, home, slope_prior, gap_offset, naming, first[j], n + k
-            )
+            gain, _ = _saved(segments, forms, slope_prior, gap_offset, naming, first[j], n + k)
             if gain > most:
                 most, plane[k] = gain, j
     for j in range(planes):

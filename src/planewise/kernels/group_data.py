@@ -22,7 +22,7 @@ from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
 from planewise.kernels.mixture import of_either
-from planewise.kernels.tables import between
+from planewise.kernels.tables import between, squared_stretch
 from planewise.kernels.walk import PLANE_RESIDUAL
 
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
@@ -82,16 +82,16 @@ def _on_none(smooth, count, prior):  # type: ignore[no-untyped-def]
 
 @compiled
 def group_data(  # type: ignore[no-untyped-def]
-    moments, label, first, planes, shared, step, drift, per_metre, error, prior, alone, white,
+    moments, label, first, planes, shared, step, drift, ranging, error, prior, alone, white,
     data, worth, saved, leaving,
 ):  # fmt: skip
     """Nats of every group on none, and as labelled at levels k = 0, 1 ... of its plane.
 
     moments (12, .), label (.), first (.): `kernels.groups`; planes (5, N + 1): t0, t1, t2 of every
     label, the side of a square as large as the plane, in units of 100 pixels, longer by distortion,
-    and as it is; shared, step, drift (L,): variances by depth, per_metre rows a metre, linear
-    between. error: factors of shared and of slow variance of a group's offset, of both of its tilt,
-    the lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
+    and as it is; shared, step, drift (L,), linear between, and ranging: `spatial.frame.ErrorTable`.
+    error: factors of shared and of slow variance of a group's offset, of both of its tilt, the
+    lateral variance, and slopes by which surfaces lean, at w = 1. prior: `_on_none`.
 
     Writes alone (.), white (.): its readings' precision, times the frame's, and data (levels, .).
     Adds to worth (levels, N + 1) data - alone and, of the first level, to saved (N + 1,) data less
@@ -120,9 +120,13 @@ def group_data(  # type: ignore[no-untyped-def]
             t0[k], t1[k], t2[k] = planes[0, j], planes[1, j], planes[2, j]
             extent[k], side[k] = planes[3, j], planes[4, j]
             if count[k] > 0.0:
-                row = per_metre * m0[k] / m6[k]
-                common[k], fine[k] = between(shared, row, last), between(step, row, last)
-                wander[k] = between(drift, row, last)
+                stretch = squared_stretch(ranging, m1[k] / m0[k], m2[k] / m0[k])
+                row = ranging[0] * m0[k] / m6[k] * math.sqrt(stretch)
+                common[k], fine[k] = (
+                    stretch * between(shared, row, last),
+                    stretch * between(step, row, last),
+                )
+                wander[k] = stretch * between(drift, row, last)
         for k in range(n):
             scale = 1.0 / m0[k]
             cx, cy, mean = scale * m1[k], scale * m2[k], scale * m6[k]
@@ -186,7 +190,7 @@ def group_data(  # type: ignore[no-untyped-def]
 
 @compiled
 def groups_left(  # type: ignore[no-untyped-def]
-    moments, label, first, place, step, per_metre, prior, data, leaving
+    moments, label, first, place, step, ranging, prior, data, leaving
 ):
     """Add what blocks with several labels have more when a plane goes, after those behind it.
 
@@ -223,7 +227,8 @@ def groups_left(  # type: ignore[no-untyped-def]
             level, misfit, determinant = _about_surface(
                 slopes, square, xx, xy, yy, xw, yw, m[COUNT]
             )
-            fine = between(step, per_metre / mean, last)
+            stretch = squared_stretch(ranging, cx, cy)
+            fine = stretch * between(step, ranging[0] / mean * math.sqrt(stretch), last)
             misfit = max(misfit, power_of_two(-level) * _undithered(m[0] * fine, m[COUNT]))
             smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
             now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)

@@ -3,7 +3,7 @@
 Planes are rows (t0, t1, t2) of inverse depth w = t0 + t1 x + t2 y; row 0 is no plane. w, p, x, y
 (H, W): inverse depth, its weight (0 without a reading), coordinates; x (1, W) and y (H, 1) where
 all rows or columns are alike (`Sectors.coordinates`), which spares the cache. The variance of a
-reading is looked up by its depth: row round(per_metre / w) of a table.
+reading is looked up by its depth, or range (`kernels.tables`).
 
 While they change, labels have a margin of a pixel and are `NONE` there and wherever there is no
 reading. An image of the same layout holds the pixels' states: 0, waiting for a look, `FIXED`, or
@@ -17,6 +17,7 @@ import numpy as np
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.jit import compiled, internal
+from planewise.kernels.tables import squared_stretch
 
 NONE = np.int16(-1)
 CHUNK = 16
@@ -137,7 +138,7 @@ def _weight(label, straight, diagonal):  # type: ignore[no-untyped-def]
 
 @compiled
 def label_pixels(  # type: ignore[no-untyped-def]
-    label, state, busy, seen, margin, w, x, y, width, variance, per_metre, planes, lateral, null,
+    label, state, busy, seen, margin, w, x, y, width, variance, ranging, planes, lateral, null,
     differing, sweeps,
 ):  # fmt: skip
     """Sweeps of local moves over the pixels that wait, in raster order and backwards by turns.
@@ -208,7 +209,9 @@ def label_pixels(  # type: ignore[no-untyped-def]
                     r = (i - _1) * np.uintp(width) + j - _1
                     value, xj = np.float64(w[r]), np.float64(x[j - _1 if alike else r])
                     yj = np.float64(y[i - _1 if alike else r])
-                    v = variance[np.uintp(min(int(per_metre / value + 0.5), last))]
+                    stretch = squared_stretch(ranging, xj, yj)
+                    depth = ranging[0] / value * np.sqrt(stretch)
+                    v = stretch * variance[np.uintp(min(int(depth + 0.5), last))]
                     none = null + tenth * (around - of_none)
                     t = np.uintp(mine)
                     e = value - planes[t, _0] - planes[t, _1] * xj - planes[t, _2] * yj

@@ -9,14 +9,14 @@ import numpy as np
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.jit import compiled
 from planewise.kernels.mixture import CERTAIN, OWN
-from planewise.kernels.tables import between
+from planewise.kernels.tables import between, squared_stretch
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
 
 
 @compiled
 def refit_sums(  # type: ignore[no-untyped-def]
-    moments, label, planes, shared, step, drift, per_metre, error, anything, alone, white, data,
+    moments, label, planes, shared, step, drift, ranging, error, anything, alone, white, data,
     sums,
 ):  # fmt: skip
     """Information of the groups of every label on its plane, random effects integrated out.
@@ -47,9 +47,10 @@ def refit_sums(  # type: ignore[no-untyped-def]
         xx, xy = moments[3, g] - cx * moments[1, g], moments[4, g] - cx * moments[2, g]
         yy = moments[5, g] - cy * moments[2, g]
         xw, yw = moments[7, g] - cx * moments[6, g], moments[8, g] - cy * moments[6, g]
-        row = per_metre / mean
-        common, fine = between(shared, row, last), between(step, row, last)
-        wander = between(drift, row, last)
+        stretch = squared_stretch(ranging, cx, cy)
+        row = ranging[0] / mean * math.sqrt(stretch)
+        common, fine = stretch * between(shared, row, last), stretch * between(step, row, last)
+        wander = stretch * between(drift, row, last)
         slope = planes[1, j] * planes[1, j] + planes[2, j] * planes[2, j]
         steep = 1.0 + lateral * slope / (UNIT * UNIT) * m0 / count
         offset = steep * (near * (common + fine) + slow * planes[3, j] * wander)

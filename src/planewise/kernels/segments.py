@@ -14,6 +14,7 @@ from planewise.kernels.edges import append_half, find_edge, list_edges, unite_ed
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.forms import (
     FORM,
+    LEANING,
     compare_forms,
     compare_pairs,
     write_form,
@@ -54,12 +55,27 @@ def turn_row(row, back, out):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
-    """`compare_forms` of segments in different sectors, in the coordinates of the smaller one."""
-    row, form = np.empty(SEGMENT), np.empty(FORM)
-    turn_row(segments[large], turns[home[large], home[small]], row)
-    write_form(row, drift[large], lean, form)
-    return compare_forms(form, forms[small], offset, slope)
+def _across(segments, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
+    """`compare_forms` of segments that lie in several sectors, in the one that faces the smaller.
+
+    There its readings lie before the sector: P t of its row, in space the sum of p d / r over its
+    directions d, points along the sector's axis most. In others they may lie beside or behind it,
+    where no centroid says where two segments meet. What the larger one leans by is taken where
+    they do, for it may lie on all sides.
+    """
+    row, here, there, facing, best = np.empty(SEGMENT), np.empty(FORM), np.empty(FORM), 0, -np.inf
+    for k in range(turns.shape[0]):
+        along, of_small = 0.0, turns[home[small], k, 0]
+        for i in range(3):
+            along += of_small[i] * segments[small, 6 + i]
+        if along > best:
+            facing, best = k, along
+    turn_row(segments[small], turns[home[small], facing], row)
+    write_form(row, drift[small], lean, here)
+    turn_row(segments[large], turns[home[large], facing], row)
+    write_form(row, drift[large], lean, there)
+    there[LEANING] = here[LEANING]
+    return compare_forms(there, here, offset, slope)
 
 
 @inlined
@@ -93,13 +109,11 @@ def _merge_value(  # type: ignore[no-untyped-def]
     """`_share_left` by joining two segments, and the misfit of the join."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
     offset, slope = offset_prior[small], slope_prior[small]
-    if home[u] == home[v]:
+    if turns.shape[0] == 1:
         discord, evidence = compare_forms(forms[u], forms[v], offset, slope)
     else:
         large = u + v - small
-        discord, evidence = _across(
-            segments, forms, home, turns, drift, lean, small, large, offset, slope
-        )
+        discord, evidence = _across(segments, home, turns, drift, lean, small, large, offset, slope)
     misfit = tempered(discord, segments[small, COUNT], tails)
     return _share_left(evidence, boundary, misfit, most, longest), misfit
 

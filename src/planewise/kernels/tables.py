@@ -11,3 +11,13 @@ def between(table, row, last):  # type: ignore[no-untyped-def]
     row = min(row, last)
     below = int(row)
     return table[below] + (row - below) * (table[below + 1] - table[below])
+
+
+@inlined
+def squared_stretch(ranging, x, y):  # type: ignore[no-untyped-def]
+    """(range / z)^2 in a direction, 1 where depth is z; ranging: of `spatial.frame.ErrorTable`.
+
+    There a reading of inverse depth w has row ranging[0] / w times the root of it, and variances
+    times it.
+    """
+    return 1.0 + ranging[1] * x * x + ranging[2] * y * y

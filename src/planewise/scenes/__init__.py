@@ -1,5 +1,6 @@
-"""Synthetic scenes with exact truth: the paper's test images, furnished rooms, and streets."""
+"""Synthetic scenes with exact truth: the paper's test images, rooms, panoramas and streets."""
 
+from planewise.scenes.panoramas import panorama
 from planewise.scenes.planar import corner, flatness, staircase, t_junction, two_planes
 from planewise.scenes.rooms import room
 from planewise.scenes.scene import Scene
@@ -9,6 +10,7 @@ __all__ = [
     "Scene",
     "corner",
     "flatness",
+    "panorama",
     "room",
     "staircase",
     "street",

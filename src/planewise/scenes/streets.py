@@ -14,7 +14,7 @@ from planewise import cameras, sensors
 from planewise.arguments import checked_seed
 from planewise.noise import constant
 from planewise.scenes.furniture import Ball, Block, Can, Room, Solid
-from planewise.scenes.rooms import View, cast, truth
+from planewise.scenes.scans import checked_scan, scan, upright
 from planewise.scenes.scene import Array, Scene, Seed
 from planewise.spherical import SphericalCamera
 
@@ -48,37 +48,15 @@ def street(
         Ranges in millimetres; planes in the frame of the LiDAR: x forward, y left, z up. Faces that
         cover less than 0.25 % of the image, trees and poles are clutter: label 0.
     """
-    if not (math.isfinite(sigma) and sigma > 0):
-        raise ValueError(f"sigma must be a positive number of metres, got {sigma}")
-    if not 0 <= lost < 1:
-        raise ValueError(f"lost must be a share of the readings below 1, got {lost}")
-    camera = camera or cameras.OUSTER_OS1_64
+    checked_scan(sigma, lost)
     rng = np.random.default_rng(checked_seed("seed", seed))
     solids = _arrange(rng)
     heading = rng.uniform(-math.pi, math.pi)
-    c, s = math.cos(heading), math.sin(heading)
-    view = View(
-        position=np.array((0.0, rng.uniform(-1, 1), rng.uniform(1.7, 1.9))),
-        rotation=np.array(((c, -s, 0.0), (s, c, 0.0), (0.0, 0.0, 1.0))),
-    )
-    hit = cast(solids, view, camera, camera.shape)
+    view = upright((0.0, rng.uniform(-1, 1), rng.uniform(1.7, 1.9)), heading)
     sensor = replace(
         sensors.OUSTER_OS1, noise=constant(sigma), resolution=0.001, max_depth=65.0, parts=None
     )
-    seen = (hit.depth <= sensor.max_depth) & (rng.random(camera.shape) >= lost)
-    labels, planes = truth(solids, view, hit, seen)
-    ranges = hit.depth + sigma * rng.standard_normal(camera.shape)
-    seen &= (ranges >= sensor.min_depth) & (ranges <= sensor.max_depth)
-    depth = np.where(seen, np.round(ranges / sensor.resolution), 0).astype(np.uint16)
-    light = 255 * (0.35 + 0.65 * np.clip(hit.cosine, 0, 1))
-    return Scene(
-        depth=depth,
-        camera=camera,
-        sensor=sensor,
-        labels=np.where(seen, labels, 0).astype(np.uint16),
-        planes=planes,
-        rgb=np.repeat(np.where(seen, light, 0)[..., None], 3, axis=2).astype(np.uint8),
-    )
+    return scan(solids, view, camera or cameras.OUSTER_OS1_64, sensor, sigma, lost, rng)
 
 
 def _arrange(rng: np.random.Generator) -> list[Solid]:

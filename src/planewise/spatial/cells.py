@@ -286,7 +286,7 @@ def _without_shared_error(
             table.shared,
             table.drift,
             table.step,
-            table.per_metre,
+            table.ranging,
             white,
             lateral,
             steep,
@@ -316,12 +316,12 @@ def _without_shared_error(
         drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
         drift, told = workspace.kept((2, len(count)))
-        frame_error.wandering(planes, errors, factor, frame.resolution, drift)
+        frame_error.wandering(planes, errors, factor, frame.resolution, table.ranging, drift)
         if drifting > chance:
             np.multiply(drift, SATURATION, out=told)
         else:
             walk = 0.0
-            frame_error.wandering(planes, errors, 0.0, frame.resolution, told)
+            frame_error.wandering(planes, errors, 0.0, frame.resolution, table.ranging, told)
             told *= SATURATION
         # No plane is free of mixed pixels at its edges.
         np.maximum(drift, _LEAST_DRIFT * count / information, out=drift)

@@ -28,10 +28,16 @@ _UNKNOWN_SHARED, _UNKNOWN_DRIFT = 2 / 3, 7 / 3  # of the noise, as the Kinect's,
 class ErrorTable:
     """Variances of inverse depth, in 1 / m^2, by depth; linear between the depths that occur.
 
+    Where depth is range, they are those of inverse range; of w = 1 / (c range) they are these over
+    c^2, 1 / c^2 = 1 + a X^2 + b Y^2 in the direction of a reading.
+
     Attributes
     ----------
-    per_metre : float
-        Rows per metre of depth: inverse depth w lies at row per_metre / w.
+    ranging : (float, float, float)
+        Rows per metre of depth, a and b, which are 0 where depth is z: inverse depth w lies at row
+        ranging[0] / (c w).
+    ratio : float
+        Usual c.
     first : int
         Row of the nearest depth that occurs.
     white, shared, drift, step : ndarray, shape (L,)
@@ -39,7 +45,8 @@ class ErrorTable:
         drifts over 100 pixels; and quantisation.
     """
 
-    per_metre: float
+    ranging: tuple[float, float, float]
+    ratio: float
     first: int
     white: Array
     shared: Array
@@ -47,13 +54,13 @@ class ErrorTable:
     step: Array
 
     def at(self, w: float) -> tuple[float, float, float, float]:
-        """White, shared, drift and step at inverse depth w > 0."""
-        row = min(self.per_metre / w, self.white.size - 2.0)
+        """White, shared, drift and step at inverse depth w > 0 in a usual direction."""
+        row = min(self.ranging[0] / (self.ratio * w), self.white.size - 2.0)
         below = int(row)
 
         def linear(table: Array) -> float:
             near, far = table[below : below + 2].tolist()
-            return float(near + (row - below) * (far - near))
+            return float(near + (row - below) * (far - near)) / self.ratio**2
 
         return linear(self.white), linear(self.shared), linear(self.drift), linear(self.step)
 
@@ -63,11 +70,11 @@ class ErrorTable:
         With E[z] = z0 and precisions p(z) of w = 1 / z that are those of the
         readings themselves, sum p w / sum p tends to w0 - (sigma^2 / z0^3) (d ln p / d ln z - 1): a
         reading that is too far has the larger weight. d ln p / d ln z is that of the white part,
-        and 4 for a sensor whose sigma is the same everywhere.
+        and 4 for a sensor whose sigma is the same everywhere. w: inverse range, where depth is.
         """
         w = np.asarray(w)
         out = np.empty(w.size)
-        noise_bias(self.white, self.per_metre, self.first, _SPAN, w.reshape(-1), out)
+        noise_bias(self.white, self.ranging[0], self.first, _SPAN, w.reshape(-1), out)
         return out.reshape(w.shape)
 
 
@@ -140,17 +147,16 @@ def frame_of(
 
     sectors = observation.camera.sectors(image.shape)
     w, p = sectors.spread(w, p)
-    # Where depth is less than range, by c: variances of w are those of 1 / range over c^2.
-    ratio = sectors.mean_ratio
     table = workspace.kept((4, int(image.levels[-1]) + 2))
-    fill_between(image.levels, by_level / ratio**2, table)
+    fill_between(image.levels, by_level, table)
+    ranging = image.per_metre, *sectors.oblique
     return Frame(
         w=w,
         p=p,
         x=sectors.x,
         y=sectors.y,
         straight=sectors.straight,
-        table=ErrorTable(image.per_metre / ratio, int(image.levels[0]), *table),
+        table=ErrorTable(ranging, sectors.mean_ratio, int(image.levels[0]), *table),
         known=parts is not None and not estimated,
         estimated=estimated,
         resolution=observation.resolution,

@@ -34,14 +34,13 @@ def join_through_gaps(
         rows = sectors.everywhere(segments.rows[chosen], segments.home[chosen])
         return chosen, np.arange(len(chosen)), rows
     every = np.concatenate((chosen, rest))
-    home, drift = segments.home[every], segments.drift[every]
-    slope_prior = segments.slope_prior[every]
-    rows = sectors.everywhere(segments.rows[every], home)
+    drift, slope_prior = segments.drift[every], segments.slope_prior[every]
+    rows = sectors.everywhere(segments.rows[every], segments.home[every])
     forms = _forms(rows, drift)
     plane, first = np.empty(len(every), np.int64), np.empty(len(chosen), np.int64)
     owner, others = plane[: len(chosen)], plane[len(chosen) :]
-    gaps.join_through_gaps(rows, forms, home, drift, slope_prior, _GAP_OFFSET, owner)
-    found = gaps.find_planes(rows, forms, home, slope_prior, _GAP_OFFSET, owner, others, first)
+    gaps.join_through_gaps(rows, forms, drift, slope_prior, _GAP_OFFSET, owner)
+    found = gaps.find_planes(rows, forms, slope_prior, _GAP_OFFSET, owner, others, first)
     return every, plane, rows[:, first[:found]]
 
 

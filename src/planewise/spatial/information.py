@@ -115,7 +115,7 @@ class Groups:
     sectors : Sectors
         Labels are those of planes in sectors.
     table : tuple
-        Variances by depth (shared, step, drift), and rows a metre.
+        Variances by depth (shared, step, drift), and `ErrorTable.ranging`.
     sizes : tuple of float
         Factors of the variances of a group's offset and tilt, and more (`kernels.group_data`).
     prior : tuple of float
@@ -136,7 +136,7 @@ class Groups:
     first: NDArray[np.int32]
     readings: NDArray[np.int64]
     sectors: Sectors
-    table: tuple[Array, Array, Array, float]
+    table: tuple[Array, Array, Array, tuple[float, float, float]]
     sizes: tuple[float, ...]
     prior: tuple[float, ...]
     distorted: float
@@ -167,12 +167,12 @@ class Groups:
         levels: of what the groups of a plane share, the best one for each.
         """
         saved, leaving = np.zeros((2, len(affine) + 1))
-        shared, step, drift, per_metre = self.table
+        shared, step, drift, ranging = self.table
         alone, white, data = self.nats[0], self.nats[1], self.nats[2 : 2 + levels]
         worth = np.zeros((levels, len(saved)))
         total = loops.group_data(
             self.moments, self.label, self.first, self.planes(affine), shared, step, drift,
-            per_metre, self.sizes, self.prior, alone, white, data, worth, saved, leaving,
+            ranging, self.sizes, self.prior, alone, white, data, worth, saved, leaving,
         )  # fmt: skip
         even = best = worth[0]
         if levels > 1:
@@ -273,9 +273,9 @@ def book_of(
     if order is None:
         order = np.argsort(worth, kind="stable")
     place = sectors.places(order, planes)
-    _, step, _, per_metre = groups.table
+    _, step, _, ranging = groups.table
     loops.groups_left(
-        groups.moments, groups.label, groups.first, place, step, per_metre, groups.prior,
+        groups.moments, groups.label, groups.first, place, step, ranging, groups.prior,
         groups.nats[2], leaving,
     )  # fmt: skip
     curve = np.full(planes + 1, data.total + groups.wild)
@@ -329,9 +329,12 @@ class Blocks:
         sectors = self._frame.sectors
         means = np.empty((3, self.moments.shape[1]))
         tiles.tile_means(self._tiles, means)
-        self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(means[2])
+        depth = means[2]
         if sectors.ratio is not None:
-            self.finer = 0.5 * np.log(sectors.squared_range(means[0], means[1]))
+            squared = sectors.squared_range(means[0], means[1])
+            self.finer = 0.5 * np.log(squared)
+            depth = depth / np.sqrt(squared)  # inverse range
+        self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(depth)
         tiles.correct_tiles(
             self._tiles, self.white, self.constant, self.factor, self.finer, self.moments
         )
@@ -382,7 +385,7 @@ def groups_of(
         first=first,
         readings=readings,
         sectors=frame.sectors,
-        table=(table.shared, table.step, table.drift, table.per_metre),
+        table=(table.shared, table.step, table.drift, table.ranging),
         sizes=sizes,
         prior=(slopes, _SURFACE * coordinate, coordinate),
         distorted=error.distorted,

@@ -231,7 +231,7 @@ def _sweep(
         y.reshape(-1),
         w.shape[1],
         variance,
-        frame.table.per_metre,
+        frame.table.ranging,
         affine,
         _lateral(cells, affine),
         null,
@@ -262,7 +262,7 @@ def _put_creases(
     affine = planes_by_label(planes)
     crease = np.empty((len(affine), len(affine)), np.int32)
     lines = np.empty((len(affine) * len(planes) // 2, 5))
-    coordinates, per_metre = frame.sectors.coordinates, frame.table.per_metre
+    coordinates, ranging = frame.sectors.coordinates, frame.table.ranging
     lateral = _lateral(cells, affine)
     found = crease_loops.find_creases(
         borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, _CREASE_BEYOND, UNIT,
@@ -280,7 +280,7 @@ def _put_creases(
         frame.w,
         *coordinates,
         variance,
-        per_metre,
+        ranging,
         lateral,
         _CREASE_BAND,
         _CREASE_SIGMA,
@@ -304,7 +304,7 @@ def _put_creases(
         *coordinates,
         variance,
         slow,
-        per_metre,
+        ranging,
         _CREASE_REACH[0] + _CREASE_BEYOND,
         _CREASE_PRICE,
         _CREASE_MOST,
@@ -322,10 +322,12 @@ def misfits(
     label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
     planes = with_none(affine)
     t, lateral = planes[label], _lateral(cells, planes)[label]
+    per_metre, *oblique = frame.table.ranging
+    stretch = 1.0 + oblique[0] * x * x + oblique[1] * y * y  # (range / z)^2
     with np.errstate(divide="ignore"):
-        row = np.minimum(frame.table.per_metre / w + 0.5, by_depth.size - 1).astype(np.intp)
+        row = np.minimum(per_metre / w * np.sqrt(stretch) + 0.5, by_depth.size - 1).astype(np.intp)
     residual = w - t[:, 0] - t[:, 1] * x - t[:, 2] * y
-    out = 0.5 * residual**2 / (by_depth[row] + lateral)
+    out = 0.5 * residual**2 / (stretch * by_depth[row] + lateral)
     return np.where((label > 0) & (w > 0), out, np.inf)
 
 

@@ -150,9 +150,11 @@ def _described(
     place = frame.sectors.places(order, len(book.order))
     rows, covariances = np.empty((best, 4)), np.empty((best, 4, 4))
     affine = solution.affine[:: frame.sectors.count][order]
+    ratio = frame.table.ratio
     plane_loops.in_space(
-        affine, found.information[order], frame.table.drift, frame.table.per_metre, error.walk,
-        math.sqrt(frame.w.size) / UNIT, frame.sectors.turn[0], rows, covariances,
+        affine, found.information[order], frame.table.drift, frame.table.ranging[0] / ratio,
+        error.walk / ratio**2, math.sqrt(frame.w.size) / UNIT, frame.sectors.turn[0], rows,
+        covariances,
     )  # fmt: skip
     told = {
         "information": book.saved[:best].tolist(),

@@ -37,11 +37,11 @@ def refitted(groups: Groups, affine: Array, before: GroupData) -> tuple[Array, G
         On the planes returned.
     """
     sums = np.empty((len(affine) + 1, 9))
-    shared, step, drift, per_metre = groups.table
+    shared, step, drift, ranging = groups.table
     alone, white, nats = groups.nats[:3]
     refit_sums(
         groups.moments, groups.label[: groups.first[-1]], groups.planes(affine), shared, step,
-        drift, per_metre, groups.sizes, groups.prior[2], alone, white, nats, sums,
+        drift, ranging, groups.sizes, groups.prior[2], alone, white, nats, sums,
     )  # fmt: skip
     rows = groups.sectors.together(sums[1:])
     told = _told(rows)
