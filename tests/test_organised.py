@@ -106,6 +106,8 @@ def test_what_is_passed_on(points, name):
     assert_allclose(pw.image_of_points(strays).camera.fx, 262.5, atol=0.5)
 
 
+STAGGER = 4 * (np.arange(32)[:, None] % 2)
+UNSORTED = [*range(16, 32), *range(16)]
 REFUSED = {
     "moved": (lambda points: points + (0.05, 0, 0) * (points[..., 2:] > 0), "pixels off the rays"),
     "turned about x": (lambda points: turned(points, 2, 0), "pixels off the rays"),
@@ -117,7 +119,13 @@ REFUSED = {
     "x left": (lambda points: points * (-1, 1, 1), "mirrored, x is not right"),
     "z backward": (lambda points: points * (1, -1, -1), "are behind the camera"),
     "x forward": (lambda points: points[..., [2, 0, 1]] * (1, -1, -1), "are behind the camera"),
-    "a LiDAR's": (lambda _: lidar_points(), "are behind the camera"),
+    "a turned LiDAR's": (lambda _: turned(lidar_points(), 3, 0), "off the rows and columns"),
+    "a moved LiDAR's": (lambda _: lidar_points() + np.array([0, 0, 1]), "off the rows and columns"),
+    "a LiDAR's out of step": (
+        lambda _: lidar_points()[np.arange(32)[:, None], (np.arange(180) + STAGGER) % 180],
+        "destagger the image",
+    ),
+    "a LiDAR's upside down": (lambda _: lidar_points()[UNSORTED], "sort the beams"),
     "half of a LiDAR's": (
         lambda _: lidar_points()[:, 60:120, [1, 2, 0]] * (-1, -1, 1),
         "pixels off the rays",
@@ -132,6 +140,60 @@ def test_points_on_the_rays_of_no_such_camera_are_refused(points, name):
         pw.image_of_points(make(points))
     assert "x right, y down, z forward" in str(error.value)
     assert "detect_planes_in_points" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        pw.cameras.OUSTER_OS1_64,
+        pw.cameras.OUSTER_OS0_128,
+        pw.cameras.VELODYNE_HDL32E,
+        pw.SphericalCamera.panorama(64),
+        pw.SphericalCamera.spinning(np.linspace(-60, 90, 76), 90, clockwise=False, start=17),
+        pw.SphericalCamera(elevation=np.linspace(20, -20, 60), azimuth=np.linspace(50, -40, 120)),
+        pw.SphericalCamera.spinning(
+            np.linspace(15, -15, 32), 360, azimuth_offset=np.resize([0.7, -0.7, 0.1], 32)
+        ),
+    ],
+    ids=["OS1", "OS0", "HDL-32E", "panorama", "counter-clockwise", "part", "rows off"],
+)
+@pytest.mark.parametrize("form", ["exact", "millimetres rounded", "missing"])
+def test_points_of_a_scan_tell_its_angles(camera, form):
+    rng = np.random.default_rng(0)
+    ranges = rng.uniform(4, 5, camera.shape)
+    height, width = camera.shape
+    if form == "missing":
+        ranges[: height // 4] = ranges[:, 3 * width // 5 : 4 * width // 5] = 0
+        ranges[rng.random(ranges.shape) < 0.3] = 0
+    points = camera.points(ranges)
+    if form == "millimetres rounded":
+        points = points.round(3).astype(np.float32)
+    image = pw.image_of_points(points)
+    close = 2e-2 if form == "millimetres rounded" else 1e-9
+    off = np.resize(camera.azimuth_offset or 0.0, height)
+    found = np.resize(image.camera.azimuth_offset or 0.0, height)
+    seen = ranges.any(axis=1)
+    assert_allclose(
+        np.array(image.camera.elevation)[seen], np.array(camera.elevation)[seen], atol=close
+    )
+    assert_allclose(
+        image.camera.rays(camera.shape)[seen], camera.rays(camera.shape)[seen], atol=close
+    )
+    assert (np.abs(found - off - np.median(found - off))[seen] < close).all()
+    assert_allclose(image.depth, ranges, atol=2e-3 if points.dtype == np.float32 else 1e-9)
+    assert image.depth.dtype == points.dtype
+    assert np.abs(image.camera.azimuth).min() < 90
+    assert np.abs(np.mean(image.camera.azimuth)) <= 180
+
+
+def test_planes_of_a_scan_are_those_of_its_ranges():
+    scene = pw.scenes.panorama(1, camera=pw.SphericalCamera.panorama(128))
+    image = pw.image_of_points(scene.camera.points(0.001 * scene.depth))
+    ours = pw.detect_planes(image.depth, image.camera, scene.sensor)
+    theirs = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
+    assert len(ours) == len(theirs) > 6
+    assert (ours.labels == theirs.labels).mean() > 0.999
+    assert_allclose(ours.coefficients, theirs.coefficients, atol=1e-4)
 
 
 def test_points_of_a_lens_with_distortion_are_refused():
@@ -195,6 +257,20 @@ def test_files_of_no_image_are_refused(tmp_path, points, monkeypatch):
     monkeypatch.setattr("planewise.files.depth.MAX_PIXELS", 1000)
     with pytest.raises(PlanewiseError, match=r"^depth: moved.pcd claims 76,800 values"):
         read_depth(moved)
+
+
+def test_a_scan_in_a_file_is_searched_as_its_image(tmp_path):
+    scene = pw.scenes.street(0)
+    points = scene.camera.points(0.001 * scene.depth)
+    path = write_pcd(tmp_path / "sweep.pcd", points, colour=scene.rgb)
+    code, _, errors = run("detect", path, "--sensor", "ouster-os1", "-o", tmp_path / "out")
+    assert (code, errors) == (0, "")
+    told = json.loads((tmp_path / "out" / "planes.json").read_text())
+    assert told["camera"]["model"] == "spherical"
+    assert_allclose(told["planes"][0]["normal"], [0, 0, 1], atol=0.01)
+    assert len(told["planes"]) > 10
+    with Image.open(tmp_path / "out" / "labels.png") as labels:
+        assert labels.size == scene.depth.shape[::-1]
 
 
 def test_clouds_beside_depth_images_are_no_frames(tmp_path, points):

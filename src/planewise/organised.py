@@ -1,4 +1,4 @@
-"""Organised points: those of a depth image, in the order of its pixels."""
+"""Organised points: those of a depth image or a scan, in the order of its pixels."""
 
 from __future__ import annotations
 
@@ -9,13 +9,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import checked_points, unmasked
 from planewise.camera import Array, PinholeCamera
+from planewise.spherical import SphericalCamera
+from planewise.spherical_fit import fit_spherical
 
 _FEWEST = 12  # points that tell a camera
 _OFF = 0.5  # pixels from the ray of its pixel; of points rounded to 1 mm, at 1 m, about 0.3
 _MOST_OFF = 0.01  # share of the points that may be farther off
 _OTHERS = (
     "; expected the frame of the camera that took them, x right, y down, z forward, without "
-    "distortion. Other points are searched as such: detect_planes_in_points, 'planewise points'"
+    "distortion, or of a LiDAR, x forward, y left, z up. Other points are searched as such: "
+    "detect_planes_in_points, 'planewise points'"
 )
 
 
@@ -26,28 +29,31 @@ class PointImage:
     Attributes
     ----------
     depth : ndarray of float32 or float64, shape (H, W)
-        z of the points, metres; 0 where there is none.
-    camera : PinholeCamera
+        z of the points, their distance with a `SphericalCamera`, metres; 0 where there is none.
+    camera : PinholeCamera or SphericalCamera
         The points lie on its rays.
     """
 
     depth: NDArray[np.float32] | Array
-    camera: PinholeCamera
+    camera: PinholeCamera | SphericalCamera
 
 
 def image_of_points(points: ArrayLike) -> PointImage:
-    """Depth image and camera of organised points, such as Kinect and RealSense tools save.
+    """Depth image and camera of organised points, as of depth cameras, LiDARs and laser scanners.
 
-    The camera is that of least squares, x / z = (column - cx) / fx and y / z = (row - cy) / fy over
-    all points. Planes of the image are told better than those of the points, for it knows which
-    are neighbours, and how far its error goes along the rays.
+    A depth camera is that of least squares, x / z = (column - cx) / fx and y / z = (row - cy) / fy
+    over all points. Of a LiDAR every row has an elevation, every column an azimuth. Planes of the
+    image are told better than those of the points, for it knows which are neighbours, and how far
+    its error goes along the rays.
 
     Parameters
     ----------
     points : array_like, shape (H, W, 3)
-        In the order of the pixels and the frame of the camera that took them, x right, y down,
-        z forward. Metres: millimetres are not noticed, their depth lies beyond any sensor's range.
-        NaN, infinity, 0, 0, 0 and what is masked is no point.
+        In the order of the pixels and the frame of the sensor that took them, its origin at the
+        sensor: x right, y down, z forward of a camera; x forward, y left, z up of a LiDAR, of which
+        each row is a beam, and rows are in step (destaggered). Metres: millimetres are not noticed,
+        their depth lies beyond any sensor's range. NaN, infinity, 0, 0, 0 and what is masked is no
+        point.
 
     Returns
     -------
@@ -57,9 +63,9 @@ def image_of_points(points: ArrayLike) -> PointImage:
     Raises
     ------
     ValueError
-        If the shape is another one, there are too few points or all in one row or column, some
-        lie behind the camera, or more than one in a hundred lies farther than half a pixel from
-        the ray of its pixel: points of a LiDAR, of a lens with distortion, or moved or turned ones.
+        If the shape is another one, there are too few points or all in one row or column, or more
+        than one in a hundred lies farther than half a pixel from the ray of its pixel: points of a
+        lens with distortion, or moved or turned ones.
 
     Examples
     --------
@@ -87,24 +93,43 @@ def image_of_points(points: ArrayLike) -> PointImage:
             "must be, in more than one row and column, to tell their camera"
         )
     x, y, z = array[there].astype(np.float64).T
+    no_pinhole = ""
     if behind := np.count_nonzero(z <= 0):
-        raise ValueError(
-            f"points: {behind:,} of {len(z):,} are behind the camera (z <= 0){_OTHERS}"
-        )
-    with np.errstate(all="ignore"):
-        fx, cx, across = _fit(column, x / z)
-        fy, cy, down = _fit(row, y / z)
-        off = 1 - np.mean((across <= _OFF) & (down <= _OFF))  # NaN is off, too
-    if off > _MOST_OFF:
-        raise ValueError(
-            f"points: {100 * off:.3g} % of them are more than {_OFF} pixels off the rays of any "
-            f"pinhole camera, at most {100 * _MOST_OFF:g} % may be{_OTHERS}"
-        )
+        no_pinhole = f"{behind:,} of {len(z):,} are behind the camera (z <= 0)"
+    else:
+        with np.errstate(all="ignore"):
+            fx, cx, across = _fit(column, x / z)
+            fy, cy, down = _fit(row, y / z)
+            off = 1 - np.mean((across <= _OFF) & (down <= _OFF))  # NaN is off, too
+        if off > _MOST_OFF:
+            no_pinhole = (
+                f"{100 * off:.3g} % of them are more than {_OFF} pixels off the rays of any "
+                f"pinhole camera, at most {100 * _MOST_OFF:g} % may be"
+            )
+    if no_pinhole:
+        return _of_scan(array, there, no_pinhole)
     for axis, focal, to in (("x", fx, "right"), ("y", fy, "down")):
         if focal < 0:
             raise ValueError(f"points: their image is mirrored, {axis} is not {to}{_OTHERS}")
     camera = PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
     return PointImage(depth=np.where(there, array[..., 2], 0), camera=camera)
+
+
+def _of_scan(points: NDArray[np.floating], there: NDArray[np.bool_], no_pinhole: str) -> PointImage:
+    """Distances and camera of points on rows and columns of a LiDAR; why they are of no other."""
+    try:
+        camera, off = fit_spherical(points, there)
+    except ValueError as error:
+        reason = str(error).removeprefix("camera: ")
+        raise ValueError(f"points: {no_pinhole}, and of a LiDAR {reason}{_OTHERS}") from None
+    share = 1 - np.mean(off <= _OFF)
+    if share > _MOST_OFF:
+        raise ValueError(
+            f"points: {no_pinhole}, and {100 * share:.3g} % are off the rows and columns of a "
+            f"LiDAR{_OTHERS}"
+        )
+    ranges = np.linalg.norm(np.where(there[..., None], points, 0), axis=-1)
+    return PointImage(depth=np.asarray(ranges.astype(points.dtype)), camera=camera)
 
 
 def _fit(pixel: NDArray[np.intp], tangent: Array) -> tuple[float, float, Array]:

@@ -93,7 +93,7 @@ def read_depth(path: str | Path) -> DepthFile:
     ------
     PlanewiseError
         If the file is missing, damaged, too large, 8-bit, in colour, or not a depth image; or
-        points that are not organised, or lie on the rays of no pinhole camera.
+        points that are not organised, or lie on the rays of no camera.
     """
     path = Path(path)
     reader = _READERS.get(path.suffix.lower())
