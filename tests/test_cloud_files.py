@@ -1390,7 +1390,7 @@ def test_what_cannot_be_opened(tmp_path):
         (tmp_path / "a.obj").write_text("x")
         with pytest.raises(PlanewiseError, match="cloud"):
             open_cloud(tmp_path / name)
-    assert len(KINDS) == 12
+    assert len(KINDS) == 13
 
 
 @pytest.mark.parametrize(

@@ -52,7 +52,7 @@ def detect(
             metavar="DEPTH",
             show_default=False,
             help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them; or "
-            "organised points (PCD), which tell their camera.",
+            "organised points (PCD, PTX), which tell their camera.",
         ),
     ],
     output: Output,

@@ -62,8 +62,8 @@ def points(
         typer.Argument(
             metavar="CLOUD",
             show_default=False,
-            help="Point cloud: PLY, PCD, XYZ, TXT, CSV, PTS, .npy, .npz, and with the extra "
-            "'cloud' LAS, LAZ and E57. Metres, z up.",
+            help="Point cloud: PLY, PCD, PTX, XYZ, TXT, CSV, PTS, .npy, .npz, and with the "
+            "extra 'cloud' LAS, LAZ and E57. Metres, z up.",
         ),
     ],
     output: Output,

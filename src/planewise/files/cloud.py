@@ -1,4 +1,4 @@
-"""Open point clouds in files: PLY, PCD, XYZ and CSV, NumPy, LAS and LAZ, E57.
+"""Open point clouds in files: PLY, PCD, XYZ and CSV, NumPy, PTX, LAS and LAZ, E57.
 
 Files are not trusted: what a header claims is held against the size of the file before anything is
 allocated for it, and nothing in them is ever executed.
@@ -19,6 +19,7 @@ _FORMATS = {
     **dict.fromkeys((".xyz", ".txt", ".csv", ".asc", ".pts"), "xyz.open_xyz"),
     ".npy": "npz.open_npy",
     ".npz": "npz.open_npz",
+    ".ptx": "ptx.open_ptx",
     ".las": "las.open_las",
     ".laz": "las.open_las",
     ".e57": "e57.open_e57",
@@ -35,7 +36,7 @@ def open_cloud(path: str | Path) -> CloudFile:
     ----------
     path : path
         ``.ply``, ``.pcd``, ``.xyz``, ``.txt``, ``.csv``, ``.asc``, ``.pts``, ``.npy``, ``.npz``,
-        ``.las``, ``.laz`` or ``.e57``; the last three need the extra 'cloud'.
+        ``.ptx``, ``.las``, ``.laz`` or ``.e57``; the last three need the extra 'cloud'.
 
     Returns
     -------

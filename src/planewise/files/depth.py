@@ -1,4 +1,4 @@
-"""Read depth images from files: PNG, TIFF, PGM, NumPy, OpenEXR and organised PCD.
+"""Read depth images from files: PNG, TIFF, PGM, NumPy, OpenEXR, organised PCD and PTX.
 
 Integer depth stays integer (its unit is a matter of the sensor); floating-point depth is in metres.
 Files are not trusted: what they claim to hold is checked before it is unpacked, and nothing in them
@@ -81,8 +81,8 @@ def read_depth(path: str | Path) -> DepthFile:
         A 16-bit or floating-point image (``.png``, ``.tif``, ``.tiff``, ``.pgm``, ``.exr``),
         an array (``.npy``), or an archive (``.npz``) with the key ``depth``, or with one array
         only. An archive may also hold ``depth_scale`` (metres per unit), ``K`` (fx, fy, cx, cy or a
-        3 x 3 matrix) and ``rgb``. Or organised points (``.pcd`` with a HEIGHT), whose camera they
-        tell (`planewise.image_of_points`).
+        3 x 3 matrix) and ``rgb``. Or organised points (``.pcd`` with a HEIGHT, ``.ptx`` of one
+        scan), whose camera they tell (`planewise.image_of_points`).
 
     Returns
     -------
@@ -364,9 +364,7 @@ def _read_exr(path: Path) -> DepthFile:
 
 
 def _read_pcd(path: Path) -> DepthFile:
-    # Other depth images are read sooner without.
     from planewise.files.pcd import open_pcd
-    from planewise.organised import image_of_points
 
     file = open_pcd(path)
     if file.shape is None:
@@ -376,11 +374,24 @@ def _read_pcd(path: Path) -> DepthFile:
     pixels = math.prod(file.shape)
     check_size(pixels)
     (cloud,) = file.blocks(pixels)
+    rgb = None if cloud.colour is None else cloud.colour.reshape(*file.shape, 3)
+    return _of_points(cloud.coordinates.reshape(*file.shape, 3), rgb)
+
+
+def _read_ptx(path: Path) -> DepthFile:
+    from planewise.files.ptx import grid_of, scans_of
+
+    check_size(sum(scan.count for scan in scans_of(path)))
+    return _of_points(*grid_of(path))
+
+
+def _of_points(points: NDArray[np.floating], rgb: NDArray[np.uint8] | None) -> DepthFile:
+    from planewise.organised import image_of_points  # depth images are read sooner without
+
     try:
-        image = image_of_points(cloud.coordinates.reshape(*file.shape, 3))
+        image = image_of_points(points)
     except ValueError as error:
         raise PlanewiseError(f"is no depth image; {error}") from None
-    rgb = None if cloud.colour is None else cloud.colour.reshape(*file.shape, 3)
     return DepthFile(depth=image.depth, camera=image.camera, rgb=rgb)
 
 
@@ -394,4 +405,4 @@ _IMAGES: dict[str, Callable[[Path], DepthFile]] = {
     ".exr": _read_exr,
 }
 # Clouds lie beside the depth images they were made of, and would be frames once more.
-_READERS = {**_IMAGES, ".pcd": _read_pcd}
+_READERS = {**_IMAGES, ".pcd": _read_pcd, ".ptx": _read_ptx}
