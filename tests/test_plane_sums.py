@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.kernels.cells import UNIT
 from planewise.paper.describe import describe
-from planewise.spatial.describe import describe_image
+from planewise.spatial.describe import describe_image, describe_ranges
 from planewise.spatial.frame import frame_of
 
 PLANES = np.array([[0.4, 0.02, -0.05], [0.6, -0.03, 0.01], [0.5, 0.0, 0.0], [0.7, 0.1, 0.1]])
@@ -83,3 +83,43 @@ def test_boxes_of_planes_in_one_half_of_an_image_that_stands_upright():
     planes, _ = describe_image(frame, area, affine, rows, np.zeros((3, 4, 4)), labels, place)
     boxes = [plane.bounding_box for plane in planes]
     assert boxes == [(3, 2, 20, 9), (70, 5, 88, 17), (0, 0, 0, 0)]
+
+
+@pytest.mark.parametrize("turn", [360, 200])
+@pytest.mark.parametrize("rows", [2, 17])
+def test_planes_of_ranges_are_described_as_by_their_readings(rows, turn):
+    """In sectors, some across the end of the image, one without readings."""
+    columns, rng = 90, np.random.default_rng(rows)
+    camera = pw.SphericalCamera(
+        elevation=np.linspace(40, -70, rows), azimuth=turn * (0.5 - np.arange(columns) / columns)
+    )
+    labels = np.repeat(rng.integers(0, 5, (rows, 9)), 10, axis=1).astype(np.uint16)
+    labels = np.roll(labels, 5, axis=1)
+    labels[labels == 2] = 0
+    ranges = rng.uniform(1, 4, labels.shape)
+    ranges[rng.random(labels.shape) < 0.2] = 0
+    labels[ranges == 0] = 0
+    observation = pw.observe(ranges, camera, SENSOR)
+    normals = rng.normal(size=(4, 3))
+    planes = np.column_stack(
+        (normals / np.linalg.norm(normals, axis=1, keepdims=True), [1, 2, 3, 4])
+    )
+    marks, covariances = labels.reshape(-1)[observation.index], np.zeros((4, 4, 4))
+    nothing = np.zeros(marks.size)
+    slow = describe(observation, planes, covariances, marks, nothing, nothing)
+    frame = frame_of(observation)
+    place = np.zeros(4 * frame.sectors.count + 1, np.uint16)
+    order = np.array([2, 0, 3, 1])
+    place[1:] = np.repeat(1 + order, frame.sectors.count)
+    unranked = np.append(0, 1 + np.argsort(order)).astype(np.uint16)[labels]
+    sectors = frame.sectors.labels(unranked).astype(np.uint16)
+    fast, ranked = describe_ranges(frame, camera, planes, covariances, sectors, place)
+    assert_array_equal(ranked, labels)
+    assert fast[1].count == 0
+    for a, b in zip(fast, slow, strict=True):
+        assert (a.count, a.bounding_box) == (b.count, b.bounding_box)
+        if a.count:
+            assert_allclose(a.centroid, b.centroid, rtol=0, atol=1e-5)
+            assert_allclose((a.rms, a.area), (b.rms, b.area), rtol=1e-5)
+    assert camera.wraps is (turn == 360)
+    assert not camera.wraps or any(each.bounding_box[3] > columns for each in fast)

@@ -164,7 +164,7 @@ def test_rows_are_carried_between_sectors_exactly(seed):
 def test_a_seam_lies_half_way(camera):
     sectors = camera.sectors(camera.shape)
     for k in range(sectors.count if sectors.wraps else sectors.count - 1):
-        turn, beside = sectors.seam(k), sectors.turn[[k, (k + 1) % sectors.count]]
+        turn, beside = sectors.seams[k], sectors.turn[[k, (k + 1) % sectors.count]]
         assert abs(np.linalg.det(turn)) == pytest.approx(abs(np.linalg.det(beside[0])))
         apart = [turn[:, 0] @ other[:, 0] for other in beside]
         assert apart[0] == pytest.approx(apart[1])

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from planewise import prices
 from planewise.flatness import LEAN
 from planewise.kernels.cells import SIDE, UNIT
+from planewise.kernels.turns import turn_rows
 from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
@@ -39,8 +40,6 @@ _MARGIN = 9  # columns beyond a seam that are shown in a gap ...
 _FAR = np.radians(10.0)  # ... and how wide they are at most
 _POLE = np.radians(89.999)  # of elevation: straight up and down there are no coordinates
 _WIDEST = np.radians(61.0)  # of azimuth: at its edges coordinates are stretched by a third
-_UPPER = [0, 1, 2, 1, 3, 4, 2, 4, 5]  # entries of a row that make P
-_ROW = [0, 1, 2, 4, 5, 8]  # and back
 
 
 def _no_columns() -> NDArray[np.intp]:
@@ -189,47 +188,44 @@ class Sectors:
         before = np.searchsorted(self.start - _MARGIN, columns, side="right")
         return np.asarray(before - 1, np.int32)
 
-    def turned(self, rows: Array, source: NDArray[np.integer] | int, turn: Array) -> Array:
-        """Rows (..., at least 9) of segments in other coordinates.
+    def turned(self, rows: Array, home: NDArray[np.integer], turns: Array) -> Array:
+        """Rows (n, E) of segments in other coordinates.
 
         Parameters
         ----------
-        rows : ndarray, shape (..., E)
+        rows : ndarray, shape (n, at least 9)
             P and P t first (`kernels.cells`); what follows does not depend on coordinates.
-        source : int or ndarray of int, shape (...)
-            Sector in whose coordinates they are.
-        turn : ndarray, shape (3, 3) or (..., 3, 3)
-            theta = turn t for the coordinates wanted.
-
-        Returns
-        -------
-        ndarray, shape (..., E)
+        home : ndarray of int, shape (n,)
+            Sector in whose coordinates each is.
+        turns : ndarray, shape (K, 3, 3)
+            B, of every sector, with P' = B P B' and P' t' = B P t.
         """
-        back = _back(self.turn[source], turn)
-        shape = np.broadcast_shapes(rows.shape[:-1], back.shape[:-2])
-        out = np.array(np.broadcast_to(rows, (*shape, rows.shape[-1])))
-        matrix = back @ rows[..., _UPPER].reshape(*rows.shape[:-1], 3, 3)
-        matrix = matrix @ np.swapaxes(back, -1, -2)
-        out[..., :6] = matrix.reshape(*shape, 9)[..., _ROW]
-        out[..., 6:9] = (back @ rows[..., 6:9, None])[..., 0]
+        out = np.empty_like(rows)
+        turn_rows(rows, home.astype(np.int32, copy=False), np.ascontiguousarray(turns), out)
         return out
 
     @cached_property
     def turns(self) -> Array:
-        """What carries rows from one sector to another, B of `turned`: shape (K, K, 3, 3)."""
+        """B, from one sector to another: shape (K, K, 3, 3)."""
         return _back(self.turn[:, None], self.turn[None])
 
-    def seam(self, k: int) -> Array:
-        """Turn about the seam behind sector k: half-way from its coordinates to the next one's."""
+    @cached_property
+    def seams(self) -> Array:
+        """Turn about the seam behind each sector, half-way to the next one's: shape (K, 3, 3)."""
         scale = turn_to_theta((1.0 / self.focal[0], 1.0 / self.focal[1]))
-        axes = self.turn[[k, (k + 1) % self.count]].sum(axis=0) @ np.linalg.inv(scale)
-        return np.asarray(axes / np.linalg.norm(axes, axis=0) @ scale)
+        axes = (self.turn + np.roll(self.turn, -1, axis=0)) @ np.linalg.inv(scale)
+        return np.asarray(axes / np.linalg.norm(axes, axis=1, keepdims=True) @ scale)
+
+    @cached_property
+    def seam_turns(self) -> Array:
+        """B, from one sector to the coordinates about the seam behind another: (K, K, 3, 3)."""
+        return _back(self.turn[:, None], self.seams[None])
 
     def everywhere(self, rows: Array, home: NDArray[np.integer]) -> Array:
         """Rows (n, E) in the coordinates of every sector: (K, n, E). home (n,): sector of each."""
         if self.count == 1:
             return rows[None]
-        return np.stack([self.turned(rows, home, turn) for turn in self.turn])
+        return np.stack([self.turned(rows, home, self.turns[:, k]) for k in range(self.count)])
 
     def together(self, rows: Array) -> Array:
         """Sums over all sectors in the coordinates of each: rows (N K, E), of plane n and sector k.
@@ -238,10 +234,11 @@ class Sectors:
         """
         if self.count == 1:
             return rows
-        by_sector = rows.reshape(-1, self.count, rows.shape[1])
-        home = np.arange(self.count)
-        total = self.turned(by_sector, home[None], self.turn[0]).sum(axis=1, keepdims=True)
-        return self.turned(total, 0, self.turn[None]).reshape(rows.shape)
+        planes = len(rows) // self.count
+        first = self.turned(rows, np.tile(np.arange(self.count), planes), self.turns[:, 0])
+        total = first.reshape(planes, self.count, rows.shape[1]).sum(axis=1)
+        every = self.everywhere(total, np.zeros(planes, np.intp))
+        return np.ascontiguousarray(every.swapaxes(0, 1)).reshape(rows.shape)
 
     def summed(self, values: NDArray[Scalar]) -> NDArray[Scalar]:
         """Sums (N, ...) over the sectors of what is known by plane and sector, (N K, ...)."""

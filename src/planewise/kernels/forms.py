@@ -122,6 +122,13 @@ def discord_of(a, b):  # type: ignore[no-untyped-def]
     return square / determinant(c00, c01, c02, c11, c12, c22)
 
 
+@compiled
+def discords_of(a, b, out):  # type: ignore[no-untyped-def]
+    """The same of forms (n, 13) and (n, 13), pair by pair: writes out (n,)."""
+    for k in range(out.size):
+        out[k] = discord_of(a[k], b[k])
+
+
 @inlined
 def compare_parallel(a, b, spread):  # type: ignore[no-untyped-def]
     """Nats by which two segments are more likely one plane than two that are parallel.

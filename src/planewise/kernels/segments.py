@@ -21,6 +21,7 @@ from planewise.kernels.forms import (
 )
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import called, compiled, inlined, internal
+from planewise.kernels.turns import turn_row
 
 _CELL = 36.0
 _BATCH = 200  # edges that are valued at once; columns a power of 2 apart share lines of the cache
@@ -37,25 +38,20 @@ def tempered(discord, count, tails):  # type: ignore[no-untyped-def]
     return (nu + 3.0) * logarithm(1.0 + discord / nu)
 
 
-@compiled
-def turn_row(row, back, out):  # type: ignore[no-untyped-def]
-    """Row of a segment in the coordinates of another sector: P' = B P B', P' t' = B P t."""
-    p = row[0], row[1], row[2], row[1], row[3], row[4], row[2], row[4], row[5]
-    at = 0
-    for i in range(3):
-        a, b, c = back[i, 0], back[i, 1], back[i, 2]
-        x, y = a * p[0] + b * p[3] + c * p[6], a * p[1] + b * p[4] + c * p[7]
-        z = a * p[2] + b * p[5] + c * p[8]
-        for j in range(i, 3):
-            out[at] = x * back[j, 0] + y * back[j, 1] + z * back[j, 2]
-            at += 1
-        out[6 + i] = a * row[6] + b * row[7] + c * row[8]
-    for e in range(9, SEGMENT):
-        out[e] = row[e]
+@internal
+def _form_in(facing, segments, forms, home, turns, drift, lean, u, form):  # type: ignore[no-untyped-def]
+    """Write the form of segment u in the coordinates of a sector."""
+    if home[u] == facing:
+        for e in range(FORM):
+            form[e] = forms[u, e]
+        return
+    row = np.empty(SEGMENT)
+    turn_row(segments[u], turns[home[u], facing], row)
+    write_form(row, drift[u], lean, form)
 
 
 @internal
-def _across(segments, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
+def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
     """`compare_forms` of segments that lie in several sectors, in the one that faces the smaller.
 
     There its readings lie before the sector: P t of its row, in space the sum of p d / r over its
@@ -63,17 +59,17 @@ def _across(segments, home, turns, drift, lean, small, large, offset, slope):  #
     where no centroid says where two segments meet. What the larger one leans by is taken where
     they do, for it may lie on all sides.
     """
-    row, here, there, facing, best = np.empty(SEGMENT), np.empty(FORM), np.empty(FORM), 0, -np.inf
+    facing, best = np.int32(0), -np.inf
     for k in range(turns.shape[0]):
         along, of_small = 0.0, turns[home[small], k, 0]
         for i in range(3):
             along += of_small[i] * segments[small, 6 + i]
         if along > best:
-            facing, best = k, along
-    turn_row(segments[small], turns[home[small], facing], row)
-    write_form(row, drift[small], lean, here)
-    turn_row(segments[large], turns[home[large], facing], row)
-    write_form(row, drift[large], lean, there)
+            facing, best = np.int32(k), along
+    both = np.empty((2, FORM))
+    here, there = both[0], both[1]
+    _form_in(facing, segments, forms, home, turns, drift, lean, small, here)
+    _form_in(facing, segments, forms, home, turns, drift, lean, large, there)
     there[LEANING] = here[LEANING]
     return compare_forms(there, here, offset, slope)
 
@@ -113,7 +109,9 @@ def _merge_value(  # type: ignore[no-untyped-def]
         discord, evidence = compare_forms(forms[u], forms[v], offset, slope)
     else:
         large = u + v - small
-        discord, evidence = _across(segments, home, turns, drift, lean, small, large, offset, slope)
+        discord, evidence = _across(
+            segments, forms, home, turns, drift, lean, small, large, offset, slope
+        )
     misfit = tempered(discord, segments[small, COUNT], tails)
     return _share_left(evidence, boundary, misfit, most, longest), misfit
 

@@ -70,7 +70,10 @@ def describe(
         return planes_of(rows, covariances, total, None, told)
     box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
     if observation.camera.wraps:
-        box = _around(box, labels, *where, len(rows))
+        index, width = where
+        there = np.zeros((len(rows) + 1, width), np.bool_)
+        there.reshape(-1)[labels.astype(np.intp) * width + index % width] = True
+        box = boxes_around(box, there[1:])
     return planes_of(rows, covariances, total, box, told)
 
 
@@ -84,55 +87,20 @@ def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: 
     return np.asarray(np.square(ranges * facing + distance[labels]))
 
 
-def _around(
-    box: NDArray[np.int64],
-    labels: NDArray[np.integer],
-    index: NDArray[np.int64],
-    width: int,
-    planes: int,
-) -> NDArray[np.int64]:
+def boxes_around(box: NDArray[np.int64], there: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Boxes of planes in a panorama: columns between their widest gap, beyond the last if need be.
 
-    The columns of a plane that lies across the end of the image are left ... right - 1, of which
-    those from `width` on are the first ones of the image.
+    there (N, W): columns in which each has readings. Those of a plane that lies across the end of
+    the image are left ... right - 1, of which those from W on are the first ones of the image.
     """
-    there = np.zeros((planes + 1, width), bool)
-    there.reshape(-1)[labels.astype(np.intp) * width + index % width] = True
-    out = box.copy()
-    for j in range(planes):
-        columns = np.flatnonzero(there[j + 1])
+    out, width = box.copy(), there.shape[1]
+    for j in range(len(box)):
+        columns = np.flatnonzero(there[j])
         gaps = np.diff(columns, append=columns[:1] + width)
         if columns.size and gaps[:-1].max(initial=0) > gaps[-1]:
             widest = int(gaps[:-1].argmax())
             out[j, 1], out[j, 3] = columns[widest + 1], columns[widest] + width + 1
     return out
-
-
-def describe_labels(
-    observation: RayObservation,
-    rows: Array,
-    covariances: Array,
-    labels: NDArray[np.uint16],
-    **told: list[float],
-) -> list[Plane]:
-    """`paper.describe` for a label image of ranges.
-
-    Parameters
-    ----------
-    observation : RayObservation
-        The readings.
-    rows : ndarray, shape (N, 4)
-        Unit normal and distance.
-    covariances : ndarray, shape (N, 4, 4)
-        Of the rows.
-    labels : ndarray of uint16, shape (H, W)
-        0 for none, j for row j - 1.
-    **told
-        What else is known of each plane, by the names of `Plane`.
-    """
-    mine = labels.reshape(-1)[observation.index]
-    nothing = np.zeros(mine.size)
-    return describe(observation, rows, covariances, mine, nothing, nothing, 1, **told)
 
 
 def planes_of(

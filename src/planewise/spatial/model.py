@@ -12,10 +12,9 @@ from planewise.kernels import planes as plane_loops
 from planewise.kernels.cells import UNIT
 from planewise.model import Curve, Plane, PlaneModel, limited_to, reason_of
 from planewise.observation import RayObservation
-from planewise.paper.describe import describe_labels
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
-from planewise.spatial.describe import describe_image
+from planewise.spatial.describe import describe_image, describe_ranges
 from planewise.spatial.frame import Frame, tame_frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.solution import SpatialSolution, solve
@@ -164,5 +163,6 @@ def _described(
     if frame.sectors.column is None:
         area = observation.camera.pixel_area(observation.shape)
         return describe_image(frame, area, affine, rows, covariances, found.labels, place, **told)
-    labels = frame.sectors.image(place[found.labels])
-    return describe_labels(observation, rows, covariances, labels, **told), labels
+    return describe_ranges(
+        frame, observation.camera, rows, covariances, found.labels, place, **told
+    )

@@ -94,12 +94,13 @@ def _discords(
     rows = np.flatnonzero(
         (beside >= 0).all(axis=1) & (of_unit[beside[:, 0]] != of_unit[beside[:, 1]])
     )
-    forms = np.empty((2, len(rows), comparing.FORM))
+    forms, found = np.empty((2, len(rows), comparing.FORM)), np.empty(len(rows))
     for side, sector in enumerate((k, (k + 1) % sectors.count)):
         units = beside[rows, side]
-        about_seam = sectors.turned(cells.rows[units], sector, sectors.seam(k))
+        home = np.full(len(units), sector)
+        about_seam = sectors.turned(cells.rows[units], home, sectors.seam_turns[:, k])
         comparing.write_forms(about_seam, cells.drift[units], sectors.lean, forms[side])
+    comparing.discords_of(*forms, found)
     discords = np.full(len(beside), -1.0)
-    for row, left, right in zip(rows, *forms, strict=True):
-        discords[row] = comparing.discord_of(left, right)
+    discords[rows] = found
     return discords
