@@ -147,6 +147,11 @@ class Sectors:
         """Nats that a plane has to save: `factor` times its parameters in a fine image."""
         return prices.price(factor, parameters, self.fineness)
 
+    @cached_property
+    def _slices(self) -> list[slice]:
+        """Columns of each sector, whose pixels are those of the image in order."""
+        return list(map(slice, self.start.tolist(), self.stop.tolist()))
+
     def spread(self, w: Image, p: Image) -> tuple[Image, Image]:
         """Inverse depth and its precision in sectors, from inverse range and precision (H, W).
 
@@ -160,11 +165,12 @@ class Sectors:
             p *= self.ratio
             p *= self.ratio
             return w, p
-        there = self.column >= 0
-        out_w, out_p = (np.take(image, self.column, axis=1) for image in (w, p))
-        out_w /= self.ratio
-        out_p *= self.ratio * self.ratio
-        out_w[:, ~there] = out_p[:, ~there] = 0.0
+        out_w, out_p = np.zeros((2, *self.ratio.shape), np.float32)
+        end = 0
+        for here in self._slices:
+            c, begin, end = self.ratio[:, here], end, end + here.stop - here.start
+            np.divide(w[:, begin:end], c, out=out_w[:, here])
+            np.multiply(p[:, begin:end], c * c, out=out_p[:, here])
         inverse_range = out_w[:, self.beyond] * self.ratio[:, self.beyond]
         out_w[:, self.margin] = inverse_range / self.ratio[:, self.margin]
         return out_w, out_p
@@ -173,7 +179,7 @@ class Sectors:
         """Put what is known by pixel of the sectors, (H, W'), back in its place in the image."""
         if self.column is None:
             return sectors
-        return np.ascontiguousarray(sectors[:, self.column >= 0])
+        return np.concatenate([sectors[:, here] for here in self._slices], axis=1)
 
     def labels(self, image: NDArray[np.integer]) -> NDArray[np.integer]:
         """Labels n K + k + 1 in sectors, (H, W'), of the labels n + 1 of an image; 0 for none."""

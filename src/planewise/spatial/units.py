@@ -33,13 +33,11 @@ def units_inside(frame: Frame, cells: Cells, labels: Labels) -> NDArray[np.int32
 
 def sector_of_units(cells: Cells, sectors: Sectors) -> NDArray[np.int32]:
     """Sector that every unit lies in, shape (units,)."""
-    out = np.zeros(len(cells.rows), np.int32)
-    if sectors.count > 1:
-        there = cells.grid >= 0
-        of_column = sectors.of_columns(SIDE * np.arange(cells.grid.shape[1]))
-        of_cell = np.broadcast_to(of_column, cells.grid.shape)
-        out[cells.grid[there]] = of_cell[there]
-    return out
+    out = np.zeros(len(cells.rows) + 1, np.int32)  # the last one of cells without a plane
+    for k, (start, stop) in enumerate(zip(sectors.start, sectors.stop, strict=True)):
+        if k:
+            out[cells.grid[:, start // SIDE : -(-stop // SIDE)]] = k
+    return out[:-1]
 
 
 def planes_of_units(
