@@ -174,6 +174,13 @@ def _rows_of(shape):
         ),
         (
             "sectors",
+            lambda self, shape: replace(
+                self.of.sectors(shape), column=np.arange(160), stop=np.array([100])
+            ),
+            r"sectors\.start and stop .* the ends of the columns",
+        ),
+        (
+            "sectors",
             lambda self, shape: replace(self.of.sectors(shape), ratio=np.zeros(shape, np.float32)),
             r"sectors\.ratio .* positive; got 0",
         ),

@@ -92,27 +92,34 @@ def image_of_points(points: ArrayLike) -> PointImage:
             f"points: {len(row)} of {there.size:,} are finite and not 0, 0, 0; at least {_FEWEST} "
             "must be, in more than one row and column, to tell their camera"
         )
-    x, y, z = array[there].astype(np.float64).T
-    no_pinhole = ""
-    if behind := np.count_nonzero(z <= 0):
-        no_pinhole = f"{behind:,} of {len(z):,} are behind the camera (z <= 0)"
-    else:
-        with np.errstate(all="ignore"):
-            fx, cx, across = _fit(column, x / z)
-            fy, cy, down = _fit(row, y / z)
-            off = 1 - np.mean((across <= _OFF) & (down <= _OFF))  # NaN is off, too
-        if off > _MOST_OFF:
-            no_pinhole = (
-                f"{100 * off:.3g} % of them are more than {_OFF} pixels off the rays of any "
-                f"pinhole camera, at most {100 * _MOST_OFF:g} % may be"
-            )
-    if no_pinhole:
-        return _of_scan(array, there, no_pinhole)
+    fitted = _fit_pinhole(array[there].astype(np.float64), row, column)
+    if isinstance(fitted, str):
+        return _of_scan(array, there, fitted)
+    fx, cx, fy, cy = fitted
     for axis, focal, to in (("x", fx, "right"), ("y", fy, "down")):
         if focal < 0:
             raise ValueError(f"points: their image is mirrored, {axis} is not {to}{_OTHERS}")
     camera = PinholeCamera(fx=fx, fy=fy, cx=cx, cy=cy, width=width, height=height)
     return PointImage(depth=np.where(there, array[..., 2], 0), camera=camera)
+
+
+def _fit_pinhole(
+    points: Array, row: NDArray[np.intp], column: NDArray[np.intp]
+) -> tuple[float, float, float, float] | str:
+    """fx, cx, fy and cy of points (k, 3); why they are of no pinhole camera where they are not."""
+    x, y, z = points.T
+    if behind := np.count_nonzero(z <= 0):
+        return f"{behind:,} of {len(z):,} are behind the camera (z <= 0)"
+    with np.errstate(all="ignore"):
+        fx, cx, across = _fit(column, x / z)
+        fy, cy, down = _fit(row, y / z)
+        off = 1 - np.mean((across <= _OFF) & (down <= _OFF))  # NaN is off, too
+    if off > _MOST_OFF:
+        return (
+            f"{100 * off:.3g} % of them are more than {_OFF} pixels off the rays of any pinhole "
+            f"camera, at most {100 * _MOST_OFF:g} % may be"
+        )
+    return fx, cx, fy, cy
 
 
 def _of_scan(points: NDArray[np.floating], there: NDArray[np.bool_], no_pinhole: str) -> PointImage:

@@ -78,6 +78,10 @@ def _check_sectors(camera: Camera, shape: tuple[int, int]) -> None:
         if not np.array_equal(np.asarray(column)[np.asarray(column) >= 0], np.arange(width)):
             wanted = f"the columns 0 ... {width - 1} of the image in order, and -1 in gaps"
             raise _wrong(camera, "sectors.column", wanted, column)
+        slices = map(np.arange, np.asarray(given.start), np.asarray(given.stop))
+        if not np.array_equal(np.flatnonzero(np.asarray(column) >= 0), np.concatenate([*slices])):
+            wanted = "the ends of the columns that are not -1"
+            raise _wrong(camera, "sectors.start and stop", wanted, "others")
         across = len(column)
     images = {"x": given.x, "y": given.y, "ratio": given.ratio}
     for name, image in images.items():

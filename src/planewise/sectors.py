@@ -138,10 +138,14 @@ class Sectors:
         return float(np.sqrt(np.mean(np.square(self.image(self.ratio), dtype=np.float64))))
 
     @cached_property
+    def width(self) -> int:
+        """Columns of the image, W."""
+        return self.x.shape[1] if self.column is None else int(np.count_nonzero(self.column >= 0))
+
+    @cached_property
     def fineness(self) -> float:
         """`prices.fineness` of the image."""
-        columns = self.x.shape[1] if self.column is None else np.count_nonzero(self.column >= 0)
-        return prices.fineness(len(self.x) * int(columns))
+        return prices.fineness(len(self.x) * self.width)
 
     def price(self, factor: float, parameters: float) -> float:
         """Nats that a plane has to save: `factor` times its parameters in a fine image."""
@@ -272,10 +276,12 @@ class Sectors:
         """Coordinates on the plane z = 1, in metres."""
         return x * (UNIT / self.focal[0]), y * (UNIT / self.focal[1])
 
-    def squared_range(self, x: Array, y: Array) -> Array:
-        """(range / z)^2 in directions given by coordinates."""
-        u, v = self.metres(x, y)
-        return np.asarray(1.0 + u * u + v * v)
+    def squared_stretch(
+        self, x: NDArray[np.floating], y: NDArray[np.floating]
+    ) -> NDArray[np.floating]:
+        """(range / z)^2 = 1 / c^2 in directions given by coordinates; 1 where depth is z."""
+        a, b = self.oblique
+        return 1.0 + a * x * x + b * y * y
 
 
 def _back(source: Array, turn: Array) -> Array:

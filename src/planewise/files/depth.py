@@ -381,8 +381,9 @@ def _read_pcd(path: Path) -> DepthFile:
 def _read_ptx(path: Path) -> DepthFile:
     from planewise.files.ptx import grid_of, scans_of
 
-    check_size(sum(scan.count for scan in scans_of(path)))
-    return _of_points(*grid_of(path))
+    scans = scans_of(path)
+    check_size(sum(scan.count for scan in scans))
+    return _of_points(*grid_of(path, scans))
 
 
 def _of_points(points: NDArray[np.floating], rgb: NDArray[np.uint8] | None) -> DepthFile:

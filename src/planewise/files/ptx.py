@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import IO
+from typing import IO, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,8 @@ from planewise.files.cloud_columns import cloud_of
 from planewise.files.cloud_records import check_length, is_number, read_words
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 from planewise.wording import counted
+
+Kind = TypeVar("Kind", bound=np.generic)
 
 _HEADER = 1, 1, 3, 3, 3, 3, 4, 4, 4, 4  # numbers of its lines
 _NAMES = {
@@ -79,38 +81,39 @@ def open_ptx(path: Path) -> CloudFile:
 
 def _cloud(table: Array, scan: Scan, number: int, offset: Array) -> PointCloud:
     """Points of a scan where they are in the file's coordinates, less its offset."""
-    columns = {name: table[:, k] for k, name in enumerate(scan.names)}
-    points = table[:, :3] @ scan.turn + (scan.place - offset)
-    cloud = cloud_of(columns, np.zeros(3), full=_FULL)
-    return PointCloud(
-        points=points,
-        offset=offset,
-        colour=cloud.colour,
-        intensity=cloud.intensity,
-        scan=np.full(len(table), number, np.int32),
-    )
+    columns = _columns(table, scan) | {"scan": np.full(len(table), number, np.int32)}
+    columns |= zip("xyz", (table[:, :3] @ scan.turn + (scan.place - offset)).T, strict=True)
+    return replace(cloud_of(columns, np.zeros(3), full=_FULL), offset=offset)
 
 
-def grid_of(path: Path) -> tuple[Array, NDArray[np.uint8] | None]:
+def _columns(table: Array, scan: Scan) -> dict[str, NDArray[Any]]:
+    return {name: table[:, k] for k, name in enumerate(scan.names)}
+
+
+def grid_of(path: Path, scans: list[Scan]) -> tuple[Array, NDArray[np.uint8] | None]:
     """Points (rows, columns, 3) in the scanner's frame and their colours; the last row first.
 
-    Scanners turn upwards along a column. Points without a return are 0, 0, 0.
+    Scanners turn upwards along a column. Points without a return are 0, 0, 0. scans: `scans_of` the
+    file.
 
     Raises
     ------
     PlanewiseError
         If the file holds several scans.
     """
-    scans = scans_of(path)
     if len(scans) > 1:
         raise PlanewiseError(
             f"holds {len(scans)} scans, which are no one image; 'planewise points' takes it"
         )
     (scan,) = scans
     (table,) = tables_of(path, scan, scan.count)
-    grid = table.reshape(*scan.shape, -1).swapaxes(0, 1)[::-1]
-    colour = grid[..., -3:].clip(0, _FULL).astype(np.uint8) if "r" in scan.names else None
-    return np.ascontiguousarray(grid[..., :3]), colour
+    cloud = cloud_of(_columns(table, scan), np.zeros(3), full=_FULL)
+
+    def grid(values: NDArray[Kind]) -> NDArray[Kind]:
+        image = values.reshape(*scan.shape, 3).swapaxes(0, 1)[::-1]
+        return np.ascontiguousarray(image)
+
+    return grid(cloud.coordinates), None if cloud.colour is None else grid(cloud.colour)
 
 
 def tables_of(path: Path, scan: Scan, size: int) -> Iterator[Array]:

@@ -117,7 +117,7 @@ def describe_ranges(
     column, ratio = sectors.column, sectors.ratio
     assert column is not None
     assert ratio is not None
-    shape = len(labels), int(np.count_nonzero(column >= 0))
+    shape = len(labels), sectors.width
     ranked = np.empty(shape, np.uint16)
     both, ends = np.empty((2, len(rows), 7)), np.empty((2, len(rows), 2), np.int64)
     there = np.zeros((len(rows), shape[1]), np.bool_)

@@ -331,7 +331,7 @@ class Blocks:
         tiles.tile_means(self._tiles, means)
         depth = means[2]
         if sectors.ratio is not None:
-            squared = sectors.squared_range(means[0], means[1])
+            squared = sectors.squared_stretch(means[0], means[1])
             self.finer = 0.5 * np.log(squared)
             depth = depth / np.sqrt(squared)  # inverse range
         self.factor = 1.0 + self._error.seen * self._frame.table.noise_bias(depth)

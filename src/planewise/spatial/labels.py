@@ -322,10 +322,10 @@ def misfits(
     label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
     planes = with_none(affine)
     t, lateral = planes[label], _lateral(cells, planes)[label]
-    per_metre, *oblique = frame.table.ranging
-    stretch = 1.0 + oblique[0] * x * x + oblique[1] * y * y  # (range / z)^2
+    stretch = frame.sectors.squared_stretch(x, y)
     with np.errstate(divide="ignore"):
-        row = np.minimum(per_metre / w * np.sqrt(stretch) + 0.5, by_depth.size - 1).astype(np.intp)
+        row = frame.table.ranging[0] / w * np.sqrt(stretch) + 0.5
+    row = np.minimum(row, by_depth.size - 1).astype(np.intp)
     residual = w - t[:, 0] - t[:, 1] * x - t[:, 2] * y
     out = 0.5 * residual**2 / (stretch * by_depth[row] + lateral)
     return np.where((label > 0) & (w > 0), out, np.inf)
