@@ -100,10 +100,11 @@ accuracy: $(READY)  ## score the detector on synthetic and, where they are at ha
 ablation: $(READY)  ## the same with parts of the objective taken out
 	$(BIN)/python -m benchmarks.ablation
 
-pictures: $(READY)  ## draw the pictures of docs/method.md, docs/clouds.md and docs/lidar.md
+pictures: $(READY)  ## draw the pictures of docs/method.md, docs/clouds.md, docs/lidar.md and docs/waves.md
 	$(BIN)/python -m benchmarks.pictures
 	$(BIN)/python -m benchmarks.cloud_pictures
 	$(BIN)/python -m benchmarks.panoramas --picture docs/panorama.png
+	$(BIN)/python -m benchmarks.waves --picture docs/waves.png
 
 clean:  ## remove the environment and everything made
 	rm -rf $(VENV) $(LOWEST) demo-output $(BENCH_OUTPUT) $(REPORT) dist build .mypy_cache .ruff_cache .pytest_cache

@@ -254,8 +254,8 @@ def test_what_cannot_be_used_is_named(tmp_path, monkeypatch, name):
 
 
 def test_output_is_checked_first(frames, tmp_path, monkeypatch):
-    cells_of_frame = "planewise.calibration.calibrate.cells_of_frame"
-    monkeypatch.setattr(cells_of_frame, lambda *_: pytest.fail("begun"))
+    noise_of_frame = "planewise.calibration.calibrate.noise_of_frame"
+    monkeypatch.setattr(noise_of_frame, lambda *_: pytest.fail("begun"))
     (tmp_path / "file").write_text("")
     for target, message in (
         (tmp_path, "is a folder"),

@@ -9,7 +9,7 @@ from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
 from planewise.kernels.splits import halve
 from planewise.spatial.faces import misfits_of, parted
-from planewise.spatial.frame import tame_frame
+from planewise.spatial.tame_frame import tame_frame
 from planewise.workspace import Workspace
 
 SIZE = 60, 80

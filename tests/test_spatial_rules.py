@@ -14,11 +14,12 @@ from planewise.kernels.cells import COUNT, FREE, UNIT
 from planewise.spatial import folds, labels, search, solution, splitting
 from planewise.spatial.cells import cells_of
 from planewise.spatial.dividing import divided
-from planewise.spatial.frame import frame_of, tame_frame
+from planewise.spatial.frame import frame_of
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import GroupData
 from planewise.spatial.marks import Marks
 from planewise.spatial.segments import Segments
+from planewise.spatial.tame_frame import tame_frame
 from planewise.workspace import Workspace
 
 

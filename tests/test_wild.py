@@ -12,7 +12,8 @@ import planewise as pw
 from planewise import scenes
 from planewise.kernels.wild import AGREEING, REACH, mark_wild
 from planewise.metrics import evaluate
-from planewise.spatial.frame import frame_of, tame_frame, wild_information
+from planewise.spatial.frame import frame_of
+from planewise.spatial.tame_frame import tame_frame, wild_information
 from planewise.wild import wild_readings
 
 SHAPE = (240, 320)

@@ -22,6 +22,7 @@ from planewise.noise import (
     in_words,
     proportional,
 )
+from planewise.waves import Waves
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,6 +47,10 @@ class Sensor:
         How much of the error neighbouring readings share, for ``objective="spatial"``; ``None``
         means unknown: each frame tells. They are used in place of `noise`, so a sensor given
         another noise wants ``parts=None``, too.
+    waves : Waves, optional
+        Systematic error that comes again along range or disparity (`planewise.waves`), which
+        ``objective="spatial"`` takes off; ``None`` means unknown: each frame tells, unless `parts`
+        are known, with which there are none.
     depth_range : float, optional
         R of the paper, in metres: a reading that no plane explains is one of R / eps values.
         ``None`` means `max_depth`.
@@ -55,8 +60,8 @@ class Sensor:
     ValueError
         If a length is not positive or above 1e9 m, the resolution is below 1e-12 m or not smaller
         than the range, `min_depth` does not lie in [0, max_depth), a noise that is a number is not
-        positive and finite, or is a word other than "auto", or `parts` is none. What a function of
-        depth gives is checked where it is evaluated.
+        positive and finite, or is a word other than "auto", or `parts` or `waves` are none. What a
+        function of depth gives is checked where it is evaluated.
 
     Examples
     --------
@@ -70,6 +75,7 @@ class Sensor:
     noise: Noise | float | Auto = field(default_factory=lambda: proportional(0.01))
     min_depth: float = 0.0
     parts: ErrorParts | None = None
+    waves: Waves | None = None
     depth_range: float | None = None
 
     def __post_init__(self) -> None:
@@ -105,6 +111,9 @@ class Sensor:
             raise ValueError(f"parts must be planewise.noise.ErrorParts or None, got {parts!r}")
         if parts is not None and isinstance(parts.white, Nothing):
             raise ValueError("parts.white must be more than nothing: no two readings err alike")
+        waves: Any = self.waves
+        if not (waves is None or isinstance(waves, Waves)):
+            raise ValueError(f"waves must be planewise.waves.Waves or None, got {waves!r}")
         noise: Any = self.noise
         if not isinstance(noise, bool) and isinstance(noise, Real):
             object.__setattr__(self, "noise", constant(noise))  # type: ignore[arg-type]
@@ -160,7 +169,7 @@ class Sensor:
 
     def describe(self) -> dict[str, float | str]:
         """Say in plain types what the sensor is, for result files."""
-        return {
+        said: dict[str, float | str] = {
             "max_depth_m": self.max_depth,
             "min_depth_m": self.min_depth,
             "range_m": self.range,
@@ -168,6 +177,7 @@ class Sensor:
             "noise": in_words(self.noise),
             "parts": self._describe_parts(),
         }
+        return said if self.waves is None else said | {"waves": str(self.waves)}
 
     def _describe_parts(self) -> str:
         if self.noise == AUTO:

@@ -1,4 +1,4 @@
-"""Sensors as JSON files: range, resolution, noise and its parts, and what they were measured from.
+"""Sensors as JSON files: range, resolution, noise, its parts, waves; what they were measured from.
 
 A curve is a list of terms, sigma(z) the root of the sum of their squares; no term means no error.
 """
@@ -15,6 +15,7 @@ from planewise.arguments import is_finite
 from planewise.errors import PlanewiseError
 from planewise.noise import NOTHING, ErrorParts, Noise, Nothing, Polynomial, RootSum
 from planewise.sensor import Sensor, checked_sensor
+from planewise.waves import Waves
 from planewise.whole_files import written_whole
 
 SCHEMA = "planewise/sensor"
@@ -35,6 +36,7 @@ _LENGTHS = {
     "range_m": "depth_range",
     "resolution_m": "resolution",
 }
+_WAVE = "period", "amplitude", "phase"
 _PARTS = {"white": "white", "shared": "shared", "drift_per_100_px": "drift"}
 
 
@@ -78,7 +80,8 @@ def describe_exactly(sensor: Sensor) -> dict[str, Any]:
         As `save`.
     """
     parts = checked_sensor(sensor).parts
-    return {
+    waves = {} if sensor.waves is None else {"waves": sensor.waves.describe()}
+    return waves | {
         **{key: getattr(sensor, name) for key, name in _LENGTHS.items()},
         "noise": _terms(sensor.noise),
         "parts": None
@@ -160,15 +163,32 @@ def _from_record(record: Mapping[str, Any]) -> Sensor:
     noise = _curve(record.get("noise"), "noise")
     if noise is NOTHING:
         raise PlanewiseError("noise must have at least one term")
+    waves = _waves(record.get("waves"))
     parts = record.get("parts")
     if parts is None:
-        return Sensor(noise=noise, **lengths)  # type: ignore[arg-type]
+        return Sensor(noise=noise, waves=waves, **lengths)  # type: ignore[arg-type]
     if not isinstance(parts, dict):
         raise PlanewiseError("parts must be null, or hold white, shared, drift_per_100_px (terms)")
     curves = {name: _curve(parts.get(key), f"parts.{key}") for key, name in _PARTS.items()}
     if curves["white"] is NOTHING:
         raise PlanewiseError("parts.white must have at least one term")
-    return Sensor(noise=noise, parts=ErrorParts(**curves), **lengths)  # type: ignore[arg-type]
+    known = ErrorParts(**curves)
+    return Sensor(noise=noise, parts=known, waves=waves, **lengths)  # type: ignore[arg-type]
+
+
+def _waves(value: object) -> Waves | None:
+    if value is None:
+        return None
+    if not isinstance(value, dict):
+        raise PlanewiseError("waves must be null, or hold along and parts")
+    parts = value.get("parts")
+    if not isinstance(parts, list) or not all(isinstance(part, dict) for part in parts):
+        raise PlanewiseError(f"waves.parts must be a list of waves with {', '.join(_WAVE)}")
+    rows = [{name: _number(part, name, "waves") for name in _WAVE} for part in parts]
+    try:
+        return Waves.of({"along": value.get("along"), "parts": rows})
+    except ValueError as error:
+        raise PlanewiseError(str(error)) from None
 
 
 def _curve(value: object, where: str) -> Noise:

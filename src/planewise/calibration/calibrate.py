@@ -1,25 +1,32 @@
-"""Noise of a camera from many of its frames."""
+"""Noise of a camera from many of its frames, and waves of its error (`planewise.waves`)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_seed
-from planewise.calibration.cells import NoiseCells
+from planewise.bends import Bends
+from planewise.calibration.cells import NoiseCells, noise_cells
 from planewise.calibration.estimate import (
     RESAMPLES,
     NoiseEstimate,
     Seed,
-    cells_of_frame,
+    own_readings,
     pooled_noise,
 )
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
+from planewise.observation import RayObservation
+from planewise.sectors import Sectors
 from planewise.sensor import Sensor
+from planewise.wave_search import waves_of
+
+_KEPT = 5  # one of so many bends of a frame is kept for all frames together
 
 
 def calibrate(
@@ -48,8 +55,9 @@ def calibrate(
     Returns
     -------
     NoiseEstimate
-        Its `sensor` makes the sensor to detect with, and `planewise.sensors.save` keeps it; its
-        `caution` says where frames of about one depth leave open how noise grows with depth.
+        Its `sensor` makes the sensor to detect with, waves of its error included, and
+        `planewise.sensors.save` keeps it; its `caution` says where frames of about one depth leave
+        open how noise grows with depth.
 
     Raises
     ------
@@ -65,12 +73,38 @@ def calibrate(
     (3, True)
     """
     checked_seed("rng", rng)
-    frames = [cells_of_frame(depth, camera, sensor, depth_scale) for depth in depths]
-    return pooled(frames, sensor, rng)
+    readings = (own_readings(depth, camera, sensor, depth_scale) for depth in depths)
+    return pooled([noise_of_frame(seen) for seen in readings], sensor, rng)
 
 
-def pooled(frames: list[NoiseCells], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:
-    """Noise that the cells of all frames show, with its confidence band.
+class FrameNoise(NamedTuple):
+    """What one frame says about the error of its sensor: noise, and its waves."""
+
+    cells: NoiseCells
+    bends: Bends | None
+
+
+def noise_of_frame(observation: RayObservation) -> FrameNoise:
+    """What a frame says, its own waves taken off where those of its sensor are not known."""
+    waves, bends = observation.sensor.waves, None
+    sectors = observation.camera.sectors(observation.shape)
+    if waves is None and sectors.column is None:
+        bends = _bends_of(observation.tame, sectors)
+        waves, bends = waves_of(bends), bends.thinned(_KEPT)
+    return FrameNoise(noise_cells(observation, waves), bends)
+
+
+def _bends_of(observation: RayObservation, sectors: Sectors) -> Bends:
+    """Bends of a frame whose noise is not known, as if it were the same at every depth."""
+    w, p = np.zeros((2, *observation.shape), np.float32)
+    inverse = 1.0 / observation.in_sectors()[1]
+    w.reshape(-1)[observation.index] = inverse
+    p.reshape(-1)[observation.index] = inverse**-4
+    return Bends.of(w, p, sectors)
+
+
+def pooled(frames: list[FrameNoise], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:
+    """Noise that the cells of all frames show, with its confidence band, and waves they share.
 
     Raises
     ------
@@ -79,13 +113,15 @@ def pooled(frames: list[NoiseCells], sensor: Sensor, rng: Seed = 0) -> NoiseEsti
     """
     if not frames:
         raise PlanewiseError("calibrate: no frame was given")
-    found = pooled_noise(frames, sensor, resamples=RESAMPLES, rng=rng)
+    cells = [frame.cells for frame in frames]
+    found = pooled_noise(cells, sensor, resamples=RESAMPLES, rng=rng)
     if found.note:
         raise PlanewiseError(
             f"calibrate: {found.note.split(':')[0]}; take frames of walls, floors or tables, "
             "and check the intrinsics and the unit of the depth"
         )
-    return found
+    bends = [frame.bends for frame in frames if frame.bends is not None]
+    return replace(found, waves=waves_of(Bends.together(bends)) if bends else sensor.waves)
 
 
 def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from planewise.density import LEAST_READINGS, usual_count
 from planewise.observation import RayObservation
+from planewise.waves import Waves
 
 Array = NDArray[np.float64]
 
@@ -90,27 +91,29 @@ class NoiseCells:
         return np.asarray(i[:, None] * (j[-1] + 1) + j[None]).reshape(-1)
 
 
-def noise_cells(observation: RayObservation) -> NoiseCells:
+def noise_cells(observation: RayObservation, waves: Waves | None = None) -> NoiseCells:
     """Cells of a depth image, with their planes and what is left about them.
 
     Parameters
     ----------
     observation : RayObservation
         Of a depth image; its sigma is not looked at.
+    waves : Waves, optional
+        Systematic error that is taken off.
     """
     observation = observation.tame
     height, width = observation.shape
     large = (height // _SIDES[0]) * (width // _SIDES[0])
     side = _SIDES[0] if large >= _FEW_CELLS else _SIDES[1]
-    cells = small = _cells_of(observation, side)
+    cells = small = _cells_of(observation, waves, side)
     # Readings may lie far apart, as on every fourth pixel: wider cells hold enough of them.
     while cells.usable.sum() < FEWEST <= (height // (2 * side)) * (width // (2 * side)):
         side *= 2
-        cells = _cells_of(observation, side)
+        cells = _cells_of(observation, waves, side)
     return cells if cells.usable.sum() >= FEWEST else small
 
 
-def _cells_of(observation: RayObservation, side: int) -> NoiseCells:
+def _cells_of(observation: RayObservation, waves: Waves | None, side: int) -> NoiseCells:
     """Cells of so many pixels along either side."""
     from planewise.kernels import noise as kernels  # loads Numba
 
@@ -120,6 +123,8 @@ def _cells_of(observation: RayObservation, side: int) -> NoiseCells:
     pixel_size = np.array(observation.pixel_size)
     rays, z = observation.in_sectors()
     in_range = z is not observation.depth
+    if waves is not None:
+        z = waves.taken_off(z, rays)
     kernels.cell_planes(
         observation.index,
         z,

@@ -23,6 +23,7 @@ from planewise.enlarged import own_pixels
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
 from planewise.observation import RayObservation, observe
 from planewise.sensor import Sensor, checked_sensor
+from planewise.waves import Waves
 from planewise.wording import counted
 
 Array = NDArray[np.float64]
@@ -88,6 +89,8 @@ class NoiseEstimate:
         Frames it comes from.
     note : str
         What was assumed instead, where the frames cannot tell; else empty.
+    waves : Waves, optional
+        Systematic error that the frames share, where it was looked for (`planewise.calibrate`).
     """
 
     white: Noise
@@ -98,6 +101,7 @@ class NoiseEstimate:
     shared_ratio: float = 0.0
     frames: int = 1
     note: str = ""
+    waves: Waves | None = None
 
     @property
     def noise(self) -> Noise:
@@ -122,11 +126,13 @@ class NoiseEstimate:
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""
-        return replace(base, noise=self.noise, parts=self.parts)
+        waves = base.waves if self.waves is None else self.waves
+        return replace(base, noise=self.noise, parts=self.parts, waves=waves)
 
     def describe(self) -> dict[str, str | int]:
         """Say in plain types what was found, for result files."""
-        return {
+        waves = {} if self.waves is None else {"waves": str(self.waves)}
+        return waves | {
             "source": "assumed" if self.note else "estimated",
             "note": self.note,
             "frames": self.frames,
@@ -189,7 +195,7 @@ def cells_of_frame(
     depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
 ) -> NoiseCells:
     """What one frame says about the noise of its sensor."""
-    return noise_cells(own_readings(depth, camera, sensor, depth_scale))
+    return noise_cells(own_readings(depth, camera, sensor, depth_scale), sensor.waves)
 
 
 def own_readings(
@@ -205,7 +211,7 @@ def own_readings(
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:
     """Noise that an observation shows, without confidence band, and the sensor that has it."""
     assert sensor.noise == AUTO
-    found = pooled_noise([noise_cells(observation)], sensor)
+    found = pooled_noise([noise_cells(observation, sensor.waves)], sensor)
     return found, found.sensor(sensor)
 
 

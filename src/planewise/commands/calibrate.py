@@ -41,7 +41,7 @@ from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.batch.source import SourceFrame
-    from planewise.calibration.cells import NoiseCells
+    from planewise.calibration.calibrate import FrameNoise
     from planewise.camera import Camera
 
 _MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
@@ -100,20 +100,20 @@ def calibrate(
         from planewise.sensors import save
 
         job = _Reading(base, known, depth_scale, FrameSizes(known), FrameDoubts())
-        cells: list[NoiseCells] = []
+        seen: list[FrameNoise] = []
         failed = 0
         for result in terminal.progress(job.run(found), len(found)):
             if isinstance(result, str):
                 failed += 1
                 terminal.error(result)
             else:
-                cells.append(result)
+                seen.append(result)
         if not job.unit_told and (unit := unusual_unit(base.resolution)):
             terminal.warning(unit)
         job.doubts.warn()
-        if not cells:
+        if not seen:
             raise typer.Exit(FAILED)
-        noise = pooled(cells, base, seed)
+        noise = pooled(seen, base, seed)
         output.parent.mkdir(parents=True, exist_ok=True)
         with ExitStack() as files:  # both or neither
             if picture is not None:
@@ -128,7 +128,7 @@ def calibrate(
         terminal.show_noise(noise, base if name is not None else None)
         if noise.caution:
             terminal.warning(f"{noise.caution}; add frames that are nearer and farther")
-        terminal.say(f"{len(cells)} of {counted(len(found), 'frame')} used, sensor in {output}")
+        terminal.say(f"{len(seen)} of {counted(len(found), 'frame')} used, sensor in {output}")
         if failed:
             raise typer.Exit(FAILED)
 
@@ -156,18 +156,19 @@ class _Reading:
     doubts: FrameDoubts
     unit_told: bool = True
 
-    def run(self, frames: list[_Frame]) -> Iterator[NoiseCells | str]:
-        """Cells of every frame, or why it cannot be used."""
+    def run(self, frames: list[_Frame]) -> Iterator[FrameNoise | str]:
+        """What every frame says, or why it cannot be used."""
         for each in frames:
             try:
-                yield self._cells(each)
+                yield self._noise(each)
             except SetupError:
                 raise
             except (ValueError, OSError) as error:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 
-    def _cells(self, given: _Frame) -> NoiseCells:
-        from planewise.calibration.cells import FEWEST, noise_cells
+    def _noise(self, given: _Frame) -> FrameNoise:
+        from planewise.calibration.calibrate import noise_of_frame
+        from planewise.calibration.cells import FEWEST
         from planewise.calibration.estimate import own_readings, too_few
         from planewise.misread import misread
 
@@ -180,14 +181,14 @@ class _Reading:
         self.unit_told &= unit_told(frame.depth, scale)
         seen = own_readings(frame.depth, camera, self.sensor, scale)
         self.doubts.see(misread(seen))
-        cells = noise_cells(seen)
-        flat = int(cells.usable.sum())
+        noise = noise_of_frame(seen)
+        flat = int(noise.cells.usable.sum())
         if flat < FEWEST:
             raise PlanewiseError(
                 f"{too_few(flat)}; take frames of walls, floors or tables, and check the unit of "
                 "the depth"
             )
-        return cells
+        return noise
 
 
 def _frames(

@@ -18,6 +18,7 @@ from rich.text import Text
 
 from planewise.model import PlaneModel
 from planewise.sensor import Sensor
+from planewise.waves import Waves
 from planewise.wording import counted
 
 if TYPE_CHECKING:
@@ -185,6 +186,8 @@ def show_summary(model: PlaneModel, seconds: float, folder: Path) -> None:
     say(f"{readings}, {1000 * seconds:.0f} ms, {with_it} included, files in {folder}")
     if isinstance(own := model.settings.get("own_size"), list):
         say(f"depth was enlarged; its own {own[1]} x {own[0]} pixels were searched")
+    if isinstance(waves := model.settings.get("waves"), dict):
+        say(f"depth errs by waves that were taken off: {Waves.of(waves)}")
     warn_of_note(model)
 
 
@@ -236,6 +239,8 @@ def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
     say(f"noise: {found.noise}")
     say(f"white: {found.white}, quantisation: {found.quantisation}")
     say(f"shared: {found.shared}, drift: {found.drift} over 100 px")
+    if found.waves is not None:
+        say(f"waves: {found.waves}, taken off by the spatial objective")
 
 
 def show_machine(machine: Mapping[str, Any], threads: int) -> None:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.arguments import FINEST, MOST_LENGTH
-from planewise.information import coordinate_information
 from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
 from planewise.noise import NOTHING, ErrorParts, evaluated
 from planewise.observation import RayObservation
 from planewise.sectors import Sectors
+from planewise.waves import Waves
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
@@ -104,7 +103,10 @@ class Frame:
     sectors : Sectors
         What `x` and `y` are coordinates of.
     wild : float
-        Nats of the readings that were set aside as wild (`planewise.wild`), the same on any planes.
+        Nats of the readings that were set aside as wild (`planewise.wild`) and of waves that were
+        taken off `w`, the same on any planes.
+    waves : Waves, optional
+        Which these are.
     """
 
     w: Image
@@ -118,6 +120,7 @@ class Frame:
     resolution: float
     sectors: Sectors
     wild: float = 0.0
+    waves: Waves | None = None
 
 
 def frame_of(
@@ -177,18 +180,3 @@ def _parts(parts: ErrorParts, z: Array) -> Array:
             "positive; they are not at all depths that occur"
         )
     return every
-
-
-def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
-    """Images of the readings that are not wild, with what these cost."""
-    return frame_of(observation.tame, workspace, wild_information(observation))
-
-
-def wild_information(observation: RayObservation) -> float:
-    """Nats of wild readings: which they are, and depths that may be anything at all."""
-    every, wild = observation.count, observation.count - observation.tame.count
-    if not wild:
-        return 0.0
-    which = math.lgamma(every + 1) - math.lgamma(wild + 1) - math.lgamma(every - wild + 1)
-    which += math.log(every)  # how many they are
-    return which + wild * coordinate_information(observation.range, observation.resolution)

@@ -15,9 +15,10 @@ from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image, describe_ranges
-from planewise.spatial.frame import Frame, tame_frame
+from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.solution import SpatialSolution, solve
+from planewise.spatial.tame_frame import tame_frame
 from planewise.stages import stage
 from planewise.workspace import Workspace
 
@@ -114,6 +115,11 @@ def spatial_model(
     with stage("describe"):
         error = FrameError() if cells is None else cells.error
         planes, labels = _described(observation, frame, solution, error, best)
+    settings = dict(settings)
+    if cells is not None:
+        settings["frame_error"] = error.describe()
+    if frame.waves is not None:
+        settings["waves"] = frame.waves.describe()
     reason = reason_of(best, significance)
     if cells is None and observation.count >= _MANY:
         reason = (
@@ -132,7 +138,7 @@ def spatial_model(
         search="joint",
         objective="spatial",
         note="" if best else reason,
-        settings=settings if cells is None else {**settings, "frame_error": error.describe()},
+        settings=settings,
     )
 
 

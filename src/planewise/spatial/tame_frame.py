@@ -1,0 +1,68 @@
+"""A frame without what is no noise: wild readings, and waves of the sensor's error."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from planewise.bends import Bends, slants, stretch
+from planewise.information import coordinate_information
+from planewise.kernels.waves import take_off
+from planewise.observation import RayObservation
+from planewise.spatial.frame import Frame, frame_of
+from planewise.wave_search import waves_of
+from planewise.waves import Waves
+from planewise.workspace import Workspace
+
+_KNOTS = 8192  # of the table of what is taken off
+_NARROW = 1e-6  # share of a coordinate that it spans at least
+
+
+def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
+    """Images of the readings that are not wild, without waves, and what both cost."""
+    workspace = workspace or Workspace()
+    frame = frame_of(observation.tame, workspace, wild_information(observation))
+    waves = observation.sensor.waves
+    if waves is None and not frame.known and frame.sectors.column is None:
+        waves = waves_of(Bends.of(frame.w, frame.p, frame.sectors))
+    return frame if waves is None else without_waves(frame, waves, workspace)
+
+
+def wild_information(observation: RayObservation) -> float:
+    """Nats of wild readings: which they are, and depths that may be anything at all."""
+    every, wild = observation.count, observation.count - observation.tame.count
+    if not wild:
+        return 0.0
+    which = math.lgamma(every + 1) - math.lgamma(wild + 1) - math.lgamma(every - wild + 1)
+    which += math.log(every)  # how many they are
+    return which + wild * coordinate_information(observation.range, observation.resolution)
+
+
+def without_waves(frame: Frame, waves: Waves, workspace: Workspace) -> Frame:
+    """Take waves off inverse depth.
+
+    That the error grows and shrinks along a wave squeezes and stretches the steps between readings,
+    by as much: of Phi that is a second-order term.
+    """
+    w, (x, y) = frame.w[frame.w > 0], frame.sectors.coordinates
+    if not w.size:
+        return frame
+    first, last, oblique = float(w.min()), float(w.max()), (0.0, 0.0)
+    if waves.along != "disparity":
+        first, last = 1 / last, 1 / first
+    if waves.along == "range":
+        oblique = slants(frame.sectors)
+        if frame.sectors.ratio is None:
+            last *= float(stretch(frame.sectors, x, y).max())
+        else:  # the depth of the table is range
+            last = frame.table.step.size / frame.table.ranging[0]
+    knots = np.linspace(first, max(last, first * (1 + _NARROW)), _KNOTS)
+    right = workspace.kept(frame.w.shape, np.float32)
+    per_unit, error = (_KNOTS - 1) / (knots[-1] - first), knots - waves.true(knots)
+    inverse = waves.along == "disparity"
+    take_off(frame.w, x, y, inverse, oblique, first, per_unit, error, right)
+    # Period, amplitude and phase, each half a logarithm of the readings.
+    nats = 1.5 * len(waves.parts) * math.log(np.count_nonzero(frame.p))
+    return replace(frame, w=right, waves=waves, wild=frame.wild + nats)
