@@ -24,9 +24,9 @@ from PIL import Image
 import planewise as pw
 from benchmarks.arguments import parser_of
 from benchmarks.other_sensors import FB, FIRST, SMALLEST, VGA, Exact, camera_of, exact
+from planewise.calibration import frame_noise
 from planewise.drawing.overlay import draw_small
 from planewise.metrics import evaluate
-from planewise.spatial import tame_frame
 from planewise.waves import Wave, Waves
 
 Array = NDArray[np.float64]
@@ -99,7 +99,7 @@ def scored(read: Read, seed: int, sensor: pw.Sensor) -> list[float]:
 
 def unaware() -> AbstractContextManager[object]:
     """Nothing is taken off."""
-    return patch.object(tame_frame, "waves_of", lambda _: None)
+    return patch.object(frame_noise, "waves_of", lambda _: None)
 
 
 def draw(path: Path) -> None:

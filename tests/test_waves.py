@@ -407,6 +407,21 @@ def test_a_calibrated_sensor_has_the_waves_of_its_frames(frames, corner):
     assert pw.calibrate([corner[0]], CAMERA, pw.Sensor()).waves is None
 
 
+def test_noise_is_estimated_without_waves(corner):
+    true = ERRORS["range"]
+    found = pw.estimate_noise(read(corner[0], true), CAMERA, pw.Sensor(noise="auto"))
+    alike(found.waves, true)
+    assert found.drift is found.shared is pw.noise.NOTHING
+    model = pw.detect_planes(read(corner[0], true), CAMERA, pw.Sensor(noise="auto"))
+    assert model.settings["noise"]["waves"] == str(found.waves)
+    assert model.settings["waves"] == found.waves.describe()
+    assert len(model) == 3
+    known = pw.Sensor(noise="auto", waves=true)
+    assert pw.detect_planes(read(corner[0], true), CAMERA, known).settings["waves"] == (
+        true.describe()
+    )
+
+
 def test_waves_at_the_command_line(frames, tmp_path):
     for k, depth in enumerate(frames):
         np.save(tmp_path / f"{k}.npy", depth)

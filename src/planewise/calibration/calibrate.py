@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_seed
 from planewise.bends import Bends
-from planewise.calibration.cells import NoiseCells, noise_cells
 from planewise.calibration.estimate import (
     RESAMPLES,
     NoiseEstimate,
@@ -19,14 +18,11 @@ from planewise.calibration.estimate import (
     own_readings,
     pooled_noise,
 )
+from planewise.calibration.frame_noise import FrameNoise, noise_of_frame
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
-from planewise.observation import RayObservation
-from planewise.sectors import Sectors
 from planewise.sensor import Sensor
 from planewise.wave_search import waves_of
-
-_KEPT = 5  # one of so many bends of a frame is kept for all frames together
 
 
 def calibrate(
@@ -75,32 +71,6 @@ def calibrate(
     checked_seed("rng", rng)
     readings = (own_readings(depth, camera, sensor, depth_scale) for depth in depths)
     return pooled([noise_of_frame(seen) for seen in readings], sensor, rng)
-
-
-class FrameNoise(NamedTuple):
-    """What one frame says about the error of its sensor: noise, and its waves."""
-
-    cells: NoiseCells
-    bends: Bends | None
-
-
-def noise_of_frame(observation: RayObservation) -> FrameNoise:
-    """What a frame says, its own waves taken off where those of its sensor are not known."""
-    waves, bends = observation.sensor.waves, None
-    sectors = observation.camera.sectors(observation.shape)
-    if waves is None and sectors.column is None:
-        bends = _bends_of(observation.tame, sectors)
-        waves, bends = waves_of(bends), bends.thinned(_KEPT)
-    return FrameNoise(noise_cells(observation, waves), bends)
-
-
-def _bends_of(observation: RayObservation, sectors: Sectors) -> Bends:
-    """Bends of a frame whose noise is not known, as if it were the same at every depth."""
-    w, p = np.zeros((2, *observation.shape), np.float32)
-    inverse = 1.0 / observation.in_sectors()[1]
-    w.reshape(-1)[observation.index] = inverse
-    p.reshape(-1)[observation.index] = inverse**-4
-    return Bends.of(w, p, sectors)
 
 
 def pooled(frames: list[FrameNoise], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:

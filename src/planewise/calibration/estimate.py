@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from planewise.arguments import checked_seed
 from planewise.calibration.bins import Bin, Pool, bootstrap, by_depth
-from planewise.calibration.cells import FEWEST, NoiseCells, noise_cells
+from planewise.calibration.cells import FEWEST, NoiseCells
 from planewise.calibration.correlated import shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
+from planewise.calibration.frame_noise import noise_of_frame
 from planewise.camera import Camera
 from planewise.enlarged import own_pixels
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
@@ -90,7 +91,7 @@ class NoiseEstimate:
     note : str
         What was assumed instead, where the frames cannot tell; else empty.
     waves : Waves, optional
-        Systematic error that the frames share, where it was looked for (`planewise.calibrate`).
+        Systematic error that frames share, and without which their noise is.
     """
 
     white: Noise
@@ -126,8 +127,7 @@ class NoiseEstimate:
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""
-        waves = base.waves if self.waves is None else self.waves
-        return replace(base, noise=self.noise, parts=self.parts, waves=waves)
+        return replace(base, noise=self.noise, parts=self.parts, waves=self.waves)
 
     def describe(self) -> dict[str, str | int]:
         """Say in plain types what was found, for result files."""
@@ -187,15 +187,9 @@ def estimate_noise(
     (array([0.004]), array([0.]))
     """
     checked_seed("rng", rng)
-    cells = cells_of_frame(depth, camera, sensor, depth_scale)
-    return pooled_noise([cells], sensor, resamples=RESAMPLES, rng=rng)
-
-
-def cells_of_frame(
-    depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
-) -> NoiseCells:
-    """What one frame says about the noise of its sensor."""
-    return noise_cells(own_readings(depth, camera, sensor, depth_scale), sensor.waves)
+    frame = noise_of_frame(own_readings(depth, camera, sensor, depth_scale))
+    found = pooled_noise([frame.cells], sensor, resamples=RESAMPLES, rng=rng)
+    return replace(found, waves=frame.waves)
 
 
 def own_readings(
@@ -211,7 +205,8 @@ def own_readings(
 def resolved(observation: RayObservation, sensor: Sensor) -> tuple[NoiseEstimate, Sensor]:
     """Noise that an observation shows, without confidence band, and the sensor that has it."""
     assert sensor.noise == AUTO
-    found = pooled_noise([noise_cells(observation, sensor.waves)], sensor)
+    frame = noise_of_frame(observation)
+    found = replace(pooled_noise([frame.cells], sensor), waves=frame.waves)
     return found, found.sensor(sensor)
 
 

@@ -41,7 +41,7 @@ from planewise.wording import counted
 
 if TYPE_CHECKING:
     from planewise.batch.source import SourceFrame
-    from planewise.calibration.calibrate import FrameNoise
+    from planewise.calibration.frame_noise import FrameNoise
     from planewise.camera import Camera
 
 _MOST_FRAMES = 300  # more are thinned out evenly: their cells are kept in memory
@@ -167,9 +167,9 @@ class _Reading:
                 yield f"{each.name}: {str(error).removeprefix(f'{each.name}: ')}"
 
     def _noise(self, given: _Frame) -> FrameNoise:
-        from planewise.calibration.calibrate import noise_of_frame
         from planewise.calibration.cells import FEWEST
         from planewise.calibration.estimate import own_readings, too_few
+        from planewise.calibration.frame_noise import noise_of_frame
         from planewise.misread import misread
 
         frame = given.read()

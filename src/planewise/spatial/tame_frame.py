@@ -25,7 +25,8 @@ def tame_frame(observation: RayObservation, workspace: Workspace | None = None) 
     workspace = workspace or Workspace()
     frame = frame_of(observation.tame, workspace, wild_information(observation))
     waves = observation.sensor.waves
-    if waves is None and not frame.known and frame.sectors.column is None:
+    told = frame.known or frame.estimated  # with the noise
+    if waves is None and not told and frame.sectors.column is None:
         waves = waves_of(Bends.of(frame.w, frame.p, frame.sectors))
     return frame if waves is None else without_waves(frame, waves, workspace)
 

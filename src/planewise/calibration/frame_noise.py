@@ -1,0 +1,51 @@
+"""What one frame says about the error of its sensor: noise, by cells, and waves."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from planewise.bends import Bends
+from planewise.calibration.cells import NoiseCells, noise_cells
+from planewise.observation import RayObservation
+from planewise.wave_search import waves_of
+from planewise.waves import Waves
+
+_KEPT = 5  # one of so many bends of a frame is kept for all frames together
+
+
+class FrameNoise(NamedTuple):
+    """What one frame says about the error of its sensor.
+
+    Attributes
+    ----------
+    cells : NoiseCells
+        Without the waves.
+    waves : Waves, optional
+        Of its sensor, or else those that it shows.
+    bends : Bends, optional
+        Some of those that tell of waves, where these were looked for.
+    """
+
+    cells: NoiseCells
+    waves: Waves | None
+    bends: Bends | None
+
+
+def noise_of_frame(observation: RayObservation) -> FrameNoise:
+    """What a frame says; range images of LiDARs show no waves."""
+    waves, bends = observation.sensor.waves, None
+    if waves is None and observation.camera.sectors(observation.shape).column is None:
+        every = _bends_of(observation.tame)
+        waves, bends = waves_of(every), every.thinned(_KEPT)
+    return FrameNoise(noise_cells(observation, waves), waves, bends)
+
+
+def _bends_of(observation: RayObservation) -> Bends:
+    """Bends of a frame whose noise is not known, as if it were the same at every depth."""
+    w, p = np.zeros((2, *observation.shape), np.float32)
+    z = observation.in_sectors()[1]
+    square = z * z
+    w.reshape(-1)[observation.index], p.reshape(-1)[observation.index] = 1.0 / z, square * square
+    return Bends.of(w, p, observation.camera.sectors(observation.shape))
