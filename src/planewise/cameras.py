@@ -54,6 +54,18 @@ Silberman et al. 2012)."""
 KINECT_V1 = PinholeCamera(fx=525.0, fy=525.0, cx=319.5, cy=239.5, width=640, height=480)
 """Kinect v1 and Xtion: the nominal values of the OpenNI drivers."""
 
+KINECT_V2 = PinholeCamera(
+    fx=365.456,
+    fy=365.456,
+    cx=254.878,
+    cy=205.395,
+    distortion=(0.0905474, -0.26819, 0.0, 0.0, 0.0950862),
+    width=512,
+    height=424,
+)
+"""Kinect v2 (Xbox One), raw depth: a factory calibration that many programs come with, typical.
+Where the driver has undistorted depth, take it without the distortion."""
+
 AZURE_KINECT = PinholeCamera(fx=504.0, fy=504.0, cx=319.5, cy=319.5, width=640, height=576)
 """Azure Kinect, NFOV unbinned: typical of factory calibrations (about 504 px), but for the
 distortion, which moves corners by more than 100 pixels: give all eight coefficients of the device's
@@ -139,6 +151,7 @@ at hand has the same angles to 0.001 degrees); 0.192 degrees between columns at 
 PRESETS: dict[str, Camera] = {
     "nyu": NYU,
     "kinect-v1": KINECT_V1,
+    "kinect-v2": KINECT_V2,
     "azure-kinect": AZURE_KINECT,
     "realsense-d415": REALSENSE_D415,
     "realsense-d435": REALSENSE_D435,

@@ -19,6 +19,7 @@ __all__ = [
     "GEMINI_2_XL",
     "IPHONE_LIDAR",
     "KINECT_V1",
+    "KINECT_V2",
     "NYU",
     "OUSTER_OS0",
     "OUSTER_OS1",
@@ -43,6 +44,14 @@ paper uses. Range: NYU-v2 stores depths up to 10 m."""
 
 NYU = KINECT_V1
 """The sensor of NYU-v2 is a Kinect v1."""
+
+KINECT_V2 = Sensor(
+    min_depth=0.5, max_depth=4.5, resolution=0.001, noise=noise.quadratic(0.0013, 0.0003, 0.8)
+)
+"""Microsoft Kinect for Xbox One, 0.5-4.5 m. Noise: within 2 % of the axial model of Fankhauser et
+al., "Kinect v2 for mobile robot navigation", ICAR 2015, 1.5 - 0.5 z + 0.3 z^2 mm, on surfaces that
+face it; wiggling is told by each frame (`planewise.waves`). Drivers may give up to 8 m
+(``dataclasses.replace(KINECT_V2, max_depth=8.0)``)."""
 
 AZURE_KINECT = Sensor(
     min_depth=0.5, max_depth=5.46, resolution=0.001, noise=noise.Polynomial(0.011, 0.001)
@@ -124,6 +133,7 @@ VELODYNE_VLS128 = Sensor(
 PRESETS: dict[str, Sensor] = {
     "kinect-v1": KINECT_V1,
     "nyu": NYU,
+    "kinect-v2": KINECT_V2,
     "azure-kinect": AZURE_KINECT,
     "femto-bolt": FEMTO_BOLT,
     "realsense-d415": REALSENSE_D415,

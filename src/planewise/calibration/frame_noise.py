@@ -44,8 +44,8 @@ def noise_of_frame(observation: RayObservation) -> FrameNoise:
 
 def _bends_of(observation: RayObservation) -> Bends:
     """Bends of a frame whose noise is not known, as if it were the same at every depth."""
-    w, p = np.zeros((2, *observation.shape), np.float32)
-    z = observation.in_sectors()[1]
-    square = z * z
-    w.reshape(-1)[observation.index], p.reshape(-1)[observation.index] = 1.0 / z, square * square
-    return Bends.of(w, p, observation.camera.sectors(observation.shape))
+    image, sectors = observation.image, observation.camera.sectors(observation.shape)
+    w, p = np.empty((2, *image.shape), np.float32)
+    square = image.depth * image.depth
+    image.spread(square * square, w, p)
+    return Bends.of(*sectors.spread(w, p), sectors)
