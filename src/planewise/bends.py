@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,6 +41,8 @@ class Bends:
         2 w_b - w_a - w_c, and what independent errors as described make of it.
     lean : ndarray, shape (2, n)
         By how much w differs about the middle one along x and y; 0 where that is not known.
+    step : float
+        Usual step between two readings of w; 0 where none is known.
     ends : ndarray of int
         Behind the last of every lag in a frame.
     """
@@ -51,11 +53,15 @@ class Bends:
     bend: Array
     variance: Array
     lean: Array
+    step: float
     ends: NDArray[np.int64]
 
     @classmethod
-    def of(cls, w: Image, p: Image, sectors: Sectors) -> Bends:
-        """Those of an image of inverse depth, w (H, W), and its precision p, 0 for no reading."""
+    def of(cls, w: Image, p: Image, sectors: Sectors, step: Callable[[float], float]) -> Bends:
+        """Those of an image of inverse depth, w (H, W), and its precision p, 0 for no reading.
+
+        step: between two readings of w, at some w.
+        """
         side = _SIDES[w.size < _SMALL]
         rows, columns = (n // side for n in w.shape)
         blocks = np.empty((2, rows, columns))
@@ -75,6 +81,7 @@ class Bends:
             bend=bend[:n],
             variance=variance[:n],
             lean=lean[:, :n],
+            step=step(float(np.median(blocks[0, blocks[0] > 0]))) if n else 0.0,
             ends=ends,
         )
 
@@ -92,6 +99,7 @@ class Bends:
             bend=np.concatenate([each.bend for each in frames]),
             variance=np.concatenate([each.variance for each in frames]),
             lean=np.concatenate([each.lean for each in frames], axis=1),
+            step=float(np.median([each.step for each in frames])),
             ends=np.concatenate(
                 [each.ends + start for each, start in zip(frames, before, strict=False)]
             ),
@@ -107,6 +115,7 @@ class Bends:
             bend=self.bend[::every].copy(),
             variance=self.variance[::every].copy(),
             lean=self.lean[:, ::every].copy(),
+            step=self.step,
             ends=-(-self.ends // every),
         )
 

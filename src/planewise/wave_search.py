@@ -32,6 +32,7 @@ _LONGEST: dict[Along, float] = {"range": 2.0, "depth": 2.0, "disparity": 0.1}
 _SHORTEST: dict[Along, float] = {"range": 0.1, "depth": 0.1, "disparity": 0.0015}
 _HIGHEST: dict[Along, float] = {"range": 0.03, "depth": 0.03, "disparity": np.inf}  # amplitude
 _STEEPEST: dict[Along, float] = {"range": 0.03, "depth": 0.03, "disparity": 0.07}  # over period
+_STEPS = 4.0  # between readings in a period, at least: steps come again, too
 _PERIODS: dict[Along, float] = {"range": 2.0, "depth": 2.0, "disparity": 5.0}  # fewest in a frame
 _SHARE = 0.06  # of the squares of bends that a wave explains, at least
 _LEAST = 100.0  # and of their sum against their variance
@@ -103,7 +104,8 @@ def _line(
     period = np.full(size // 2 + 1, np.inf)
     period[1:] = size * span / (knots - 1) / np.arange(1, size // 2 + 1)
     longest = min(_LONGEST[along], span / _PERIODS[along])
-    shortest = max(_SHORTEST[along], 4 * span / knots)
+    rounding = bends.step / float(np.median(np.abs(rate[bends.w > 0])))
+    shortest = max(_SHORTEST[along], 4 * span / knots, _STEPS * rounding)
     some = slice(*np.searchsorted(-period, (-longest, -shortest)).tolist())
     period = period[some]
     if not period.size:

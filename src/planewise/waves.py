@@ -46,11 +46,6 @@ class Wave:
             if not is_finite(value) or (value <= 0 and name == "period"):
                 positive = "positive and " if name == "period" else ""
                 raise ValueError(f"waves: {name} must be {positive}finite, got {value!r}")
-        if 2 * math.pi * abs(self.amplitude) >= self.period:
-            raise ValueError(
-                f"waves: an amplitude of {self.amplitude:g} is too large for a period of "
-                f"{self.period:g}: two true depths would be read alike"
-            )
         make_plain(self, float, "period", "amplitude", "phase")
 
 
@@ -90,6 +85,11 @@ class Waves:
         object.__setattr__(self, "parts", tuple(parts))
         if not self.parts or not all(isinstance(part, Wave) for part in self.parts):
             raise ValueError(f"waves: parts must be one Wave or more, got {self.parts!r}")
+        if sum(2 * math.pi * abs(part.amplitude) / part.period for part in self.parts) >= 1:
+            raise ValueError(
+                f"waves: {self} are too large for their periods: different true depths would be "
+                "read alike"
+            )
 
     def error(self, u: Array) -> Array:
         """Error where `u` is true, in its unit."""

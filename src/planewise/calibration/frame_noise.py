@@ -48,4 +48,9 @@ def _bends_of(observation: RayObservation) -> Bends:
     w, p = np.empty((2, *image.shape), np.float32)
     square = image.depth * image.depth
     image.spread(square * square, w, p)
-    return Bends.of(*sectors.spread(w, p), sectors)
+
+    def step(inverse: float) -> float:
+        z = 1.0 / inverse
+        return float(np.interp(z, image.depth, image.steps())) / (z * z)
+
+    return Bends.of(*sectors.spread(w, p), sectors, step)

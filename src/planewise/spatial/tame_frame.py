@@ -27,8 +27,17 @@ def tame_frame(observation: RayObservation, workspace: Workspace | None = None) 
     waves = observation.sensor.waves
     told = frame.known or frame.estimated  # with the noise
     if waves is None and not told and frame.sectors.column is None:
-        waves = waves_of(Bends.of(frame.w, frame.p, frame.sectors))
+        waves = waves_of(bends_of(frame))
     return frame if waves is None else without_waves(frame, waves, workspace)
+
+
+def bends_of(frame: Frame) -> Bends:
+    """How the readings of a frame are bent."""
+
+    def step(w: float) -> float:
+        return math.sqrt(12 * frame.table.at(w)[3])
+
+    return Bends.of(frame.w, frame.p, frame.sectors, step)
 
 
 def wild_information(observation: RayObservation) -> float:
