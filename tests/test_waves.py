@@ -225,6 +225,17 @@ def test_range_images_have_known_waves_alone():
     assert_array_equal(found.w > 0, here.w > 0)  # margins, too
 
 
+@pytest.mark.parametrize("along", ALONG)
+@pytest.mark.parametrize("scale", [1e-3, 1e-2, 1e3])
+def test_waves_of_another_unit_leave_depth_what_it_is(corner, along, scale):
+    """Ten millimetres of a centimetre, as of a sensor whose unit was mistaken."""
+    sensor = pw.Sensor(max_depth=10 * scale, resolution=1e-5 * scale, noise=0.002 * scale)
+    seen = pw.observe(scale * corner[0], CAMERA, replace(sensor, waves=ERRORS[along]))
+    frame = tame_frame(seen)
+    assert (np.abs(frame.w * seen.depth.reshape(SHAPE) - 1) < 0.26).all()
+    assert pw.detect_planes(scale * corner[0], CAMERA, seen.sensor).readings == seen.count
+
+
 def test_a_frame_without_readings_has_none():
     assert len(pw.detect_planes(np.zeros(SHAPE), CAMERA, SENSOR)) == 0
     model = pw.detect_planes(np.zeros(SHAPE), CAMERA, replace(SENSOR, waves=ERRORS["range"]))

@@ -17,6 +17,7 @@ from planewise.waves import Waves
 from planewise.workspace import Workspace
 
 _KNOTS = 8192  # of the table of what is taken off
+_MOST = 0.2  # of depth is taken off, at most: waves of another unit leave depth what it is
 _NARROW = 1e-6  # share of a coordinate that it spans at least
 
 
@@ -70,7 +71,8 @@ def without_waves(frame: Frame, waves: Waves, workspace: Workspace) -> Frame:
             last = frame.table.step.size / frame.table.ranging[0]
     knots = np.linspace(first, max(last, first * (1 + _NARROW)), _KNOTS)
     right = workspace.kept(frame.w.shape, np.float32)
-    per_unit, error = (_KNOTS - 1) / (knots[-1] - first), knots - waves.true(knots)
+    per_unit, most = (_KNOTS - 1) / (knots[-1] - first), _MOST * knots
+    error = np.clip(knots - waves.true(knots), -most, most)
     inverse = waves.along == "disparity"
     take_off(frame.w, x, y, inverse, oblique, first, per_unit, error, right)
     # Period, amplitude and phase, each half a logarithm of the readings.
