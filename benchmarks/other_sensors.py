@@ -264,13 +264,20 @@ def scored(number: int, seed: int) -> Array:
         replace(reading.sensor, noise=noise.proportional(0.01), parts=None),
     ):
         model = pw.detect_planes(depth, camera_of(reading.size), sensor, threads=1)
-        row = evaluate(
-            model.labels, labels, minimum_pixels=max(1, int(SMALLEST * labels.size))
-        ).row()
-        precision = evaluate(model.labels, faces).row()["precision@0.5"]
-        found = [row[name] for name in ("voi_labelled", "sc_labelled", "recall@0.5")]
-        out.append([*found[:2], precision, found[2], len(model)])
+        out.append(scores(model, labels, faces))
     return np.array(out)
+
+
+def scores(model: pw.PlaneModel, labels: Grid, faces: Grid) -> list[float]:
+    """VOI, SC, P, R and planes."""
+    row = evaluate(model.labels, labels, minimum_pixels=max(1, int(SMALLEST * labels.size))).row()
+    precision = evaluate(model.labels, faces).row()["precision@0.5"]
+    return [row["voi_labelled"], row["sc_labelled"], precision, row["recall@0.5"], len(model)]
+
+
+def cell(row: Array) -> str:
+    """Cell of a table: scores, and planes at the end."""
+    return " ".join(f"{x:.2f}" for x in row[:-1]) + f" {row[-1]:.1f}"
 
 
 def main() -> None:
@@ -284,10 +291,7 @@ def main() -> None:
         for number in chosen:
             seeds = range(FIRST, FIRST + given.rooms)
             rows = list(workers.map(scored, [number] * given.rooms, seeds))
-            cells = (
-                " ".join(f"{x:.2f}" for x in row[:4]) + f" {row[4]:.1f}"
-                for row in np.nanmean(rows, axis=0)
-            )
+            cells = map(cell, np.nanmean(rows, axis=0))
             print(f"| {READINGS[number].name} | {' | '.join(cells)} |", flush=True)
 
 

@@ -23,10 +23,9 @@ from PIL import Image
 
 import planewise as pw
 from benchmarks.arguments import parser_of
-from benchmarks.other_sensors import FB, FIRST, SMALLEST, VGA, Exact, camera_of, exact
+from benchmarks.other_sensors import FB, FIRST, VGA, Exact, camera_of, cell, exact, scores
 from planewise.calibration import frame_noise
 from planewise.drawing.overlay import draw_small
-from planewise.metrics import evaluate
 from planewise.waves import Wave, Waves
 
 Array = NDArray[np.float64]
@@ -92,9 +91,8 @@ def scored(read: Read, seed: int, sensor: pw.Sensor) -> list[float]:
     """VOI, P, R and planes of a room."""
     depth, labels, faces = frame(read, seed)
     model = pw.detect_planes(depth, _CAMERA, sensor)
-    row = evaluate(model.labels, labels, minimum_pixels=int(SMALLEST * labels.size)).row()
-    precision = evaluate(model.labels, faces).row()["precision@0.5"]
-    return [row["voi_labelled"], precision, row["recall@0.5"], len(model)]
+    voi, _, *others = scores(model, labels, faces)
+    return [voi, *others]
 
 
 def unaware() -> AbstractContextManager[object]:
@@ -133,10 +131,7 @@ def main() -> None:
             without = [scored(read, seed, _SENSOR) for seed in rooms]
         found = [scored(read, seed, _SENSOR) for seed in rooms]
         known = [scored(read, seed, calibrated.sensor(_SENSOR)) for seed in rooms]
-        cells = (
-            " ".join(f"{x:.2f}" for x in row[:3]) + f" {row[3]:.1f}"
-            for row in (np.mean(rows, axis=0) for rows in (without, found, known))
-        )
+        cells = (cell(np.mean(rows, axis=0)) for rows in (without, found, known))
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import scenes, sensors
-from planewise.bends import Bends, slants
+from planewise.bends import Bends
 from planewise.errors import PlanewiseError
 from planewise.kernels import waves as kernels
 from planewise.metrics import evaluate
@@ -24,10 +24,8 @@ from planewise.waves import ALONG, Wave, Waves
 
 from .command import run
 from .conftest import render
+from .test_other_sensors import CAMERA, CORNER, SHAPE
 
-SHAPE = (240, 320)
-CAMERA = pw.PinholeCamera(fx=262, fy=262, cx=159.5, cy=119.5)
-CORNER = np.array([[0.0, -0.9, -0.436, 1.4], [0.5, 0.0, -0.866, 2.6], [-0.6, 0.0, -0.8, 3.2]])
 SENSOR = pw.Sensor(max_depth=10, noise=0.002)
 ERRORS = {
     "range": Waves("range", [Wave(0.5, 0.004, 0.7)]),
@@ -56,8 +54,7 @@ def read(z, waves, sigma=0.002, seed=0):
 
 
 def bends_of(depth, camera=CAMERA, sensor=SENSOR):
-    frame = frame_of(pw.observe(depth, camera, sensor))
-    return bends_of_frame(frame)
+    return bends_of_frame(frame_of(pw.observe(depth, camera, sensor)))
 
 
 def alike(found, true):
@@ -340,9 +337,9 @@ def test_what_is_taken_off_is_the_same_for_any_coordinates(corner):
     error = np.linspace(-0.02, 0.02, 4096)
     out = np.empty((2, *SHAPE), np.float32)
     for inverse in (False, True):
-        oblique = (0.0, 0.0) if inverse else slants(frame.sectors)
+        ranging = 800.0, *((0.0, 0.0) if inverse else frame.sectors.slants)
         for coordinates, each in zip((straight, whole), out, strict=True):
-            kernels.take_off(frame.w, *coordinates, inverse, oblique, 0.2, 800.0, error, each)
+            kernels.take_off(frame.w, *coordinates, inverse, ranging, 0.2, error, each)
         assert_array_equal(*out)
         w = frame.w.astype(float)
         u = w if inverse else stretch() / w

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from planewise.kernels import medians
 from planewise.kernels import waves as kernels
-from planewise.kernels.cells import UNIT
 from planewise.sectors import Sectors
 from planewise.waves import Along
 
@@ -73,7 +72,7 @@ class Bends:
         kernels.blocks_in_a_row(blocks, _LAGS, every, _AROUND, index, bend, variance, lean, ends)
         n = int(ends[-1])
         x, y = (_of_blocks(each, (rows, columns), side) for each in sectors.coordinates)
-        oblique = np.broadcast_to(stretch(sectors, x, y), (rows, columns))
+        oblique = np.broadcast_to(sectors.stretch(x, y), (rows, columns))
         return cls(
             w=blocks[0].reshape(-1),
             stretch=oblique.reshape(-1),
@@ -169,18 +168,6 @@ class Bends:
         x, y, of = x[leaning], y[leaning], fell[leaning]
         twice = np.stack((x * x - y * y, 2 * x * y)) / square[leaning]  # of twice the angle
         return float(fell.sum()), float(of[(twice @ of) @ twice < 0].sum())
-
-
-def slants(sectors: Sectors) -> tuple[float, float]:
-    """a and b of (range / depth)^2 = 1 + a x^2 + b y^2."""
-    across, down = sectors.focal
-    return (UNIT / across) ** 2, (UNIT / down) ** 2
-
-
-def stretch(sectors: Sectors, x: NDArray[np.floating], y: NDArray[np.floating]) -> Array:
-    """Range / depth in directions."""
-    (a, b), x, y = slants(sectors), x.astype(np.float64), y.astype(np.float64)
-    return np.asarray(np.sqrt(1.0 + a * x * x + b * y * y))
 
 
 def _of_blocks(coordinate: Image, blocks: tuple[int, int], side: int) -> Image:

@@ -123,12 +123,15 @@ class Sectors:
         """Change of w over 100 pixels, against w, of a piece of a surface that leans by `LEAN`."""
         return LEAN * UNIT / self.mean_focal
 
+    @property
+    def slants(self) -> tuple[float, float]:
+        """a and b of (range / z)^2 = 1 / c^2 = 1 + a x^2 + b y^2."""
+        return (UNIT / self.focal[0]) ** 2, (UNIT / self.focal[1]) ** 2
+
     @cached_property
     def oblique(self) -> tuple[float, float]:
-        """a and b of 1 / c^2 = 1 + a x^2 + b y^2, c = z / range; 0 where depth is z."""
-        if self.ratio is None:
-            return 0.0, 0.0
-        return (UNIT / self.focal[0]) ** 2, (UNIT / self.focal[1]) ** 2
+        """`slants`; 0 where depth is z."""
+        return (0.0, 0.0) if self.ratio is None else self.slants
 
     @cached_property
     def mean_ratio(self) -> float:
@@ -275,6 +278,11 @@ class Sectors:
     def metres(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Coordinates on the plane z = 1, in metres."""
         return x * (UNIT / self.focal[0]), y * (UNIT / self.focal[1])
+
+    def stretch(self, x: NDArray[np.floating], y: NDArray[np.floating]) -> Array:
+        """Range / z in directions given by coordinates, whether depth is z or range."""
+        (a, b), x, y = self.slants, x.astype(np.float64), y.astype(np.float64)
+        return np.asarray(np.sqrt(1.0 + a * x * x + b * y * y))
 
     def squared_stretch(
         self, x: NDArray[np.floating], y: NDArray[np.floating]

@@ -163,17 +163,19 @@ def _from_record(record: Mapping[str, Any]) -> Sensor:
     noise = _curve(record.get("noise"), "noise")
     if noise is NOTHING:
         raise PlanewiseError("noise must have at least one term")
-    waves = _waves(record.get("waves"))
-    parts = record.get("parts")
-    if parts is None:
-        return Sensor(noise=noise, waves=waves, **lengths)  # type: ignore[arg-type]
-    if not isinstance(parts, dict):
+    parts, waves = _parts(record.get("parts")), _waves(record.get("waves"))
+    return Sensor(noise=noise, parts=parts, waves=waves, **lengths)  # type: ignore[arg-type]
+
+
+def _parts(value: object) -> ErrorParts | None:
+    if value is None:
+        return None
+    if not isinstance(value, dict):
         raise PlanewiseError("parts must be null, or hold white, shared, drift_per_100_px (terms)")
-    curves = {name: _curve(parts.get(key), f"parts.{key}") for key, name in _PARTS.items()}
+    curves = {name: _curve(value.get(key), f"parts.{key}") for key, name in _PARTS.items()}
     if curves["white"] is NOTHING:
         raise PlanewiseError("parts.white must have at least one term")
-    known = ErrorParts(**curves)
-    return Sensor(noise=noise, parts=known, waves=waves, **lengths)  # type: ignore[arg-type]
+    return ErrorParts(**curves)
 
 
 def _waves(value: object) -> Waves | None:

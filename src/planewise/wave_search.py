@@ -128,11 +128,8 @@ def _line(
     least = max(_SHARE * float((weights * left * left).sum()), _LEAST)
     if explained[k] < least or part[k] < 1.0:
         return None
-    alike = np.zeros(period.size, np.bool_)
-    for times in (0.5, 1.0, 2.0, 3.0):
-        alike |= np.abs(1 / period - times / period[k]) < _WIDE / span
-    for other in known:
-        alike |= np.abs(1 / period - 1 / other.period) < _WIDE / span
+    its = [*(times / period[k] for times in (0.5, 1.0, 2.0, 3.0)), *(1 / w.period for w in known)]
+    alike = (np.abs(1 / period - np.array(its)[:, None]) < _WIDE / span).any(axis=0)
     if explained[~alike].max(initial=0.0) > _ALONE * explained[k]:
         return None
     return _Line(along, float(period[k]), float(explained[k]))
@@ -151,16 +148,14 @@ def _fitted(bends: Bends, line: _Line, known: Sequence[Wave]) -> tuple[Waves, Ar
     height = np.array([*(wave.amplitude for wave in known), 0.0])
     phase = 2 * np.pi * usual * frequency + [*(wave.phase for wave in known), 0.0]
     sine, cosine = height * np.cos(phase), height * np.sin(phase)
-    true, error = u, np.zeros_like(u)
+    true = u
     for n in range(_ROUNDS + 1):
-        if known or n:
-            try:
-                waves = _waves(line.along, frequency, sine, cosine)
-            except ValueError:  # two true depths would be read alike
-                return None
-            true = waves.true(u, true, 1 if n else 3)
-            error = waves.error(true)
-        left = bends.bend - bends.of_blocks(rate * error)
+        try:
+            waves = _waves(line.along, frequency, sine, cosine)
+        except ValueError:  # two true depths would be read alike
+            return None
+        true = waves.true(u, true, 1 if n else 3)
+        left = bends.bend - bends.of_blocks(rate * waves.error(true))
         if n == _ROUNDS:
             break
         columns = []
@@ -185,8 +180,8 @@ def _waves(along: Along, frequency: Array, sine: Array, cosine: Array, usual: fl
     """Waves of a coordinate from which `usual` was taken."""
     phase = np.arctan2(cosine, sine) - 2 * np.pi * frequency * usual
     phase = (phase + np.pi) % (2 * np.pi) - np.pi
-    rows = zip(1 / frequency, np.hypot(sine, cosine), phase, strict=True)
-    return Waves(along, tuple(Wave(*row) for row in np.array(list(rows)).tolist()))
+    rows = np.stack((1 / frequency, np.hypot(sine, cosine), phase), axis=1)
+    return Waves(along, tuple(Wave(*row) for row in rows.tolist()))
 
 
 def _most(along: Along, period: Array) -> Array:

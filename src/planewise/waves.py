@@ -22,6 +22,9 @@ Along = Literal["range", "depth", "disparity"]
 
 ALONG: tuple[Along, ...] = get_args(Along)
 _STEPS = 5  # of Newton's, from what is read to what is true
+_KNOTS = 8192  # of a table
+_MOST = 0.2  # of a coordinate is taken off, at most: waves of another unit leave depth what it is
+_NARROW = 1e-6  # share of a coordinate that a table spans at least
 
 
 @dataclass(frozen=True)
@@ -106,14 +109,26 @@ class Waves:
             out = out - off / slope
         return out
 
+    def table(self, first: float, last: float) -> tuple[Array, Array]:
+        """What is read from `first` > 0 to `last`, at regular steps, and its error."""
+        read = np.linspace(first, max(last, first * (1 + _NARROW)), _KNOTS)
+        most = _MOST * read
+        return read, np.clip(read - self.true(read), -most, most)
+
     def taken_off(self, z: Array, rays: Array) -> Array:
         """Depths z (k,) without them; rays (3, k): directions of the readings, 1 deep."""
+        if not z.size:
+            return z
         if self.along == "disparity":
-            return np.asarray(1.0 / self.true(1.0 / z))
+            return np.asarray(1.0 / self._without(1.0 / z))
         if self.along == "depth":
-            return self.true(z)
+            return self._without(z)
         length = np.sqrt(np.einsum("ij,ij->j", rays, rays))
-        return np.asarray(self.true(z * length) / length)
+        return np.asarray(self._without(z * length) / length)
+
+    def _without(self, u: Array) -> Array:
+        """Coordinates without their error."""
+        return np.asarray(u - np.interp(u, *self.table(float(u.min()), float(u.max()))))
 
     def _terms(self, u: Array) -> Iterable[tuple[float, Array, Array, float]]:
         """Amplitude, sine, cosine and frequency in radians of every wave."""
@@ -133,11 +148,10 @@ class Waves:
 
     def __str__(self) -> str:
         """Say how large they are, and how often they come again."""
-        unit, scale = ("m", 1000.0) if self.along != "disparity" else ("1 / m", 1.0)
-        small = "mm" if self.along != "disparity" else unit
-        where = self.along if self.along != "disparity" else "inverse depth"
+        inverse = self.along == "disparity"
+        unit, small, scale = ("1 / m", "1 / m", 1.0) if inverse else ("m", "mm", 1000.0)
         each = (
             f"{scale * abs(part.amplitude):.2g} {small} every {part.period:.3g} {unit}"
             for part in self.parts
         )
-        return f"{', '.join(each)} of {where}"
+        return f"{', '.join(each)} of {'inverse depth' if inverse else self.along}"

@@ -70,7 +70,7 @@ def calibrate(
     """
     checked_seed("rng", rng)
     readings = (own_readings(depth, camera, sensor, depth_scale) for depth in depths)
-    return pooled([noise_of_frame(seen) for seen in readings], sensor, rng)
+    return pooled([noise_of_frame(seen).thinned() for seen in readings], sensor, rng)
 
 
 def pooled(frames: list[FrameNoise], sensor: Sensor, rng: Seed = 0) -> NoiseEstimate:

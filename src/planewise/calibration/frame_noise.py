@@ -12,7 +12,7 @@ from planewise.observation import RayObservation
 from planewise.wave_search import waves_of
 from planewise.waves import Waves
 
-_KEPT = 5  # one of so many bends of a frame is kept for all frames together
+_KEPT = 5  # one of so many bends is kept of one frame of many
 
 
 class FrameNoise(NamedTuple):
@@ -25,20 +25,24 @@ class FrameNoise(NamedTuple):
     waves : Waves, optional
         Of its sensor, or else those that it shows.
     bends : Bends, optional
-        Some of those that tell of waves, where these were looked for.
+        That tell of waves, where these were looked for.
     """
 
     cells: NoiseCells
     waves: Waves | None
     bends: Bends | None
 
+    def thinned(self) -> FrameNoise:
+        """The same with few bends, of which many frames together have enough."""
+        return self if self.bends is None else self._replace(bends=self.bends.thinned(_KEPT))
+
 
 def noise_of_frame(observation: RayObservation) -> FrameNoise:
     """What a frame says; range images of LiDARs show no waves."""
     waves, bends = observation.sensor.waves, None
-    if waves is None and observation.camera.sectors(observation.shape).column is None:
-        every = _bends_of(observation.tame)
-        waves, bends = waves_of(every), every.thinned(_KEPT)
+    if waves is None and not observation.ranges:
+        bends = _bends_of(observation.tame)
+        waves = waves_of(bends)
     return FrameNoise(noise_cells(observation, waves), waves, bends)
 
 

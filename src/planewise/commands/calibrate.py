@@ -181,7 +181,7 @@ class _Reading:
         self.unit_told &= unit_told(frame.depth, scale)
         seen = own_readings(frame.depth, camera, self.sensor, scale)
         self.doubts.see(misread(seen))
-        noise = noise_of_frame(seen)
+        noise = noise_of_frame(seen).thinned()
         flat = int(noise.cells.usable.sum())
         if flat < FEWEST:
             raise PlanewiseError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.jit import compiled, in_order
-from planewise.kernels.tables import between
+from planewise.kernels.tables import between, squared_stretch
 
 
 @in_order
@@ -113,28 +113,28 @@ def spectrum_sums(index, place, rate, bend, weight, sums, apart, together, own):
 
 
 @compiled
-def take_off(w, x, y, inverse, slants, first, per_unit, error, out):  # type: ignore[no-untyped-def]
+def take_off(w, x, y, inverse, ranging, first, error, out):  # type: ignore[no-untyped-def]
     """Inverse depth (H, W) without an error that is a function of a coordinate.
 
     inverse: of inverse depth, else of range, in metres; x, y: coordinates of pixels, of full size
-    or a row and a column; slants: a and b of (range / depth)^2 = 1 + a x^2 + b y^2, 0 where depth
-    takes the place of range; error (K,): of a coordinate at first + k / per_unit, linear between.
+    or a row and a column; error (K,): of a coordinate at first + k / ranging[0], linear between;
+    ranging: also what `tables.squared_stretch` takes, as where depth is z if it takes the place of
+    range.
     """
     last = np.float64(error.size - 2)
-    a, b = slants
     height, width = w.shape
     column = np.zeros(width)
     for i in range(height):
         of_w, of_x, of_out = w[i], x[i if x.shape[0] > 1 else 0], out[i]
         if inverse:
             for j in range(width):
-                at = max((of_w[j] - first) * per_unit, 0.0)
+                at = max((of_w[j] - first) * ranging[0], 0.0)
                 of_out[j] = of_w[j] - between(error, at, last) if of_w[j] > 0.0 else 0.0
             continue
         for j in range(width):
             column[j] = y[i, j if y.shape[1] > 1 else 0]
         for j in range(width):
             z = 1.0 / np.float64(of_w[j] if of_w[j] > 0.0 else 1.0)
-            stretch = np.sqrt(1.0 + a * of_x[j] * of_x[j] + b * column[j] * column[j])
-            off = between(error, max((z * stretch - first) * per_unit, 0.0), last)
+            stretch = np.sqrt(squared_stretch(ranging, of_x[j], column[j]))
+            off = between(error, max((z * stretch - first) * ranging[0], 0.0), last)
             of_out[j] = 1.0 / (z - off / stretch) if of_w[j] > 0.0 else 0.0

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from planewise.bends import Bends, slants, stretch
+from planewise.bends import Bends
 from planewise.information import coordinate_information
 from planewise.kernels.waves import take_off
 from planewise.observation import RayObservation
@@ -16,10 +16,6 @@ from planewise.wave_search import waves_of
 from planewise.waves import Waves
 from planewise.workspace import Workspace
 
-_KNOTS = 8192  # of the table of what is taken off
-_MOST = 0.2  # of depth is taken off, at most: waves of another unit leave depth what it is
-_NARROW = 1e-6  # share of a coordinate that it spans at least
-
 
 def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:
     """Images of the readings that are not wild, without waves, and what both cost."""
@@ -27,7 +23,7 @@ def tame_frame(observation: RayObservation, workspace: Workspace | None = None) 
     frame = frame_of(observation.tame, workspace, wild_information(observation))
     waves = observation.sensor.waves
     told = frame.known or frame.estimated  # with the noise
-    if waves is None and not told and frame.sectors.column is None:
+    if waves is None and not told and not observation.ranges:
         waves = waves_of(bends_of(frame))
     return frame if waves is None else without_waves(frame, waves, workspace)
 
@@ -57,24 +53,23 @@ def without_waves(frame: Frame, waves: Waves, workspace: Workspace) -> Frame:
     That the error grows and shrinks along a wave squeezes and stretches the steps between readings,
     by as much: of Phi that is a second-order term.
     """
-    w, (x, y) = frame.w[frame.w > 0], frame.sectors.coordinates
+    sectors, w = frame.sectors, frame.w[frame.w > 0]
     if not w.size:
         return frame
     first, last, oblique = float(w.min()), float(w.max()), (0.0, 0.0)
-    if waves.along != "disparity":
+    inverse = waves.along == "disparity"
+    if not inverse:
         first, last = 1 / last, 1 / first
     if waves.along == "range":
-        oblique = slants(frame.sectors)
-        if frame.sectors.ratio is None:
-            last *= float(stretch(frame.sectors, x, y).max())
+        oblique = sectors.slants
+        if sectors.ratio is None:
+            last *= float(sectors.stretch(*sectors.coordinates).max())
         else:  # the depth of the table is range
             last = frame.table.step.size / frame.table.ranging[0]
-    knots = np.linspace(first, max(last, first * (1 + _NARROW)), _KNOTS)
+    read, error = waves.table(first, last)
+    ranging = (read.size - 1) / (read[-1] - first), *oblique
     right = workspace.kept(frame.w.shape, np.float32)
-    per_unit, most = (_KNOTS - 1) / (knots[-1] - first), _MOST * knots
-    error = np.clip(knots - waves.true(knots), -most, most)
-    inverse = waves.along == "disparity"
-    take_off(frame.w, x, y, inverse, oblique, first, per_unit, error, right)
+    take_off(frame.w, *sectors.coordinates, inverse, ranging, first, error, right)
     # Period, amplitude and phase, each half a logarithm of the readings.
     nats = 1.5 * len(waves.parts) * math.log(np.count_nonzero(frame.p))
     return replace(frame, w=right, waves=waves, wild=frame.wild + nats)
