@@ -245,6 +245,18 @@ def test_drift_of_a_simulated_random_walk_is_told(drift):
     assert_allclose(ratios, 1, atol=0.1)
 
 
+@pytest.mark.parametrize("width", [3.0, 6.0])
+def test_planes_are_priced_as_in_white_noise_where_error_is_smooth_over_a_few_pixels(width):
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        field = 0.5 + 0.003 * smooth((240, 320), width, rng) + rng.normal(0, 0.0005, (240, 320))
+        error, _ = told(1 / field, FINE)
+        assert error.priced < 0.25 < 0.5 < error.drifting
+        walk = 0.5 + random_walk((240, 320), 0.007, rng) + rng.normal(0, SIGMA, (240, 320))
+        error, _ = told(1 / walk, FINE)
+        assert error.priced == error.drifting > 0.5
+
+
 def test_independent_noise_has_no_drift_and_shares_nothing():
     for seed in range(3):
         w = 0.5 + np.random.default_rng(seed).normal(0, SIGMA, (240, 320))

@@ -22,6 +22,15 @@ def test_presets_survive_a_file(tmp_path, name):
     assert [path.name for path in tmp_path.iterdir()] == ["sensor.json"]
 
 
+def test_files_from_before_there_were_bounds(tmp_path):
+    path = tmp_path / "sensor.json"
+    sensors.save(sensors.KINECT_V1, path)
+    record = json.loads(path.read_text())
+    assert record["parts"].pop("bounds") is True
+    path.write_text(json.dumps(record))
+    assert sensors.load(path) == sensors.KINECT_V1
+
+
 def test_estimates_survive_a_file(tmp_path):
     scene = pw.scenes.corner(size=(240, 320))
     found = pw.estimate_noise(scene.depth, scene.camera, scene.sensor)
@@ -84,6 +93,10 @@ BAD_FILES = {
         "sensor.json: parts.white: sigma must be positive",
     ),
     "parts that are none": ({"parts": 3}, "parts must be null, or hold white"),
+    "bounds that are a word": (
+        {"parts": {"white": [TERM | {"constant_m": 0.1}], "shared": [], "drift_per_100_px": [], "bounds": "no"}},
+        "sensor.json: parts.bounds must be True or False, got 'no'",
+    ),
     "parts without white": (
         {"parts": {"white": [], "shared": [], "drift_per_100_px": []}},
         "parts.white must have",

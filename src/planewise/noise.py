@@ -144,21 +144,27 @@ class ErrorParts:
     shared : callable
         Standard deviation in metres of what readings some ten pixels apart still share.
     drift : callable
-        Standard deviation in metres by which the error wanders over 100 pixels, like a random walk,
-        at most: a frame may show less.
+        Standard deviation in metres by which the error wanders over 100 pixels, like a random walk.
+    bounds : bool
+        Whether shared and drift are the most that a frame may show; else only their course over
+        depth is taken, and each frame tells their size.
     """
 
     white: Noise | float
     shared: Noise | float
     drift: Noise | float
+    bounds: bool = True
 
     def __post_init__(self) -> None:
         for name in ("white", "shared", "drift"):
             object.__setattr__(self, name, as_curve(f"parts.{name}", getattr(self, name)))
+        if not isinstance(self.bounds, bool):
+            raise ValueError(f"parts.bounds must be True or False, got {self.bounds!r}")
 
     def __str__(self) -> str:
         white, shared, drift = map(in_words, (self.white, self.shared, self.drift))
-        return f"white {white}, shared {shared}, drift {drift} over 100 px"
+        size = "" if self.bounds else ", of a size that each frame tells"
+        return f"white {white}, shared {shared}, drift {drift} over 100 px{size}"
 
 
 def constant(sigma: float) -> Polynomial:

@@ -86,7 +86,7 @@ def describe_exactly(sensor: Sensor) -> dict[str, Any]:
         "noise": _terms(sensor.noise),
         "parts": None
         if parts is None
-        else {k: _terms(getattr(parts, n)) for k, n in _PARTS.items()},
+        else {k: _terms(getattr(parts, n)) for k, n in _PARTS.items()} | {"bounds": parts.bounds},
     }
 
 
@@ -175,7 +175,7 @@ def _parts(value: object) -> ErrorParts | None:
     curves = {name: _curve(value.get(key), f"parts.{key}") for key, name in _PARTS.items()}
     if curves["white"] is NOTHING:
         raise PlanewiseError("parts.white must have at least one term")
-    return ErrorParts(**curves)
+    return ErrorParts(**curves, bounds=value.get("bounds", True))
 
 
 def _waves(value: object) -> Waves | None:

@@ -92,7 +92,7 @@ def _valley() -> _Valley:
         straight=True,
         table=ErrorTable((1000.0, 0.0, 0.0), 1.0, 1, *np.full((4, 4000), 1e-7)),
         known=True,
-        estimated=False,
+        measured=True,
         resolution=_LIMITS[1],
         sectors=_CAMERA.sectors((_SIZE, _SIZE)),
     )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_seed
 from planewise.bends import Bends
+from planewise.calibration.correlated import is_walk
 from planewise.calibration.estimate import (
     RESAMPLES,
     NoiseEstimate,
@@ -91,7 +92,11 @@ def pooled(frames: list[FrameNoise], sensor: Sensor, rng: Seed = 0) -> NoiseEsti
             "and check the intrinsics and the unit of the depth"
         )
     bends = [frame.bends for frame in frames if frame.bends is not None]
-    return replace(found, waves=waves_of(Bends.together(bends)) if bends else sensor.waves)
+    return replace(
+        found,
+        bounds=is_walk(cells, found.white, found.shared_ratio),
+        waves=waves_of(Bends.together(bends)) if bends else sensor.waves,
+    )
 
 
 def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:
@@ -100,6 +105,7 @@ def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:
     return found.describe() | {
         "caution": found.caution,
         "shared_ratio": found.shared_ratio,
+        "bounds": found.bounds,
         "confidence": 0.95,
         "depth_m": bins.depth.tolist(),
         "sigma_m": bins.sigma.tolist(),

@@ -22,7 +22,10 @@ from planewise.noise import Noise
 
 Array = NDArray[np.float64]
 
-_APART = 2  # cells between the middle of a triple and its ends: slow errors have grown by then
+_NEAR, _FAR = 2, 6  # cells from the middle of a triple to its ends: slow errors grow between
+_CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
+_SMOOTH = 2.8  # times the noise: more is shared only of an error that is smooth over a few pixels
+_GROWN = 3.0  # times as much three times as far apart: of a walk 1.7, of what bends up to 9
 _FEWEST = 50  # triples that can tell
 _ROUGH = 2.0  # times its expected variance: a cell above it is on an edge
 _UNLUCKY = 3.0  # times the rounding error that the fit may follow, at its worst phase
@@ -32,7 +35,29 @@ _ROUNDED = 0.1  # variance by rounding of a mean, against that by noise, that it
 _BISECTIONS = 8
 
 
-def shared_ratio(frames: Sequence[NoiseCells], white: Noise) -> float:
+def by_chance(frames: Sequence[NoiseCells]) -> float:
+    """`shared_ratio` of frames that chance and creases give."""
+    return _CORRELATED / min(each.side for each in frames)
+
+
+def is_walk(frames: Sequence[NoiseCells], white: Noise, near: float) -> bool:
+    """Whether what cells share grows with distance as a random walk does, or is nothing.
+
+    An error that is smooth over a few pixels, as of stereo, is far more than readings err by
+    themselves, and as large near as far; one that bends, of a lens or with bumps, grows faster.
+
+    Parameters
+    ----------
+    frames, white
+        As in `shared_ratio`.
+    near : float
+        What it says.
+    """
+    far = shared_ratio(frames, white, apart=_FAR)
+    return near <= _SMOOTH and (far < by_chance(frames) or far <= _GROWN * near)
+
+
+def shared_ratio(frames: Sequence[NoiseCells], white: Noise, *, apart: int = _NEAR) -> float:
     """Error that a cell's readings share, against the whole noise of one reading.
 
     Parameters
@@ -41,13 +66,15 @@ def shared_ratio(frames: Sequence[NoiseCells], white: Noise) -> float:
         Of one sensor.
     white : callable
         Its white noise, sigma(z) in metres.
+    apart : int
+        Cells from the middle of three to the others.
 
     Returns
     -------
     float
         rho; 0 where readings err independently or where there are too few flat cells in a row.
     """
-    triples = [_triples(cells, white, axis) for cells in frames for axis in (0, 1)]
+    triples = [_triples(each, white, axis, apart) for each in frames for axis in (0, 1)]
     square, known, own = np.concatenate(triples, axis=1)
     if square.size < _FEWEST:
         return 0.0
@@ -68,7 +95,7 @@ def shared_ratio(frames: Sequence[NoiseCells], white: Noise) -> float:
     return high
 
 
-def _triples(cells: NoiseCells, white: Noise, axis: int) -> Array:
+def _triples(cells: NoiseCells, white: Noise, axis: int, apart: int) -> Array:
     """d^2, its variance by what is known, and by s, of flat triples in columns or rows; (3, T)."""
     depth = np.where(cells.usable, cells.depth, 1.0)
     step = np.where(cells.usable, cells.step, 0.0)
@@ -87,7 +114,7 @@ def _triples(cells: NoiseCells, white: Noise, axis: int) -> Array:
         """Values of the k-th cell of all triples along the axis."""
         rows = values.reshape(cells.grid)
         rows = rows if axis else rows.T
-        return rows[:, _APART * k : max(rows.shape[1] - 2 * _APART, 0) + _APART * k]
+        return rows[:, apart * k : max(rows.shape[1] - 2 * apart, 0) + apart * k]
 
     whole = ahead(flat, 0) & ahead(flat, 1) & ahead(flat, 2)
     # Coordinates start anew where sectors meet: cells on both sides are not in order there.

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from planewise.arguments import checked_seed
 from planewise.calibration.bins import Bin, Pool, bootstrap, by_depth
 from planewise.calibration.cells import FEWEST, NoiseCells
-from planewise.calibration.correlated import shared_ratio
+from planewise.calibration.correlated import by_chance, shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
 from planewise.calibration.frame_noise import noise_of_frame
 from planewise.camera import Camera
@@ -31,7 +31,6 @@ Array = NDArray[np.float64]
 Seed = int | np.random.Generator
 
 _CURVE_ERROR = 0.02  # relative error that a smooth curve may have on top
-_CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
 _LEAST_SHARED = 1.0  # else at least this, for what bends slowly hides from three cells in a row
 _DRIFT = 3.5  # drift over 100 pixels against the shared part: the Kinect's proportion
 _WIDE = 1.5  # farthest bin against the nearest: less hardly tells a constant from a slope
@@ -86,6 +85,8 @@ class NoiseEstimate:
         The points that the curve of the white part goes through.
     shared_ratio : float
         Error that neighbouring cells were seen to have of their own, against the noise.
+    bounds : bool
+        Whether no frame is to show more of `shared` and `drift`: where many frames tell a walk.
     frames : int
         Frames it comes from.
     note : str
@@ -100,6 +101,7 @@ class NoiseEstimate:
     drift: Noise
     bins: NoiseBins
     shared_ratio: float = 0.0
+    bounds: bool = False
     frames: int = 1
     note: str = ""
     waves: Waves | None = None
@@ -114,7 +116,9 @@ class NoiseEstimate:
     @property
     def parts(self) -> ErrorParts:
         """The parts for the spatial objective, which treats rounding by itself."""
-        return ErrorParts(white=self.white, shared=self.shared, drift=self.drift)
+        return ErrorParts(
+            white=self.white, shared=self.shared, drift=self.drift, bounds=self.bounds
+        )
 
     @property
     def caution(self) -> str:
@@ -246,7 +250,7 @@ def pooled_noise(
     ratio = shared_ratio(frames, curve)
     shared: Noise = NOTHING
     drift: Noise = NOTHING
-    if ratio * min(each.side for each in frames) >= _CORRELATED:
+    if ratio >= by_chance(frames):
         shared = fit_polynomial(depth, max(ratio, _LEAST_SHARED) * sigma, error)
         drift = shared.scaled(_DRIFT)
     low, high = np.full((2, len(bins)), np.nan)
@@ -287,7 +291,9 @@ def _assumed(sensor: Sensor, cells: int, frames: int) -> NoiseEstimate:
     parts = sensor.parts
     if parts is None:
         parts = ErrorParts(white=_ASSUMED, shared=NOTHING, drift=NOTHING)
-    white, shared, drift = (as_curve("parts", each) for each in vars(parts).values())
+    white, shared, drift = (
+        as_curve("parts", each) for each in (parts.white, parts.shared, parts.drift)
+    )
     nothing = np.empty(0)
     return NoiseEstimate(
         white=white,

@@ -23,6 +23,7 @@ from planewise.spatial.frame_error import (
     drift_factor,
     drifting_by_chance,
     lateral_variance,
+    priced,
     shared_factors,
     walk_and_shared,
     white_of_quiet,
@@ -192,7 +193,7 @@ def cells_of(
     # In range images, whose cells are wide far off, one of five may well lie across an edge.
     rough = white_of_rough(seen, lone, freedom) if frame.sectors.count == 1 else seen
     white = max(rough, 1.0)  # no frame is trusted to err less than a sensor that was measured
-    if rough < 1.0 and not (frame.known or frame.estimated):
+    if rough < 1.0 and not frame.measured:
         white = white_of_quiet(blocks, together, misfits, frame.table, frame.resolution)
 
     filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
@@ -303,15 +304,16 @@ def _without_shared_error(
         focal = frame.sectors.mean_focal
         measured = drift_factor(calm, planes, inflation, described, focal, workspace)
         local = 1.0 if measured is None or measured == math.inf else measured
+        of_one, _, _, step = table.at(w)
         if frame.known:
             factor = walk = local = min(local, 1.0)
             own = 0.0
         else:
-            of_one, _, _, step = table.at(w)
             factor, own, walk = walk_and_shared(
                 calm, planes, inflation, described, local, of_one + step, focal, workspace
             )
-            own *= described.sum() / offset.sum() if own else 0.0
+        common = own * float(described.mean())
+        own *= described.sum() / offset.sum() if own else 0.0
         between = quiet * SATURATION * factor
         drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
@@ -340,6 +342,7 @@ def _without_shared_error(
         near=quiet * near,
         bent=quiet * bent,
         drifting=drifting,
+        priced=priced(drifting, common, seen * (of_one + step)),
         distorted=distorted,
         turning=turning,
         walk=quiet * walk,

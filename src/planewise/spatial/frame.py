@@ -96,8 +96,8 @@ class Frame:
     known : bool
         Whether shared and drift are what the sensor shows at most; else only their course over
         depth is taken from them, and their size from the frame.
-    estimated : bool
-        Whether its noise was estimated from these readings.
+    measured : bool
+        Whether the white part is what frames showed, these or others, and no data sheet's.
     resolution : float
         Step between two readings in metres.
     sectors : Sectors
@@ -116,7 +116,7 @@ class Frame:
     straight: bool
     table: ErrorTable
     known: bool
-    estimated: bool
+    measured: bool
     resolution: float
     sectors: Sectors
     wild: float = 0.0
@@ -132,8 +132,7 @@ def frame_of(
     z = image.depth
     square = z * z  # z**4 is ten times as dear
     quarter = 1.0 / (square * square)
-    estimated = observation.estimate is not None
-    if parts is None or (estimated and parts.drift == NOTHING):
+    if parts is None or (not parts.bounds and parts.drift == NOTHING):
         white = (
             observation.level_sigma if parts is None else evaluated("parts.white", parts.white, z)
         )
@@ -160,8 +159,8 @@ def frame_of(
         y=sectors.y,
         straight=sectors.straight,
         table=ErrorTable(ranging, sectors.mean_ratio, int(image.levels[0]), *table),
-        known=parts is not None and not estimated,
-        estimated=estimated,
+        known=parts is not None and parts.bounds,
+        measured=parts is not None,
         resolution=observation.resolution,
         sectors=sectors,
         wild=wild,

@@ -45,6 +45,8 @@ _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels 
 _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
 _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
+_SMOOTH = 8.0  # times what a reading errs by itself: a cell's readings share more of a smooth error
+_AVERAGED = 0.2  # `FrameError.priced` at most, where error is smooth over a few pixels
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
@@ -78,6 +80,8 @@ class FrameError:
     drifting : float
         Drift between segments over 100 pixels against what is random, at most 1: the white part,
         and what it dithers of steps.
+    priced : float
+        The same for what a plane has to save: little, where error is smooth over a few pixels.
     distorted : float
         Readings of a plane of whose misfit half is distortion; infinite where there is none.
     turning : float
@@ -95,6 +99,7 @@ class FrameError:
     near: float = 1.0
     bent: float = 1.0
     drifting: float = 1.0
+    priced: float = 1.0
     distorted: float = math.inf
     turning: float = 0.0
     walk: float = 0.0
@@ -356,6 +361,15 @@ def drifting_by_chance(squares: int, measured: float | None, *, known: bool) -> 
         return 1.0
     chance = max(_BY_CHANCE[0], _BY_CHANCE[1] / max(squares, 1))
     return min(chance, 0.5) if known else chance
+
+
+def priced(drifting: float, shared: float, own: float) -> float:
+    """`FrameError.priced`, of what a cell's readings share and what each errs by itself, variances.
+
+    An error that is smooth over a few pixels, as of stereo, is another in the next cell but one:
+    planes average it as they do white noise, and clutter does not look like planes by it.
+    """
+    return min(drifting, _AVERAGED) if shared > _SMOOTH * own else drifting
 
 
 def shared_factors(

@@ -23,7 +23,6 @@ from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.curvature import curved_segments
 from planewise.spatial.frame import Frame
-from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
 from planewise.spatial.labels import label_planes
 from planewise.spatial.merging import Border, between, merged
@@ -41,8 +40,8 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
 
-# Prices where error is white, and where it drifts (`FrameError.drifting`). Of borders: nats per
-# pixel where the surface breaks and where it goes on, and the discord half-way.
+# Prices where error is white, and where it drifts (`FrameError.drifting`; of planes `priced`). Of
+# borders: nats per pixel where the surface breaks and where it goes on, and the discord half-way.
 _PLANE_BORDER = (0.0, 4.0, 8.0), (0.25, 1.25, 30.0)  # that a plane has to pay for
 _PLANE_COST = 1.0, 3.5  # times 3 ln(R / eps): what a plane has to save (`price_of_planes`)
 _AS_DRIFTING = 0.8  # of the price where it drifts: planes of range images
@@ -78,7 +77,7 @@ class Charges:
     @classmethod
     def of(cls, cells: Cells, sectors: Sectors, cost: float) -> Charges:
         """Those of a frame; cost: 3 ln(R / eps)."""
-        plane = price_of_planes(_PLANE_COST, cells.error, sectors, cost)
+        plane = price_of_planes(_PLANE_COST, cells.error.priced, sectors, cost)
         (low, high, knee), drifting = _PLANE_BORDER
         white = low, high, knee + cells.error.turning
         border = between((white, drifting), cells.error.drifting)
@@ -299,15 +298,15 @@ def _looked_at_again(
 
 
 def price_of_planes(
-    factors: tuple[float, float], error: FrameError, sectors: Sectors, cost: float
+    factors: tuple[float, float], drifting: float, sectors: Sectors, cost: float
 ) -> float:
     """Nats for factors of 3 ln(R / eps) where error is white and where it drifts, `cost` one.
 
     In range images, whose cells are wide far off, planes cost nearly as much as where it drifts.
     """
-    white, drifting = factors
-    share = error.drifting if sectors.count == 1 else _AS_DRIFTING
-    return sectors.price(white + share * (drifting - white), cost)
+    white, most = factors
+    share = drifting if sectors.count == 1 else _AS_DRIFTING
+    return sectors.price(white + share * (most - white), cost)
 
 
 def _accept(
@@ -345,7 +344,7 @@ def _accept(
     accepted = np.empty(len(rows), np.bool_)
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
-    white = cells.error.drifting < _MOST_DRIFTING and sectors.count == 1
+    white = cells.error.priced < _MOST_DRIFTING and sectors.count == 1
     doubtful = ~accepted & (alone > least) & white
     curved, sharp = curved_segments(
         cells, segments, accepted, doubtful, beside, border[1], ends[:found], units[:found],

@@ -212,7 +212,7 @@ def judged(
 
     with threads.beside(correlate):
         error = FrameError() if cells is None else cells.error
-        least = price_of_planes(_PAID if paid else _LEAST, error, frame.sectors, cost)
+        least = price_of_planes(_PAID if paid else _LEAST, error.drifting, frame.sectors, cost)
         pays = _paying(groups, data, mask, *limits, least, least if paid else _SURE * least)
         order = np.lexsort((data.saved, ~pays))
         book = book_of(groups, data, mask, *limits, order)

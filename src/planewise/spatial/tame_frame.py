@@ -22,8 +22,7 @@ def tame_frame(observation: RayObservation, workspace: Workspace | None = None) 
     workspace = workspace or Workspace()
     frame = frame_of(observation.tame, workspace, wild_information(observation))
     waves = observation.sensor.waves
-    told = frame.known or frame.estimated  # with the noise
-    if waves is None and not told and not observation.ranges:
+    if waves is None and not frame.measured and not observation.ranges:  # else with the noise
         waves = waves_of(bends_of(frame))
     return frame if waves is None else without_waves(frame, waves, workspace)
 
