@@ -94,7 +94,12 @@ BAD_FILES = {
     ),
     "parts that are none": ({"parts": 3}, "parts must be null, or hold white"),
     "bounds that are a word": (
-        {"parts": {"white": [TERM | {"constant_m": 0.1}], "shared": [], "drift_per_100_px": [], "bounds": "no"}},
+        {
+            "parts": {
+                "white": [TERM | {"constant_m": 0.1}], "shared": [], "drift_per_100_px": [],
+                "bounds": "no",
+            }
+        },
         "sensor.json: parts.bounds must be True or False, got 'no'",
     ),
     "parts without white": (
