@@ -51,6 +51,7 @@ _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
 _UNTOLD = 2.25  # times its described variance: more from one cell to the next but one is no error
+_UNSEEN = 0.3  # of the drift of the shortest distance, where no other tells: between all and none
 _AT_LEAST = 0.25  # of the drift: few distances may show none by chance
 _BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
 _BISECTIONS = 12
@@ -309,7 +310,8 @@ def walk_and_shared(
     another one, D the random walk. Where an error levels off, D lies between the least slope of V
     and the walk without s that explains as much: their mean is taken. Where that is about
     `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
-    certain. Both against the described variance of the drift; reading: that of one reading.
+    certain. No camera's walk is more than 3 % of the depth over 100 pixels: the rest is s. Both
+    against the described variance of the drift; reading: that of one reading.
     """
     told: list[float] = []
     of_three: list[float] = []
@@ -329,20 +331,21 @@ def walk_and_shared(
             break
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
+    walk = least = nearest
     if len(told) > 1:
         most = np.divide(told, of_three)[1:]
-        least = min(most[0], (np.diff(told) / np.diff(of_three)).min())
-        walk = 0.5 * (max(float(least), 0.0) + float(most.min()))
-        if abs(walk - nearest) < _ABOUT * nearest:
-            return nearest, 0.0, nearest
-    elif cluttered:
-        # What is farther apart lies on different surfaces: between all a walk, and none.
+        least = max(float(min(most[0], (np.diff(told) / np.diff(of_three)).min())), 0.0)
+        walk = 0.5 * (least + float(most.min()))
+    elif cluttered:  # what is farther apart lies on different surfaces
+        walk = least = _UNSEEN * nearest
+    alike = abs(walk - nearest) < _ABOUT * nearest
+    if alike:
+        walk = least = nearest
+    if alike or len(told) < 2:
         of_three = [_of_three(_LAG * _CELL)]
-        told, walk, least = [nearest * of_three[0]], 0.5 * nearest, 0.5 * nearest
-    else:
-        return nearest, 0.0, nearest
-    shared = max(told[0] - walk * of_three[0], 0.0) / 1.5
-    return walk, shared, max(float(least), _AT_LEAST * walk)
+        told = [nearest * of_three[0]]
+    walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
+    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5, least
 
 
 def _of_three(r: float) -> float:
