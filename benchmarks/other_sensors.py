@@ -151,6 +151,14 @@ def stereo(width: float, fb: float = FB, scale: float = 1.0) -> Callable[[Exact]
     return read
 
 
+def small_stereo(width: int, height: int, pixels: float) -> Reading:
+    """The same stereo camera with so many pixels, its error smooth over as many of them."""
+    fb = FB * width / VGA[1]
+    sensor = replace(STEREO, noise=noise.Polynomial(quadratic=SUBPIXEL / fb))
+    name = f"stereo, {width} x {height}"
+    return Reading(name, stereo(pixels, fb), sensor, (height, width))
+
+
 def time_of_flight(bumps: float) -> Callable[[Exact], Array]:
     """3 mm, mixed pixels at jumps, and bumps of so many metres, 40 pixels wide."""
 
@@ -209,6 +217,9 @@ READINGS = (
     Reading("stereo, smooth over 8 px", stereo(3.4), STEREO),
     Reading("stereo, smooth over 14 px", stereo(6.0), STEREO),
     Reading("stereo, smooth over 20 px", stereo(8.5), STEREO),
+    small_stereo(848, 480, 3.4),
+    small_stereo(640, 360, 3.0),
+    small_stereo(424, 240, 2.0),
     Reading("stereo outdoors, 5-60 m", stereo(3.4, 500.0, 10.0), OUTDOOR),
     Reading("time of flight", time_of_flight(0.0), pw.Sensor(noise=0.003)),
     Reading("time of flight, bumps of 1 cm", time_of_flight(0.01), pw.Sensor(noise=0.003)),

@@ -115,6 +115,17 @@ def test_walls_with_bumps_stay_whole(corner, noise):
     assert found(model.labels, truth) == 1
 
 
+@pytest.mark.parametrize("seed", range(200, 206))
+def test_floor_and_walls_of_a_small_image_are_not_one_plane(seed):
+    """12 px, which are much in it, alone tell an error that is smooth over 5: it is no walk."""
+    reading = next(each for each in other_sensors.READINGS if each.name == "stereo, 424 x 240")
+    depth, truth, _ = other_sensors.frame(reading, seed)
+    model = pw.detect_planes(depth, other_sensors.camera_of(reading.size), reading.sensor)
+    largest = np.bincount(truth.ravel())[1:].max()
+    assert len(model) >= 4
+    assert max(plane.count for plane in model.planes) < 1.3 * largest
+
+
 ERRORS = {
     "white": lambda z, errors: z + 0.003 * errors.white(),
     "walk": lambda z, errors: (

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _NEAR, _FAR = 2, 6  # cells from the middle of a triple to its ends: slow errors grow between
 _CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
-_SMOOTH = 2.8  # times the noise: more is shared only of an error that is smooth over a few pixels
+_SMOOTH = 1.5  # times the noise: more is shared only of an error that is smooth over a few pixels
 _GROWN = 3.0  # times as much three times as far apart: of a walk 1.7, of what bends up to 9
 _FEWEST = 50  # triples that can tell
 _ROUGH = 2.0  # times its expected variance: a cell above it is on an edge

@@ -28,6 +28,7 @@ _WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a 
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
 _FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
+_FARTHEST_CELLS = 0.05  # the same of cells in a row, whose error may be smooth over a few pixels
 _FEWEST = 100  # cells, or pairs of them, that can tell
 _FEWEST_TRIPLES = 20  # of near cells in a row: in small images they say more than a description
 _ROUGH = 0.8, 0.8416  # share of the cells, and of a normal below so many standard deviations
@@ -318,7 +319,10 @@ def walk_and_shared(
     cluttered = False
     usual, w = float(drift.mean()), float(planes[2, : len(drift)].mean())
     farthest = (_FARTHEST * w) ** 2
-    relief = max(farthest, _UNTOLD * reading / _of_three(_LAG * _CELL))
+    nearby = _of_three(_LAG * _CELL)
+    relief = max(farthest, _UNTOLD * reading / nearby)
+    if nearest * usual * nearby > (_FARTHEST_CELLS * w) ** 2:
+        return 0.0, 0.0, 0.0  # no camera errs by so much
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     for lag in _LAGS:
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
@@ -327,7 +331,7 @@ def walk_and_shared(
         cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
         if cluttered:
             if not told and nearest * usual > relief and factor > _RELIEF * nearest:
-                return 0.0, 0.0, 0.0  # no camera errs by so much
+                return 0.0, 0.0, 0.0  # nor so
             break
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
@@ -342,8 +346,7 @@ def walk_and_shared(
     if alike:
         walk = least = nearest
     if alike or len(told) < 2:
-        of_three = [_of_three(_LAG * _CELL)]
-        told = [nearest * of_three[0]]
+        of_three, told = [nearby], [nearest * nearby]
     walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
     return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5, least
 
