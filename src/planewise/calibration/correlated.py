@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 _NEAR, _FAR = 2, 6  # cells from the middle of a triple to its ends: slow errors grow between
 _CORRELATED = 0.64  # shared part against what noise leaves of a cell's mean: less is chance
 _SMOOTH = 1.5  # times the noise: more is shared only of an error that is smooth over a few pixels
-_GROWN = 3.0  # times as much three times as far apart: of a walk 1.7, of what bends up to 9
+_GROWN = 1.2, 3.0  # times as much three times as far apart: of a walk 1.7, of what bends up to 9
 _FEWEST = 50  # triples that can tell
 _ROUGH = 2.0  # times its expected variance: a cell above it is on an edge
 _UNLUCKY = 3.0  # times the rounding error that the fit may follow, at its worst phase
@@ -53,8 +53,10 @@ def is_walk(frames: Sequence[NoiseCells], white: Noise, near: float) -> bool:
     near : float
         What it says.
     """
-    far = shared_ratio(frames, white, apart=_FAR)
-    return near <= _SMOOTH and (far < by_chance(frames) or far <= _GROWN * near)
+    far, (least, most) = shared_ratio(frames, white, apart=_FAR), _GROWN
+    if max(near, far) < by_chance(frames):
+        return True
+    return near <= _SMOOTH and least * near <= far <= most * near
 
 
 def shared_ratio(frames: Sequence[NoiseCells], white: Noise, *, apart: int = _NEAR) -> float:
