@@ -238,8 +238,10 @@ def show_noise(found: NoiseEstimate, known: Sensor | None) -> None:
         )
     say(f"noise: {found.noise}")
     say(f"white: {found.white}, quantisation: {found.quantisation}")
-    size = "" if found.bounds else "; it is no drift, so that each frame tells the size of both"
-    say(f"shared: {found.shared}, drift: {found.drift} over 100 px{size}")
+    if found.bounds:
+        say(f"shared: {found.shared}, drift: {found.drift} over 100 px")
+    else:
+        say(f"shared: {found.shared}, but not as by a drift: each frame tells how far it goes")
     if found.waves is not None:
         say(f"waves: {found.waves}, taken off by the spatial objective")
 
