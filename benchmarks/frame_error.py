@@ -55,7 +55,7 @@ def told(frame: Frame) -> list[float] | None:
         with patch.object(cells, "drift_factor", nearest), patch.object(frame_error, "_LAGS", ()):
             one = cells.cells_of(image, seen.pixel_size)
         assert one is not None
-        by_lag.append(1e3 * float(np.sqrt(one.error.drift * described)))
+        by_lag.append(1e3 * float(np.sqrt(one.error.local * described)))
     error = found.error
     drift = 1e3 * float(np.sqrt(error.drift * described))
     return [error.white, error.lateral, drift, *by_lag, error.near, error.bent]

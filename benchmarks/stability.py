@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from benchmarks.arguments import parser_of
 from benchmarks.frames import Frame
-from benchmarks.other_sensors import READINGS, Exact, Reading, camera_of
+from benchmarks.other_sensors import Exact, Reading, camera_of, named
 from benchmarks.rivals import DEFAULT, OPENCV, PAPER, Method
 from planewise.metrics.contingency import contingency_table
 from planewise.scenes.rooms import _arrange, cast
@@ -122,12 +122,11 @@ def main() -> None:
     classes = [f"{low:,} px" for low in SIZES]
     print(f"| readings | method | {' | '.join(classes)} | angle | planes +- |")
     print(f"|---|---|{'---:|' * (len(SIZES) + 2)}")
-    by_name = {each.name: each for each in READINGS}
     for name in SENSORS:
         for method in (DEFAULT, PAPER, OPENCV):
             if method.missing():
                 continue
-            cells = measured(method, by_name[name], given.rooms, given.frames, given.step)
+            cells = measured(method, named(name), given.rooms, given.frames, given.step)
             print(f"| {' | '.join((name, method.name, *cells))} |", flush=True)
 
 

@@ -6,7 +6,7 @@ import re
 
 import numpy as np
 import pytest
-from benchmarks.other_sensors import READINGS, camera_of, frame
+from benchmarks.other_sensors import camera_of, frame, named
 from PIL import Image
 
 import planewise as pw
@@ -72,13 +72,13 @@ def test_a_sensor_is_made_and_used(frames, tmp_path):
 
 
 def test_an_error_that_is_no_drift_is_told(tmp_path):
-    reading = next(each for each in READINGS if each.name == "stereo, 424 x 240")
+    reading = named("stereo, 424 x 240")
     for seed in range(300, 303):
         np.save(tmp_path / f"{seed}.npy", frame(reading, seed)[0])
     camera = camera_of(reading.size)
-    named = ("--camera", f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}")
+    intrinsics = ("--camera", f"{camera.fx},{camera.fy},{camera.cx},{camera.cy}")
     out = tmp_path / "sensor.json"
-    code, text, errors = run("calibrate", tmp_path, *named, "--depth-scale", 0.001, "-o", out)
+    code, text, errors = run("calibrate", tmp_path, *intrinsics, "--depth-scale", 0.001, "-o", out)
     assert (code, errors) == (0, "")
     assert "z^2 m, but not as by a drift: each frame tells how far it goes" in text
     assert not pw.sensors.load(out).parts.bounds

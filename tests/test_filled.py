@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from benchmarks.other_sensors import READINGS, camera_of, frame, frame_in_metres
+from benchmarks.other_sensors import camera_of, frame, frame_in_metres, named
 from benchmarks.registered import registered
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -17,7 +17,7 @@ from planewise.metrics import evaluate
 from planewise.scattered import Scattered
 from tests.enlarging import models_of, repeated
 
-STEREO = next(each for each in READINGS if each.name == "stereo, smooth over 20 px")
+STEREO = named("stereo, smooth over 20 px")
 SIZE = STEREO.size
 
 
@@ -81,7 +81,7 @@ def test_coarse_pixels_have_the_ray_of_the_middle_of_a_block(kind):
 
 
 def test_precise_readings_stay_as_they_are():
-    precise = next(each for each in READINGS if each.name == "2 mm")
+    precise = named("2 mm")
     depth, _, camera = painted(2.5, reading=precise)
     assert filled(depth, camera) is not None
     model = pw.detect_planes(depth, camera, precise.sensor, depth_scale=0.001)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from benchmarks.curved_frames import CAMERA, SURFACES, rays
-from benchmarks.other_sensors import READINGS, camera_of, frame_in_metres
+from benchmarks.other_sensors import READINGS, camera_of, frame_in_metres, named
 
 import planewise as pw
 from planewise import scenes
@@ -54,7 +54,7 @@ def test_distances_that_were_taken_for_depth_are_told(seed):
 @pytest.mark.parametrize("name", ["2 mm", "time of flight", "phone, 256 x 192"])
 @pytest.mark.parametrize("seed", range(2))
 def test_each_kind_is_told_from_the_others(name, seed):
-    z, camera = in_metres(next(each for each in READINGS if each.name == name), seed)
+    z, camera = in_metres(named(name), seed)
     radial = replace(camera, radial=True)
     u, v = camera.directions(z.shape)
     distance = z * np.sqrt(1 + u * u + v * v)
@@ -71,7 +71,7 @@ def test_each_kind_is_told_from_the_others(name, seed):
 @pytest.mark.parametrize("k1", [-0.2, -0.1, 0.1])
 @pytest.mark.parametrize("seed", [1, 3])
 def test_a_lens_that_the_camera_does_not_know_is_told(k1, seed):
-    precise = next(each for each in READINGS if each.name == "2 mm")
+    precise = named("2 mm")
     z, camera = in_metres(replace(precise, distortion=k1), seed)
     said = of(z, camera)
     about = float(re.search(r"about k1 = (-?[\d.]+)", said)[1])
@@ -163,7 +163,7 @@ def test_a_batch_counts_frames_that_look_misread(tmp_path):
 
 
 def test_a_calibration_counts_frames_by_what_they_look_like(tmp_path):
-    precise = next(each for each in READINGS if each.name == "2 mm")
+    precise = named("2 mm")
     for seed in (1, 3):
         z, camera = in_metres(replace(precise, distortion=-0.1), seed)
         np.save(tmp_path / f"{seed}.npy", z)

@@ -81,9 +81,7 @@ def test_a_wall_of_which_a_sensor_errs_more_than_of_others(more, width, seed):
 @pytest.mark.parametrize("width", [3.4, 6.0, 8.5])
 def test_walls_at_a_right_angle_stay_apart_where_the_error_is_smooth(width):
     """However long the edge where they meet: each large face has most of a plane of its own."""
-    reading = next(
-        each for each in other_sensors.READINGS if each.name.startswith("stereo, smooth")
-    )
+    reading = other_sensors.named("stereo, smooth over 8 px")
     reading = replace(reading, read=other_sensors.stereo(width))
     whole = []
     for seed in range(200, 204):
@@ -99,7 +97,8 @@ def test_walls_at_a_right_angle_stay_apart_where_the_error_is_smooth(width):
 
 def test_tables_and_boxes_are_found_where_the_error_is_smooth():
     """Stereo of 1 % at 3 m, over 8 px: before planes were priced by what it is, 0.37 and 0.40."""
-    number = [each.name for each in other_sensors.READINGS].index("stereo, smooth over 8 px")
+    reading = other_sensors.named("stereo, smooth over 8 px")
+    number = other_sensors.READINGS.index(reading)
     scores = np.mean([other_sensors.scored(number, seed) for seed in range(200, 204)], axis=0)
     given, auto, _, calibrated = scores[:, 3]  # recall
     assert min(given, auto, calibrated) > 0.5
@@ -118,7 +117,7 @@ def test_walls_with_bumps_stay_whole(corner, noise):
 @pytest.mark.parametrize("seed", range(200, 206))
 def test_floor_and_walls_of_a_small_image_are_not_one_plane(seed):
     """12 px, which are much in it, alone tell an error that is smooth over 5: it is no walk."""
-    reading = next(each for each in other_sensors.READINGS if each.name == "stereo, 424 x 240")
+    reading = other_sensors.named("stereo, 424 x 240")
     depth, truth, _ = other_sensors.frame(reading, seed)
     model = pw.detect_planes(depth, other_sensors.camera_of(reading.size), reading.sensor)
     largest = np.bincount(truth.ravel())[1:].max()

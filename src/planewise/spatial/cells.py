@@ -305,12 +305,13 @@ def _without_shared_error(
         measured = drift_factor(calm, planes, inflation, described, focal, workspace)
         local = 1.0 if measured is None or measured == math.inf else measured
         of_one, _, _, step = table.at(w)
+        reading = of_one + step
         if frame.known:
             factor = walk = local = min(local, 1.0)
             own = 0.0
         else:
             factor, own, walk = walk_and_shared(
-                calm, planes, inflation, described, local, of_one + step, focal, workspace
+                calm, planes, inflation, described, local, reading, focal, workspace
             )
         common = own * float(described.mean())
         own *= described.sum() / offset.sum() if own else 0.0
@@ -342,7 +343,7 @@ def _without_shared_error(
         near=quiet * near,
         bent=quiet * bent,
         drifting=drifting,
-        priced=priced(drifting, common, seen * (of_one + step)),
+        priced=priced(drifting, common, seen * reading),
         distorted=distorted,
         turning=turning,
         walk=quiet * walk,

@@ -22,7 +22,8 @@ def tame_frame(observation: RayObservation, workspace: Workspace | None = None) 
     workspace = workspace or Workspace()
     frame = frame_of(observation.tame, workspace, wild_information(observation))
     waves = observation.sensor.waves
-    if waves is None and not frame.measured and not observation.ranges:  # else with the noise
+    # Where noise was measured, waves were looked for before it.
+    if waves is None and not frame.measured and not observation.ranges:
         waves = waves_of(bends_of(frame))
     return frame if waves is None else without_waves(frame, waves, workspace)
 
