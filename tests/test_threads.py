@@ -95,24 +95,67 @@ def test_chunks_cover_everything_once(count):
     assert (out == 1).all()
 
 
-def test_no_more_threads_are_started_than_a_machine_can_bear():
-    parts = []
+def test_no_more_threads_are_started_than_a_machine_can_bear(monkeypatch):
+    parts, helpers, start = [], [], threads._started
+
+    def started(work):
+        helpers.append(start(work))
+        return helpers[-1]
+
+    monkeypatch.setattr(threads, "_started", started)
     threads.over_chunks(lambda first, last: parts.append((first, last)), 10_000, 100_000)
-    assert len(parts) == threads.MOST
-    assert sum(last - first for first, last in parts) == 10_000
+    assert len(helpers) == threads.MOST - 1
+    assert sorted(x for part in parts for x in range(*part)) == list(range(10_000))
 
 
-def test_errors_of_chunks_are_raised_when_all_are_done():
-    out = np.zeros(9, int)
+def test_parts_are_taken_by_the_thread_that_is_free():
+    rest_is_done, by = threading.Event(), {}
 
-    def add(first, last):
-        out[first:last] += 1
-        if first:
+    def work(first, last):
+        by[first] = threading.get_ident()
+        if first == 0:
+            assert rest_is_done.wait(60)
+        elif len(by) == 8:
+            rest_is_done.set()
+
+    threads.over_chunks(work, 8, 2)
+    assert len(by) == 8
+    assert len({by[first] for first in range(1, 8)} - {by[0]}) == 1
+
+
+def test_an_error_of_a_helper_is_raised_when_all_parts_are_done():
+    done, met = set(), threading.Barrier(2)
+
+    def work(first, last):
+        if not done:
+            met.wait(60)
+        if threading.current_thread() is not threading.main_thread():
             raise ValueError(f"part from {first}")
+        done.update(range(first, last))
+
+    with pytest.raises(ValueError, match="part from") as raised:
+        threads.over_chunks(work, 8, 2)
+    assert len(done) == 7
+    assert f"part from {({*range(8)} - done).pop()}" in str(raised.value)
+
+
+def test_after_an_error_no_part_is_begun_and_those_that_have_begun_are_waited_for(monkeypatch):
+    begun, done, met = [], [], threading.Barrier(2)
+    drained, wait = threading.Event(), threads._wait
+    monkeypatch.setattr(threads, "_wait", lambda helpers: (drained.set(), wait(helpers)))
+
+    def work(first, last):
+        begun.append(first)
+        met.wait(60)
+        if threading.current_thread() is threading.main_thread():
+            raise ValueError(f"part from {first}")
+        assert drained.wait(60)
+        done.append(first)
 
     with pytest.raises(ValueError, match="part from"):
-        threads.over_chunks(add, out.size, 3)
-    assert (out == 1).all()
+        threads.over_chunks(work, 8, 2)
+    assert len(begun) == 2
+    assert len(done) == 1
 
 
 def test_halves_meet_at_the_same_place():

@@ -26,6 +26,7 @@ Result = TypeVar("Result")
 MOST = 256
 """Threads that are started at most, however many are asked for."""
 
+_PARTS = 4  # a thread, where there is enough to do
 _ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
 _QUOTAS = (  # of a container: files that hold microseconds of processors' time, and of what period
     ("/sys/fs/cgroup/cpu.max",),
@@ -122,23 +123,30 @@ def _started(work: Callable[[], None]) -> _Helper:
 
 
 def over_chunks(work: Callable[[int, int], None], size: int, threads: int, least: int = 1) -> None:
-    """Call ``work(first, last)`` on consecutive parts of ``range(size)``, one part a thread.
+    """Call ``work(first, last)`` on consecutive parts of ``range(size)``, some of them a thread.
 
     What `work` writes for one element must not depend on the part it is in: then results are the
-    same for any number of threads. Fewer than `least` elements are not worth a thread.
+    same for any number of threads. Fewer than `least` elements are not worth a thread. Parts are
+    taken by who is free, for some take longer, and not all processors are as fast.
     """
     threads = min(threads, size // least, MOST)
     if threads <= 1:
         work(0, size)
         return
-    bounds = [size * part // threads for part in range(threads + 1)]
-    mine, *others = pairwise(bounds)
+    count = min(size // least, _PARTS * threads)
+    parts = iter(list(pairwise(size * part // count for part in range(count + 1))))
+
+    def take() -> None:
+        for part in parts:  # each goes to one thread: the interpreter's lock is held
+            work(*part)
+
     helpers: list[_Helper] = []
     try:
         # One by one: an interrupt waits for those that have started.
-        helpers.extend(_started(lambda part=part: work(*part)) for part in others)  # type: ignore[misc]
-        work(*mine)
+        helpers.extend(_started(take) for _ in range(threads - 1))
+        take()
     finally:
+        deque(parts, maxlen=0)  # after an error there is nothing more to do
         _wait(helpers)
 
 

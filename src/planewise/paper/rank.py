@@ -13,7 +13,7 @@ from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
-from planewise.threads import halves
+from planewise.threads import beside, halves
 
 Array = NDArray[np.float64]
 
@@ -37,10 +37,15 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
-    worth = np.bincount(labels, gains, len(planes) + 1)[1:]
+    of_plane: list[NDArray[np.intp]] = []
+
+    def list_readings() -> None:
+        ends = np.cumsum(np.bincount(labels, minlength=len(planes) + 1))
+        of_plane.extend(np.split(np.argsort(labels, kind="stable"), ends[:-1])[1:])
+
+    with beside(list_readings):
+        worth = np.bincount(labels, gains, len(planes) + 1)[1:]
     alive = list(np.argsort(worth, kind="stable"))
-    ends = np.cumsum(np.bincount(labels, minlength=len(planes) + 1))
-    of_plane = np.split(np.argsort(labels, kind="stable"), ends[:-1])[1:]
     merged = False
     for worse in alive[:0:-1]:
         mine = of_plane[worse]
