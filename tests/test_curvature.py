@@ -25,6 +25,7 @@ from planewise.kernels.curvature import (
     SIZE,
     C,
     find_round,
+    inner_units,
     leave_out,
     meet,
     quadrics_of,
@@ -320,6 +321,30 @@ def surfaces(rng, tilted):
     ]
     *pairs, at = np.array(sides, np.int32).T
     return grid, units, of_unit, quadrics, np.stack(pairs, axis=1), at, slopes, spread
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_units_with_a_cell_beside_another_segment_or_none_are_not_inner(seed):
+    rng = np.random.default_rng(seed)
+    blocks = np.arange(80, dtype=np.int32).reshape(8, 10)
+    grid = np.kron(blocks, np.ones((2, 2), np.int32))
+    alone = rng.permutation(80)[:20]  # cells of these are units of their own
+    grid[::2, ::2][np.isin(blocks, alone)] = 80 + np.arange(20)
+    grid[rng.random(grid.shape) < 0.02] = -1
+    x, y = rng.integers(2, 8, 2)
+    of_unit = (2 * (np.arange(100) % 10 >= x) + (np.arange(100) // 10 >= y)).astype(np.int32)
+    out = np.empty_like(of_unit)
+    inner_units(grid, of_unit, out)
+    segments = np.pad(np.where(grid < 0, -1, of_unit[grid]), 1, constant_values=-2)
+    for unit, found in enumerate(out):
+        near = {
+            segments[i + 1 + down, j + 1 + right]
+            for i, j in np.argwhere(grid == unit)
+            for down, right in ((0, 1), (1, 0), (0, -1), (-1, 0))
+        }
+        inner = near <= {-2, of_unit[unit]}
+        assert found == (of_unit[unit] if inner else -1)
+    assert 5 < np.count_nonzero(out < 0) < 95
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -184,13 +184,19 @@ def test_a_few_triples_that_happen_to_lie_in_line_are_no_sign_of_no_drift(quiet)
         assert kernels.bisect(off**2, own, added, *args, 0.0, *limits) == 0.0
 
 
-def told(z, sensor):
-    """Error of a depth image in metres against a sensor's description, and the drift of that."""
+def framed(z, sensor):
+    """Frame and cells of a depth image in metres."""
     camera = pw.PinholeCamera(fx=525, fy=525, cx=z.shape[1] / 2, cy=z.shape[0] / 2)
     seen = pw.observe(z, camera, sensor)
     image = frame_of(seen)
     found = cells.cells_of(image, seen.pixel_size)
     assert found is not None
+    return image, found
+
+
+def told(z, sensor):
+    """Error of a depth image in metres against a sensor's description, and the drift of that."""
+    image, found = framed(z, sensor)
     drift = image.table.at(float(np.median(image.w[image.p > 0])))[2]
     return found.error, drift / SATURATION
 
@@ -255,6 +261,26 @@ def test_planes_are_priced_as_in_white_noise_where_error_is_smooth_over_a_few_pi
         walk = 0.5 + random_walk((240, 320), 0.007, rng) + rng.normal(0, SIGMA, (240, 320))
         error, _ = told(1 / walk, FINE)
         assert error.priced == error.drifting > 0.5
+
+
+@pytest.mark.parametrize("width", [3.0, 6.0])
+def test_a_smooth_error_may_hardly_drift_and_is_new_in_a_reading_by_what_cells_show(width):
+    for seed in range(2):
+        rng = np.random.default_rng(seed)
+        field = 0.5 + 0.003 * smooth((240, 320), width, rng) + rng.normal(0, 0.0005, (240, 320))
+        _, found = framed(1 / field, FINE)
+        other = found.steadier
+        assert other.steadier is None
+        assert_allclose(other.error.drift, 0.1 * found.error.drift)
+        assert other.error.priced == found.error.priced
+        assert other.error.smooth
+        assert other.error.near > found.error.near
+        assert (other.drift < found.drift).all()
+        assert not other.bends_more_than_told
+        assert other.grid is found.grid
+        assert_allclose(found.error.white, (0.0005 / SIGMA) ** 2, rtol=0.5)
+        walk = 0.5 + random_walk((240, 320), 0.007, rng) + rng.normal(0, SIGMA, (240, 320))
+        assert framed(1 / walk, FINE)[1].steadier is None
 
 
 def test_independent_noise_has_no_drift_and_shares_nothing():

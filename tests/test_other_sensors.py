@@ -95,13 +95,25 @@ def test_walls_at_a_right_angle_stay_apart_where_the_error_is_smooth(width):
     assert np.mean(np.array(whole) > 0.5) > 0.75
 
 
-def test_tables_and_boxes_are_found_where_the_error_is_smooth():
-    """Stereo of 1 % at 3 m, over 8 px: before planes were priced by what it is, 0.37 and 0.40."""
-    reading = other_sensors.named("stereo, smooth over 8 px")
-    number = other_sensors.READINGS.index(reading)
+@pytest.mark.parametrize(
+    ("name", "least"), [("stereo, smooth over 8 px", 0.6), ("stereo, 640 x 360", 0.55)]
+)
+def test_tables_and_boxes_are_found_where_the_error_is_smooth(name, least):
+    """Of 1 % at 3 m; 0.37 and 0.40 before planes were priced by what it is."""
+    number = other_sensors.READINGS.index(other_sensors.named(name))
     scores = np.mean([other_sensors.scored(number, seed) for seed in range(200, 204)], axis=0)
-    given, auto, _, calibrated = scores[:, 3]  # recall
-    assert min(given, auto, calibrated) > 0.5
+    assert scores[:, 3].min() > least  # recall
+
+
+def test_phi_of_planes_found_where_an_error_may_be_either_of_two():
+    reading = other_sensors.named("stereo, 424 x 240")
+    for seed in range(200, 206):
+        depth, _, _ = other_sensors.frame(reading, seed)
+        camera = other_sensors.camera_of(reading.size)
+        model = pw.detect_planes(depth, camera, reading.sensor)
+        seen = pw.observe(depth, camera, reading.sensor)
+        phi = pw.information(seen, model.planes, model.labels, objective="spatial")
+        assert phi == pytest.approx(model.information, rel=1e-9)
 
 
 @pytest.mark.parametrize("noise", [0.003, "auto"])

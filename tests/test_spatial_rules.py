@@ -241,6 +241,23 @@ def test_readings_are_taken_at_their_word_if_phi_is_lower_and_nothing_bends(solv
     assert solved(first, closer) == (2, closer[0] if taken else 100.0)
 
 
+@pytest.mark.parametrize("phi", [99.0, 101.0])
+def test_the_error_that_makes_phi_lower_is_taken_where_it_may_be_either(parts, monkeypatch, phi):
+    observation, frame, cells = parts
+    steadier = replace(cells, drift=cells.drift / 9, told_drift=cells.drift / 9)
+    cells = replace(cells, told_drift=cells.drift, steadier=steadier)
+    searched, left = [], [100.0, phi]
+    monkeypatch.setattr(solution, "segment", lambda _, __, cells, **___: searched.append(cells))
+    monkeypatch.setattr(
+        solution, "judged",
+        lambda _, __, cells, *___, **____: SimpleNamespace(cells=cells, information=left.pop(0)),
+    )  # fmt: skip
+    chosen = solution.solve(observation, frame, cells, significance=0.0, workspace=Workspace())
+    assert searched == [cells, steadier]
+    assert chosen.information == min(100.0, phi)
+    assert chosen.cells is (cells if phi > 100 else steadier)
+
+
 STRIPS = {  # line, cubic and readings, with and without the pixels beside the border; what it is
     "flat": ((1010, 1000, 1000), (805, 800, 800), (False, False)),
     "bends": ((1500, 1020, 1000), (1100, 810, 800), (True, True)),

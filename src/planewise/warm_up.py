@@ -24,6 +24,7 @@ from planewise.kernels.cells import MOMENTS, SEGMENT, SIDE
 from planewise.kernels.curvature import (
     QUADRIC,
     find_round,
+    inner_units,
     leave_out,
     meet,
     surface_borders,
@@ -173,6 +174,7 @@ def surfaces() -> None:
     how, turns = np.zeros((2, 1), np.int8)
     quadrics, chosen = np.ones((2, QUADRIC)), np.ones(2, np.bool_)
     leave_out(pairs, states, curved, curved)
+    inner_units(cells.grid, valley.of_unit, np.empty_like(valley.of_unit))
     spread(border, border, pairs, points, states, curved)
     surface_borders(
         ends, ends, rows, quadrics, np.arange(2), how, turns, border, pairs, points, states

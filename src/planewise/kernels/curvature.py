@@ -46,8 +46,8 @@ _BEYOND, _TWICE = 2.0, 2.0  # standard deviations; sides of cells come in pairs 
 def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[no-untyped-def]
     """Fit a quadric to every chosen segment: writes quadrics (n, QUADRIC).
 
-    units (m, 13), of_unit (m,): rows and segments of units; rows (n, 13), drift (n,), chosen (n,):
-    of segments.
+    units (m, 13), of_unit (m,): rows and segments of units, -1 for those that do not count; rows
+    (n, 13), drift (n,), chosen (n,): of segments.
     """
     count = rows.shape[0]
     sums, cells = np.empty((count, HEIGHTS)), np.empty(count, np.int64)
@@ -65,7 +65,7 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
             sums[s, e] = 0.0
     for k in range(of_unit.size):
         s = of_unit[k]
-        if not chosen[s]:
+        if s < 0 or not chosen[s]:
             continue
         row, q = units[k], quadrics[s]
         w, inverse, scale = row[0], 1.0 / row[0], 1.0 / q[EXTENT]
@@ -87,6 +87,30 @@ def quadrics_of(units, of_unit, rows, drift, chosen, quadrics):  # type: ignore[
             q[C + e] = scale * scale * t[e]
         xx, xy, yy = q[C + 3], q[C + 4], q[C + 5]
         q[SIZE] = np.sqrt(4.0 * xx * xx + 2.0 * xy * xy + 4.0 * yy * yy)
+
+
+@compiled
+def inner_units(grid, of_unit, out):  # type: ignore[no-untyped-def]
+    """Segments of units, -1 of those with a cell beside another segment or none: writes out (m,).
+
+    grid (rows, columns): unit of every cell, -1 for none; of_unit (m,): segments of units.
+    """
+    rows, columns = grid.shape
+    out[:] = of_unit
+    for i in range(rows):
+        for j in range(columns):
+            u = grid[i, j]
+            for k in range(2):
+                row, column = i + k, j + 1 - k
+                if row >= rows or column >= columns:
+                    continue
+                v = grid[row, column]
+                if u == v or (u >= 0 and v >= 0 and of_unit[u] == of_unit[v]):
+                    continue
+                if u >= 0:
+                    out[u] = -1
+                if v >= 0:
+                    out[v] = -1
 
 
 @inlined

@@ -19,13 +19,15 @@ from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     FrameError,
+    Walk,
     drift_and_distortion,
     drift_factor,
     drifting_by_chance,
     lateral_variance,
     priced,
+    rounding,
     shared_factors,
-    walk_and_shared,
+    walk_of,
     white_of_quiet,
     white_of_rough,
     white_seen,
@@ -41,6 +43,7 @@ _FEWEST = 100  # whole cells that can tell white noise
 _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth
 _FEWER = 3  # times as many cells as units, as a rule
 _LEAST_DRIFT = 0.1  # of the white variance
+_STEADIER = 0.1  # of the drift of an error that is smooth over a few pixels: what else it may be
 
 
 @dataclass(frozen=True)
@@ -70,6 +73,8 @@ class Cells:
         Size of the frame's error against the sensor's description.
     thinned : bool
         Whether readings are missing all over.
+    steadier : Cells, optional
+        The same with hardly any drift, where the error is smooth over a few pixels: either may be.
     """
 
     grid: NDArray[np.int32]
@@ -84,6 +89,7 @@ class Cells:
     slope_prior: Array
     error: FrameError
     thinned: bool = False
+    steadier: Cells | None = None
 
     @property
     def bends_more_than_told(self) -> bool:
@@ -120,8 +126,18 @@ class Cells:
             told_drift=self.told_drift[units],
             offset_prior=self.offset_prior[units],
             slope_prior=self.slope_prior[units],
+            steadier=None,
         )
         return part, units, (top, left, bottom, right)
+
+
+class _Integrated(NamedTuple):
+    """What `Cells` has of units once what neighbours share is integrated out."""
+
+    rows: Array
+    drift: Array
+    told_drift: Array
+    error: FrameError
 
 
 class Moments(NamedTuple):
@@ -199,53 +215,70 @@ def cells_of(
     filled = max(_FILLED * usual, LEAST_READINGS) / (4 * SIDE * SIDE)
     most = shape[0] * shape[1]
     grid, squares = workspace.kept(shape, np.int32), workspace.kept(together.shape, np.int32)
-    found, room = -1, most // _FEWER + 4
-    while found < 0:
-        # Most cells are one of four: seldom is there need for more room.
-        planes = workspace.empty((kernels.PLANE, room))
-        readings, size = workspace.empty((2, room))
-        found = kernels.merge_quarters(
-            frame.w,
-            frame.p,
-            *frame.sectors.coordinates,
-            *moments[:4],
-            white,
-            _SPLIT,
-            _hopeless(frame.sectors),
-            filled,
-            grid,
-            squares,
-            planes,
-            readings,
-            size,
+
+    def units_of(
+        white: float, described: float
+    ) -> tuple[NDArray[np.bool_], Array, list[_Integrated]]:
+        """Which units are whole, their inverse depth, and their error integrated out.
+
+        white: size of the white part; described: that of how all others are described.
+        """
+        found, room = -1, most // _FEWER + 4
+        while found < 0:
+            # Most cells are one of four: seldom is there need for more room.
+            planes = workspace.empty((kernels.PLANE, room))
+            readings, size = workspace.empty((2, room))
+            found = kernels.merge_quarters(
+                frame.w,
+                frame.p,
+                *frame.sectors.coordinates,
+                *moments[:4],
+                white,
+                _SPLIT,
+                _hopeless(frame.sectors),
+                filled,
+                grid,
+                squares,
+                planes,
+                readings,
+                size,
+            )
+            room += most
+        readings, size = readings[:found], size[:found]
+        whole, sizes = size == 2, (white, seen, described)
+        if not found:
+            return whole, size, []
+        units = _without_shared_error(
+            frame, squares, planes, readings, size, whole, sizes, workspace
         )
-        room += most
-    if not found:
+        return whole, planes[2, :found], units
+
+    quiet = min(white, 1.0)  # then all parts are described as too large
+    whole, w, units = units_of(white, quiet)
+    if len(units) > 1 and not frame.measured:
+        # What a data sheet states is shared by near readings: what cells show is new in each.
+        least = rounding(frame.table, float(np.median(w)), frame.resolution)
+        whole, w, units = units_of(min(white, max(seen, least)), quiet)
+    if not units:
         return None
-    readings, size = readings[:found], size[:found]
-    whole = size == 2
-    segments = workspace.kept((found, kernels.SEGMENT))
-    drift, told, error = _without_shared_error(
-        frame, squares, planes, readings, size, whole, (white, seen), segments, workspace
-    )
-    w, priors = planes[2, :found], workspace.kept((2, found))
+    priors = workspace.kept((2, len(w)))
     slope = kernels.UNIT * math.sqrt(pixel_size[0] * pixel_size[1])  # and is inclined by about 1
     np.square(_OFFSET_PRIOR * w, out=priors[0])
     np.square(w * slope, out=priors[1])
-    return Cells(
+    cells = Cells(
         grid=grid,
         count=count,
         tiles=tiles,
-        rows=segments,
         whole=whole,
         squares=squares,
-        drift=drift,
-        told_drift=told,
         offset_prior=priors[0],
         slope_prior=priors[1],
-        error=error,
         thinned=usual < 4 * SIDE * SIDE,
+        **units[0]._asdict(),
     )
+    if len(units) == 1:
+        return cells
+    return replace(cells, steadier=replace(cells, **units[1]._asdict()))
 
 
 def _hopeless(sectors: Sectors) -> float:
@@ -264,17 +297,17 @@ def _without_shared_error(
     count: Array,
     size: Array,
     whole: NDArray[np.bool_],
-    sizes: tuple[float, float],
-    segments: Array,
+    sizes: tuple[float, float, float],
     workspace: Workspace,
-) -> tuple[Array, Array, FrameError]:
-    """Write the units' rows with what neighbours share integrated out.
+) -> list[_Integrated]:
+    """Units with what neighbours share integrated out: as the frame shows; and if little drifts.
 
-    sizes: `FrameError.white` and `seen`. Returns the units' drift, as a plane may bend and as it is
-    told, and the size of the error. Its parts are those at the mean depth of each unit.
+    sizes: `FrameError.white` and `seen`, and that of how all other parts are described. These are
+    those at the mean depth of each unit. The second is there where the error is smooth over a few
+    pixels: that looks like a walk.
     """
-    (white, seen), table = sizes, frame.table
-    information, depths = planes[6, : len(count)], planes[2, : len(count)]
+    (white, seen, quiet), table = sizes, frame.table
+    depths = planes[2, : len(count)]
     with workspace.stage():
         errors = workspace.empty((5, len(count)))
         lateral, steep = lateral_variance(planes, count, whole, workspace)
@@ -293,10 +326,9 @@ def _without_shared_error(
             steep,
             errors,
         )
-        quiet = min(white, 1.0)  # then all parts are described as too large
         if quiet < 1.0:
             errors[:3] *= quiet
-        offset, tilt, described, _, inflation = errors
+        _, _, described, _, inflation = errors
         # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
@@ -307,45 +339,67 @@ def _without_shared_error(
         of_one, _, _, step = table.at(w)
         reading = of_one + step
         if frame.known:
-            factor = walk = local = min(local, 1.0)
-            own = 0.0
+            local = min(local, 1.0)
+            walk = Walk(local, local)
         else:
-            factor, own, walk = walk_and_shared(
-                calm, planes, inflation, described, local, reading, focal, workspace
-            )
-        common = own * float(described.mean())
-        own *= described.sum() / offset.sum() if own else 0.0
-        between = quiet * SATURATION * factor
-        drifting, distorted, turning = drift_and_distortion(white, between, w, table, frame.sectors)
+            walk = walk_of(calm, planes, inflation, described, local, reading, focal, workspace)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
-        drift, told = workspace.kept((2, len(count)))
-        frame_error.wandering(planes, errors, factor, frame.resolution, table.ranging, drift)
-        if drifting > chance:
-            np.multiply(drift, SATURATION, out=told)
-        else:
-            walk = 0.0
-            frame_error.wandering(planes, errors, 0.0, frame.resolution, table.ranging, told)
-            told *= SATURATION
-        # No plane is free of mixed pixels at its edges.
-        np.maximum(drift, _LEAST_DRIFT * count / information, out=drift)
-        near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
-        near = max(near, own)
-        offset *= near
-        tilt *= bent
-        kernels.marginalise(planes, count, inflation, offset, tilt, segments)
-    drift *= SATURATION
-    error = FrameError(
-        white=white,
-        seen=seen,
-        lateral=lateral,
-        drift=between,
-        local=quiet * SATURATION * max(local, factor),
-        near=quiet * near,
-        bent=quiet * bent,
-        drifting=drifting,
-        priced=priced(drifting, common, seen * reading),
-        distorted=distorted,
-        turning=turning,
-        walk=quiet * walk,
-    )
-    return drift, told, error
+
+        def integrated(walk: Walk) -> _Integrated:
+            """Integrate out a walk, and what cells have of their own."""
+            factor, own, least = walk.drift, walk.shared, walk.least
+            between = quiet * SATURATION * factor
+            drifting, distorted, turning = drift_and_distortion(
+                white, between, w, table, frame.sectors
+            )
+            drift, told = workspace.kept((2, len(count)))
+            frame_error.wandering(planes, errors, factor, frame.resolution, table.ranging, drift)
+            if drifting > chance:
+                np.multiply(drift, SATURATION, out=told)
+            else:
+                least = 0.0
+                frame_error.wandering(planes, errors, 0.0, frame.resolution, table.ranging, told)
+                told *= SATURATION
+            # No plane is free of mixed pixels at its edges.
+            np.maximum(drift, _LEAST_DRIFT * count / planes[6, : len(count)], out=drift)
+            offset, tilt = errors[:2]
+            common = own * float(described.mean())
+            if own:
+                own *= described.sum() / offset.sum()
+            near, bent = shared_factors(calm, planes, inflation, drift, offset, tilt, workspace)
+            near = max(near, own)
+            rows = workspace.kept((len(count), kernels.SEGMENT))
+            with workspace.stage():
+                larger = workspace.empty((2, len(count)))
+                np.multiply(offset, near, out=larger[0])
+                np.multiply(tilt, bent, out=larger[1])
+                kernels.marginalise(planes, count, inflation, *larger, rows)
+            drift *= SATURATION
+            return _Integrated(
+                rows,
+                drift,
+                told,
+                FrameError(
+                    white=white,
+                    seen=seen,
+                    lateral=lateral,
+                    drift=between,
+                    local=quiet * SATURATION * max(local, factor),
+                    near=quiet * near,
+                    bent=quiet * bent,
+                    drifting=drifting,
+                    priced=priced(drifting, common, seen * reading),
+                    distorted=distorted,
+                    turning=turning,
+                    walk=quiet * least,
+                ),
+            )
+
+        found = [integrated(walk)]
+        error = found[0].error
+        if error.smooth and walk.soon:
+            other = integrated(walk.less(_STEADIER))
+            # Planes cost as much by either, and residuals of near cells are alike by both.
+            same = replace(other.error, priced=error.priced)
+            found.append(other._replace(told_drift=other.drift, error=same))
+    return found

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from planewise.kernels import curvature as kernels
 from planewise.kernels.cells import UNIT
-from planewise.kernels.quadrics import FLAT, UNTOLD, spread
+from planewise.kernels.quadrics import BENDS, FLAT, UNTOLD, spread
 from planewise.kernels.units import sum_units
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
@@ -90,6 +90,15 @@ def curved_segments(
     kernels.quadrics_of(cells.rows, parts.of_unit, parts.rows, parts.drift, chosen, quadrics)
     sharp = doubtful.copy()
     if sectors.count == 1:
+        bent = doubtful & (quadrics[:, kernels.BENT] == BENDS)
+        if cells.error.smooth and bent.any():
+            # Cells at a rim are mixed of both sides: what is flat within does not bend.
+            inner = workspace.empty(len(segments.of_unit), np.int32)
+            kernels.inner_units(beside.grid, segments.of_unit, inner)
+            within = np.empty_like(quadrics)
+            kernels.quadrics_of(cells.rows, inner, parts.rows, parts.drift, bent, within)
+            flat = bent & (within[:, kernels.BENT] == FLAT)
+            quadrics[flat] = within[flat]
         sharp &= quadrics[:, kernels.BENT] == FLAT
     else:
         together = parts.sector[units[:, 0]] == parts.sector[units[:, 1]]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,7 @@ _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
 _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _SMOOTH = 8.0  # times what a reading errs by itself: a cell's readings share more of a smooth error
+_SOON = 0.4  # of V(24 px), V(12 px): 0.5 of an error over 14 px, 0.3 of one over 20 px
 _AVERAGED = 0.2  # `FrameError.priced` at most, where error is smooth over a few pixels
 _LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
@@ -105,6 +107,11 @@ class FrameError:
     distorted: float = math.inf
     turning: float = 0.0
     walk: float = 0.0
+
+    @property
+    def smooth(self) -> bool:
+        """Whether it is the same over a few pixels: planes are not `priced` as it drifts."""
+        return self.priced != self.drifting
 
     def describe(self) -> dict[str, float | None]:
         """All of it in plain types, for result files; infinity is None."""
@@ -187,9 +194,14 @@ def white_of_quiet(
     if 2 * np.count_nonzero(more) > len(row):
         return 1.0
     w = float(np.median(moments[row, 6, column] / moments[row, 0, column]))
+    least = rounding(table, w, resolution)
+    return min(max(_against_chi2(together, freedom), least), 1.0)
+
+
+def rounding(table: ErrorTable, w: float, resolution: float) -> float:
+    """White variance of readings that do nothing but round, at w, against the description."""
     white, _, _, step = table.at(w)
-    rounding = max(step, w**4 * resolution**2 / 12) / (white + step)
-    return min(max(_against_chi2(together, freedom), rounding), 1.0)
+    return max(step, w**4 * resolution**2 / 12) / (white + step)
 
 
 def _against_chi2(
@@ -291,7 +303,36 @@ def drift_factor(
     return factor
 
 
-def walk_and_shared(
+class Walk(NamedTuple):
+    """A random walk, as variances against that of the described drift (`walk_of`).
+
+    Attributes
+    ----------
+    drift, least : float
+        As it is told, and how little of it there may be.
+    shown, of_drift : float
+        V(r) of the distance that tells what cells have of their own besides, and f(r).
+    soon : bool
+        Whether cells a few pixels apart err nearly as differently as those farther apart do.
+    """
+
+    drift: float
+    least: float
+    shown: float = 0.0
+    of_drift: float = 0.0
+    soon: bool = False
+
+    @property
+    def shared(self) -> float:
+        """What every cell has of its own."""
+        return max(self.shown - self.drift * self.of_drift, 0.0) / 1.5
+
+    def less(self, share: float) -> Walk:
+        """The same if so much of it were a walk."""
+        return self._replace(drift=share * self.drift, least=share * self.least)
+
+
+def walk_of(
     grid: Grid,
     planes: Array,
     inflation: Array,
@@ -300,8 +341,8 @@ def walk_and_shared(
     reading: float,
     focal: float,
     workspace: Workspace,
-) -> tuple[float, float, float]:
-    """Drift, what a cell's readings share, that several distances tell apart, and the least drift.
+) -> Walk:
+    """Drift, and what a cell's readings share, which several distances tell apart.
 
     Three cells in a row, r from the middle to the others, have an error of the variance
 
@@ -322,7 +363,7 @@ def walk_and_shared(
     nearby = _of_three(_LAG * _CELL)
     relief = max(farthest, _UNTOLD * reading / nearby)
     if nearest * usual * nearby > (_FARTHEST_CELLS * w) ** 2:
-        return 0.0, 0.0, 0.0  # no camera errs by so much
+        return Walk(0.0, 0.0)  # no camera errs by so much
     every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
     for lag in _LAGS:
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
@@ -331,11 +372,12 @@ def walk_and_shared(
         cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
         if cluttered:
             if not told and nearest * usual > relief and factor > _RELIEF * nearest:
-                return 0.0, 0.0, 0.0  # nor so
+                return Walk(0.0, 0.0)  # nor so
             break
         of_three.append(_of_three(lag * _CELL))
         told.append(factor * of_three[-1])
     walk = least = nearest
+    soon = nearest * nearby > _SOON * told[0] if told else not cluttered
     if len(told) > 1:
         most = np.divide(told, of_three)[1:]
         least = max(float(min(most[0], (np.diff(told) / np.diff(of_three)).min())), 0.0)
@@ -348,11 +390,11 @@ def walk_and_shared(
     if alike or len(told) < 2:
         of_three, told = [nearby], [nearest * nearby]
     walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
-    return walk, max(told[0] - walk * of_three[0], 0.0) / 1.5, least
+    return Walk(walk, least, told[0], of_three[0], soon)
 
 
 def _of_three(r: float) -> float:
-    """f(r) of `walk_and_shared`."""
+    """f(r) of `walk_of`."""
     near, far = (d + _CELL * _CELL / (12 * d) for d in (r, 2 * r))
     return near - 0.25 * far - 0.75 * kernels.MEAN_DISTANCE * _CELL
 

@@ -253,8 +253,11 @@ def information_of_rows(
     image.reshape(-1)[observation.index] = marks
     affine = sectors.affine(-rows[:, :3] / rows[:, 3:])
     labels = sectors.labels(image).astype(np.uint16)
-    limits = observation.range, observation.resolution
-    return float(ledger(frame, cells_of(frame, size), affine, labels, *limits, size).curve[-1])
+    limits, cells = (observation.range, observation.resolution), cells_of(frame, size)
+    either = [cells] if cells is None or cells.steadier is None else [cells, cells.steadier]
+    return min(
+        float(ledger(frame, each, affine, labels, *limits, size).curve[-1]) for each in either
+    )
 
 
 def book_of(

@@ -17,7 +17,7 @@ from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image, describe_ranges
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
-from planewise.spatial.solution import SpatialSolution, solve
+from planewise.spatial.solution import SpatialSolution, by_either, solve
 from planewise.spatial.tame_frame import tame_frame
 from planewise.stages import stage
 from planewise.workspace import Workspace
@@ -81,6 +81,7 @@ def spatial_model(
         significance=significance,
         workspace=workspace,
     )
+    either, cells = cells, solution.cells
     if regions is not None and cells is not None:
         # Its compiled loops are loaded only where they are used.
         from planewise.spatial.regions import with_regions
@@ -108,6 +109,9 @@ def spatial_model(
                 significance=significance,
                 workspace=workspace,
             )
+    if either is not None:
+        with stage("ledger"):
+            solution = by_either(observation, frame, either, solution, workspace)
     # Of more than are asked for the best ones are given: a limit makes no other search.
     best = min(solution.best, max_planes)
     phi = solution.curve[: best + 1]

@@ -155,7 +155,7 @@ def segment(
             cells, frame.sectors, beside, segments, charges, significance, workspace,
             sides=beside.sides,
         )  # fmt: skip
-        steady = frame.sectors.count == 1 and cells.error.drifting < _STEADY
+        steady = frame.sectors.count == 1 and cells.error.priced < _STEADY
         if steady:
             segments, worth, accepted = _without_bends(
                 cells, frame.sectors, beside, segments, worth, accepted, charges, significance,

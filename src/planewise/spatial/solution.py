@@ -49,6 +49,8 @@ class SpatialSolution:
 
     Attributes
     ----------
+    cells : Cells, optional
+        By whose error it was found.
     found : Segmentation
         All planes found, and labels.
     affine : ndarray, shape (N K, 3)
@@ -61,6 +63,7 @@ class SpatialSolution:
         What the search did.
     """
 
+    cells: Cells | None
     found: Segmentation
     affine: Array
     book: Ledger
@@ -91,7 +94,11 @@ def solve(
     significance: float,
     workspace: Workspace,
 ) -> SpatialSolution:
-    """Search, and search again closer where a plane turns out to bend.
+    """Search by the error that makes Phi lower, and again closer where a plane turns out to bend.
+
+    An error that is smooth over a few pixels, as of stereo, may drift besides, or hardly: by a
+    drift that is not there faces of a box are one plane, and without one that is walls fall into
+    pieces. What cells in a row show does not tell, so such a frame is searched by either.
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
     sake of mixed pixels and surfaces that are nearly flat. Of what was joined only for that, such
@@ -118,17 +125,16 @@ def solve(
             )
         with stage("ledger"), workspace.stage():
             return judge(cells, found)
-    white = cells is not None and cells.bends_more_than_told
 
     def meanwhile() -> None:
         with stage("ledger"):
             blocks.add_up()
 
-    def look(cells: Cells | None) -> SpatialSolution:
+    def look(cells: Cells | None, drift: Array | None = None) -> SpatialSolution:
         found = segment(
             observation,
             frame,
-            cells,
+            cells if cells is None or drift is None else replace(cells, drift=drift),
             significance=significance,
             workspace=workspace,
             meanwhile=meanwhile,
@@ -136,18 +142,56 @@ def solve(
         with stage("ledger"), workspace.stage():
             return judge(cells, found)
 
-    first = look(cells)
-    if cells is None or not white:
-        return first
-    # Of planes that hardly pay, bends say nothing.
-    sure = _SURE * prices.LEAST * plane_information(3, observation.range, observation.resolution)
-    telling = first.bent & (first.found.significance > sure)
-    left_out = first.found.left_out >= _LEFT_OUT * observation.count
-    if not left_out and (not telling.any() or not (telling & _wide(frame, first.found)).any()):
-        return first
-    closer = look(replace(cells, drift=cells.told_drift))
-    bent = closer.bent & (closer.found.significance > sure)
-    return closer if closer.information < first.information and not bent.any() else first
+    def searched(cells: Cells) -> SpatialSolution:
+        """Search, and again by what readings tell."""
+        first = look(cells)
+        if not cells.bends_more_than_told:
+            return first
+        # Of planes that hardly pay, bends say nothing.
+        limits = observation.range, observation.resolution
+        sure = _SURE * prices.LEAST * plane_information(3, *limits)
+        telling = first.bent & (first.found.significance > sure)
+        left_out = first.found.left_out >= _LEFT_OUT * observation.count
+        if not left_out and (not telling.any() or not (telling & _wide(frame, first.found)).any()):
+            return first
+        again = look(cells, cells.told_drift)
+        bent = again.bent & (again.found.significance > sure)
+        return again if again.information < first.information and not bent.any() else first
+
+    if cells is None:
+        return look(None)
+    best = searched(cells)
+    if cells.steadier is None:
+        return best
+    other = searched(cells.steadier)
+    return other if other.information < best.information else best
+
+
+def by_either(
+    observation: RayObservation,
+    frame: Frame,
+    cells: Cells,
+    solution: SpatialSolution,
+    workspace: Workspace,
+) -> SpatialSolution:
+    """A solution with Phi of every list of its planes by that error of two that makes it less.
+
+    cells: the first one's, and by `steadier` the other's, of which one is the solution's.
+    """
+    other = cells.steadier if solution.cells is cells else cells
+    if other is None:
+        return solution
+    limits, labels = (observation.range, observation.resolution), solution.found.labels
+    planes, size = len(solution.affine), observation.pixel_size
+    with workspace.stage():
+        groups = groups_of(frame, other, labels, planes, *limits, size, workspace)
+        data = groups.data(solution.affine, groups.levels)
+        book = book_of(groups, data, mask_of(frame, labels), *limits, solution.book.order)
+    curve = np.minimum(solution.curve, book.curve[: len(solution.curve)])
+    best = int(curve.argmin())
+    *moves, last = solution.moves
+    moves.append(replace(last, planes=best, information=float(curve[best])))
+    return replace(solution, curve=curve, moves=tuple(moves))
 
 
 def _wide(frame: Frame, found: Segmentation) -> NDArray[np.bool_]:
@@ -223,7 +267,7 @@ def judged(
     best = int(curve.argmin())
     if best < len(order):
         moves.append(Move(kind="cut", planes=best, information=float(curve[best])))
-    return SpatialSolution(found, affine, book, curve, tuple(moves))
+    return SpatialSolution(cells, found, affine, book, curve, tuple(moves))
 
 
 def _paying(
