@@ -258,7 +258,7 @@ def cells_of(
     if len(units) > 1 and not frame.measured:
         # What a data sheet states is shared by near readings: what cells show is new in each.
         least = rounding(frame.table, float(np.median(w)), frame.resolution)
-        whole, w, units = units_of(min(white, max(seen, least)), quiet)
+        whole, w, units = units_of(min(white, max(rough, least)), quiet)
     if not units:
         return None
     priors = workspace.kept((2, len(w)))
