@@ -18,6 +18,7 @@ from planewise.spatial.frame import frame_of
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import GroupData
 from planewise.spatial.marks import Marks
+from planewise.spatial.pieces import in_pieces
 from planewise.spatial.segments import Segments
 from planewise.spatial.tame_frame import tame_frame
 from planewise.workspace import Workspace
@@ -241,21 +242,71 @@ def test_readings_are_taken_at_their_word_if_phi_is_lower_and_nothing_bends(solv
     assert solved(first, closer) == (2, closer[0] if taken else 100.0)
 
 
+@pytest.mark.parametrize("broken", [False, True])
 @pytest.mark.parametrize("phi", [99.0, 101.0])
-def test_the_error_that_makes_phi_lower_is_taken_where_it_may_be_either(parts, monkeypatch, phi):
+def test_the_error_that_makes_phi_lower_is_taken_where_it_may_be_either(
+    parts, monkeypatch, phi, broken
+):
+    """But for that by which planes of the other are in pieces."""
     observation, frame, cells = parts
     steadier = replace(cells, drift=cells.drift / 9, told_drift=cells.drift / 9)
     cells = replace(cells, told_drift=cells.drift, steadier=steadier)
     searched, left = [], [100.0, phi]
+
+    def judged(_, __, cells, *___, **____):
+        return SimpleNamespace(cells=cells, information=left.pop(0), planes=cells.drift)
+
+    def in_pieces(_, whole, parts):
+        assert whole is cells.drift
+        assert parts is steadier.drift
+        return broken
+
     monkeypatch.setattr(solution, "segment", lambda _, __, cells, **___: searched.append(cells))
-    monkeypatch.setattr(
-        solution, "judged",
-        lambda _, __, cells, *___, **____: SimpleNamespace(cells=cells, information=left.pop(0)),
-    )  # fmt: skip
+    monkeypatch.setattr(solution, "judged", judged)
+    monkeypatch.setattr(solution, "in_pieces", in_pieces)
     chosen = solution.solve(observation, frame, cells, significance=0.0, workspace=Workspace())
     assert searched == [cells, steadier]
-    assert chosen.information == min(100.0, phi)
-    assert chosen.cells is (cells if phi > 100 else steadier)
+    assert chosen.information == (100.0 if broken else min(100.0, phi))
+    assert chosen.cells is (cells if broken or phi > 100 else steadier)
+
+
+def turned(radians, step=0.0):
+    """Plane (t0, t1, t2) through a pixel 2 m away, or that much nearer, turned about its column."""
+    return [1 / (2 - step), -0.5 * np.tan(radians) * UNIT / FOCAL, 0.0]
+
+
+FOCAL = 131.25  # of the small room
+HALVES = {  # plane of the right half, and its share of a row; whether it is a piece
+    "turned by little": (turned(0.15), 0.5, True),
+    "turned the other way": (turned(-0.15), 0.5, True),
+    "turned by much": (turned(0.25), 0.5, False),
+    "a step": (turned(0.0, 0.2), 0.5, False),
+    "a step less than a turn makes": (turned(0.0, 0.02), 0.5, True),
+    "small": (turned(0.15), 0.006, False),
+}
+
+
+@pytest.mark.parametrize("name", HALVES)
+def test_planes_are_in_pieces_where_these_hardly_turn(parts, name):
+    plane, share, broken = HALVES[name]
+    _, frame, _ = parts
+    height, width = frame.w.shape
+    assert frame.sectors.mean_focal == pytest.approx(FOCAL)
+    everywhere = np.ones((height, width), np.uint16)
+    whole = everywhere, np.array([turned(0.0)])
+    right = np.zeros((height, width), bool)
+    right[:, width // 2 :] = True
+    right[: int((1 - 2 * share) * height)] = False
+    labels = np.where(right, 3, 1).astype(np.uint16)
+    planes = np.array([turned(0.0), turned(1.0), plane])
+    assert in_pieces(frame, whole, (labels, planes)) == broken
+    assert not in_pieces(frame, whole, whole)
+    none = np.zeros_like(everywhere), whole[1]
+    assert not in_pieces(frame, none, (labels, planes))
+    # Nor are they where the other solution has them, too.
+    assert not in_pieces(frame, (labels, planes), (labels, planes))
+    labels[labels == 3] = 0
+    assert not in_pieces(frame, whole, (labels, planes))
 
 
 STRIPS = {  # line, cubic and readings, with and without the pixels beside the border; what it is

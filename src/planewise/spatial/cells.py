@@ -397,7 +397,7 @@ def _without_shared_error(
 
         found = [integrated(walk)]
         error = found[0].error
-        if error.smooth and walk.soon:
+        if error.smooth and walk.soon and frame.sectors.count == 1:
             other = integrated(walk.less(_STEADIER))
             # Planes cost as much by either, and residuals of near cells are alike by both.
             same = replace(other.error, priced=error.priced)

@@ -27,6 +27,7 @@ from planewise.spatial.information import (
 )
 from planewise.spatial.joining import joined
 from planewise.spatial.mask_code import MaskCounts
+from planewise.spatial.pieces import in_pieces
 from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, price_of_planes, segment
 from planewise.spatial.sparse import is_sparse, segment_points
@@ -85,6 +86,13 @@ class SpatialSolution:
         """Phi in nats with these planes."""
         return float(self.curve.min())
 
+    @property
+    def planes(self) -> tuple[NDArray[np.uint16], Array]:
+        """Labels of planes that pay, of one sector, and all planes (`spatial.pieces`)."""
+        number = np.zeros(len(self.affine) + 1, np.uint16)
+        number[1 + self.book.order[: self.best]] = 1 + self.book.order[: self.best]
+        return number[self.found.labels], self.affine
+
 
 def solve(
     observation: RayObservation,
@@ -98,7 +106,8 @@ def solve(
 
     An error that is smooth over a few pixels, as of stereo, may drift besides, or hardly: by a
     drift that is not there faces of a box are one plane, and without one that is walls fall into
-    pieces. What cells in a row show does not tell, so such a frame is searched by either.
+    pieces. What cells in a row show does not tell, so such a frame is searched by either. Where
+    planes are in pieces then that hardly turn, it does drift.
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
     sake of mixed pixels and surfaces that are nearly flat. Of what was joined only for that, such
@@ -164,7 +173,8 @@ def solve(
     if cells.steadier is None:
         return best
     other = searched(cells.steadier)
-    return other if other.information < best.information else best
+    lower = other.information < best.information
+    return other if lower and not in_pieces(frame, best.planes, other.planes) else best
 
 
 def by_either(
