@@ -24,7 +24,7 @@ from benchmarks.frames import DATA, Frame, real, rooms
 from benchmarks.simulated import DRIFT, kinect_room
 from planewise.kernels.cells import SIDE
 from planewise.kernels.walk import SATURATION
-from planewise.spatial import cells, frame_error
+from planewise.spatial import cells, neighbouring
 from planewise.spatial.frame import frame_of
 
 LAGS = (1, 2, 4, 8)  # cells of 6 pixels
@@ -51,8 +51,8 @@ def told(frame: Frame) -> list[float] | None:
     described = image.table.at(float(np.median(image.w[image.p > 0])))[2] / SATURATION
     by_lag = []
     for lag in LAGS:
-        nearest = partial(frame_error.drift_factor, lag=lag)
-        with patch.object(cells, "drift_factor", nearest), patch.object(frame_error, "_LAGS", ()):
+        nearest = partial(neighbouring.drift_factor, lag=lag)
+        with patch.object(cells, "drift_factor", nearest), patch.object(neighbouring, "_LAGS", ()):
             one = cells.cells_of(image, seen.pixel_size)
         assert one is not None
         by_lag.append(1e3 * float(np.sqrt(one.error.local * described)))

@@ -23,7 +23,7 @@ from planewise.kernels.walk import (
     PLANE_SLOPE,
     SATURATION,
 )
-from planewise.spatial import cells, frame_error, merging, search
+from planewise.spatial import cells, frame_error, merging, neighbouring, search
 from planewise.spatial.frame import ErrorTable, frame_of
 from planewise.spatial.frame_error import FrameError
 
@@ -158,12 +158,12 @@ def test_what_lies_across_edges_is_not_taken_for_drift():
     edge = rng.random(n) < 1 / 3
     for drift in (0.0, 4.0):
         off = rng.normal(0, np.sqrt(1 + 0.5 * drift), n) + edge * rng.normal(0, 40, n)
-        found = frame_error._bisect(
+        found = neighbouring._bisect(
             off**2,
             own,
             added,
-            0.5 / frame_error._WITHIN,
-            frame_error._WIDEST,
+            0.5 / neighbouring._WITHIN,
+            neighbouring._WIDEST,
         )
         assert_allclose(found, drift, rtol=0.25, atol=0.25)
 
@@ -177,8 +177,8 @@ def test_a_few_triples_that_happen_to_lie_in_line_are_no_sign_of_no_drift(quiet)
     off[n // 2 :] *= 1e3
     off[:quiet] = 0.0
     limits = 1e-3, 1e9, 24
-    args = 0.5 / frame_error._WITHIN, OF_CHI2, frame_error._WIDEST
-    factor = kernels.bisect(off**2, own, added, *args, frame_error._TELLING, *limits)
+    args = 0.5 / neighbouring._WITHIN, OF_CHI2, neighbouring._WIDEST
+    factor = kernels.bisect(off**2, own, added, *args, neighbouring._TELLING, *limits)
     assert_allclose(factor, drift, rtol=0.3)
     if quiet:  # they are all that is left at small factors
         assert kernels.bisect(off**2, own, added, *args, 0.0, *limits) == 0.0

@@ -13,7 +13,7 @@ import planewise as pw
 from planewise.kernels.frame_error import bisect
 from planewise.kernels.medians import OF_CHI2
 from planewise.kernels.walk import SATURATION
-from planewise.spatial import cells, frame_error
+from planewise.spatial import cells, neighbouring
 from planewise.spatial.frame import frame_of
 
 from .conftest import render
@@ -216,10 +216,10 @@ def test_an_error_of_cells_is_no_walk():
     _, shared, drift, _ = frame.table.at(0.5)
     assert_allclose(np.sqrt(error.near * shared), 0.003, rtol=0.15)
     walk = error.drift / SATURATION * drift
-    assert walk * frame_error._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
+    assert walk * neighbouring._of_three(24 * 0.01) < 0.25 * 1.5 * 0.003**2  # hardly any of it
     # Readings are still as far from their planes as neighbouring cells show.
     near = error.local / SATURATION * drift
-    assert_allclose(near * frame_error._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
+    assert_allclose(near * neighbouring._of_three(12 * 0.01), 1.5 * 0.003**2, rtol=0.2)
 
 
 def boards(size, seed=1):
@@ -249,10 +249,10 @@ def test_clutter_is_not_taken_for_drift(size):
 def test_what_no_factor_explains_is_told():
     square, own = np.full(1000, 4.0), np.ones(1000)
     nothing = np.full(1000, 1e-9)
-    assert frame_error._bisect(square, own, nothing, 0.5) == np.inf
-    factor = frame_error._bisect(square, own, own, 0.5)
+    assert neighbouring._bisect(square, own, nothing, 0.5) == np.inf
+    factor = neighbouring._bisect(square, own, own, 0.5)
     assert_allclose(factor, 4.0 / OF_CHI2 - 1, rtol=0.01)
-    limits = (np.inf, frame_error._TELLING, *frame_error._BISECTED, frame_error._BISECTIONS)
+    limits = (np.inf, neighbouring._TELLING, *neighbouring._BISECTED, neighbouring._BISECTIONS)
     assert bisect(square, own, own, 0.5, OF_CHI2, *limits) == factor
 
 

@@ -19,19 +19,16 @@ from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
     FrameError,
-    Walk,
     drift_and_distortion,
-    drift_factor,
     drifting_by_chance,
     lateral_variance,
     priced,
     rounding,
-    shared_factors,
-    walk_of,
     white_of_quiet,
     white_of_rough,
     white_seen,
 )
+from planewise.spatial.neighbouring import Walk, drift_factor, shared_factors, walk_of
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]

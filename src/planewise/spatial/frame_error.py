@@ -1,37 +1,36 @@
-"""What a frame says about its own error: white noise, steep surfaces, drift, what neighbours share.
+"""What a frame says about its own error: white noise, steep surfaces, and what follows from drift.
 
 A sensor's description gives the error's shape over depth; the frame gives its size. Each number is
-the one at which most cells, or neighbours, or cells in a row, lie as far from planes as chi^2 says
-they should: quantiles, for edges and clutter only make them lie farther.
+the one at which most cells lie as far from planes as chi^2 says they should: quantiles, for edges
+and clutter only make them lie farther.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import frame_error as kernels
 from planewise.kernels import medians
-from planewise.kernels.cells import COUNT, SIDE, UNIT
+from planewise.kernels.cells import COUNT, SIDE
 from planewise.sectors import Sectors
 from planewise.spatial.frame import ErrorTable
 from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
-Grid = NDArray[np.int32]
 Image = NDArray[np.float32]
 
-_WIDEST, _WITHIN = 9.0, 0.9973  # three standard deviations, and the share of a normal within them
+FARTHEST = 0.03
+"""Of their depth: over 100 pixels no camera's error drifts by more."""
+
+FEWEST = 100
+"""Cells, or pairs of them, that can tell."""
+
 _DISTORTED = 0.22  # steradians, where error drifts over 100 pixels as much as it is white
 _TURN = 0.15  # radians from one cell to the next, on smooth surfaces that are no planes
-_FARTHEST = 0.03  # of their depth: over 100 pixels no camera's error drifts by more
-_FARTHEST_CELLS = 0.05  # the same of cells in a row, whose error may be smooth over a few pixels
-_FEWEST = 100  # cells, or pairs of them, that can tell
-_FEWEST_TRIPLES = 20  # of near cells in a row: in small images they say more than a description
 _ROUGH = 0.8, 0.8416  # share of the cells, and of a normal below so many standard deviations
 _ROUGHER = 2.0  # times the white variance of half of them: more is no noise, but edges
 _USUAL = 25.0  # five times the described standard deviation: a frame may always err by that
@@ -40,26 +39,9 @@ _ROUGHEST = 0.1  # of its depth: no sensor's reading errs by more
 _STEEPNESS = (0.25, 0.75, 1.25, 1.75, 2.25)  # bins of slope per pixel in standard deviations
 _SAMPLE = 2000  # cells of a bin that medians are taken of, at most
 _LATERAL_LIMIT = 1.5  # pixels^2
-_TELLING = 0.1  # of the triples: an error that leaves fewer within three deviations is larger
-_LAG = 2  # cells from the middle of three in a row to the others
-_MANY = 2000  # cells of which some can stand for all
-_LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
-_CELL = 2 * SIDE / UNIT
-_ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
-_CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _SMOOTH = 8.0  # times what a reading errs by itself: a cell's readings share more of a smooth error
-_SOON = 0.4  # of V(24 px), V(12 px): 0.5 of an error over 14 px, 0.3 of one over 20 px
 _AVERAGED = 0.2  # `FrameError.priced` at most, where error is smooth over a few pixels
-_LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
-_MORE = 1.5  # times the drift of the shortest distance: more is no walk
-_RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
-_UNTOLD = 2.25  # times its described variance: more from one cell to the next but one is no error
-_UNSEEN = 0.3  # of the drift of the shortest distance, where no other tells: between all and none
-_AT_LEAST = 0.25  # of the drift: few distances may show none by chance
 _BY_CHANCE = 0.01, 100  # `FrameError.drifting` that white noise may show; the same times squares
-_BISECTIONS = 12
-_BISECTED = (1e-3, 400.0)
-_BEYOND = 0.99  # of the largest factor: none was found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,7 +119,7 @@ def drift_and_distortion(
         # The slope dw/dx of n x n pixels has 12 / (n^2 (n^2 - 1)) of the variance of a reading.
         n, slope = 2 * SIDE, w * _TURN / sectors.mean_focal
         turning = slope**2 * n**2 * (n**2 - 1) / (2 * 12 * white)
-    if sectors.count == 1 and drifting and drift <= (_FARTHEST * w) ** 2:
+    if sectors.count == 1 and drifting and drift <= (FARTHEST * w) ** 2:
         distorted = _DISTORTED * sectors.mean_focal**2 / drifting
     return drifting, distorted, turning
 
@@ -183,7 +165,7 @@ def white_of_quiet(
     """
     moments, misfits = moments[::2, :, ::2], misfits[::2, ::2]  # a quarter stands for all
     row, column = np.nonzero(moments[:, COUNT] == 4 * SIDE * SIDE)
-    if len(row) < _FEWEST:
+    if len(row) < FEWEST:
         return 1.0
     together = misfits[row, column]
     apart = np.zeros(len(row))
@@ -230,7 +212,7 @@ def lateral_variance(
     steep, sizes = workspace.empty(len(count)), np.empty(bins, np.int64)
     samples = workspace.empty((bins, 2, _SAMPLE))
     kernels.steepness(planes, count, whole, np.square(_STEEPNESS), steep, sizes, samples)
-    told = [(sample, n) for sample, n in zip(samples, sizes.tolist(), strict=True) if n >= _FEWEST]
+    told = [(sample, n) for sample, n in zip(samples, sizes.tolist(), strict=True) if n >= FEWEST]
     lateral = 0.0
     if len(told) > 1:
         slope, base = _line([_medians(*each) for each in told], [math.sqrt(n) for _, n in told])
@@ -257,148 +239,6 @@ def _line(points: list[tuple[float, float]], weights: list[float]) -> tuple[floa
     return slope, cy - slope * cx
 
 
-def drift_factor(
-    grid: Grid,
-    planes: Array,
-    inflation: Array,
-    drift: Array,
-    focal: float,
-    workspace: Workspace,
-    lag: int = _LAG,
-    every: int = 1,
-) -> float | None:
-    """Drift against its description, as a variance: from three and four cells in a row.
-
-    None if it is open, infinite if none explains them.
-
-    w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
-    drift adds. Its median among those within three standard deviations is that of chi^2: what lies
-    across an edge is left out, not taken for drift. A curved surface shows in it as well, but not
-    in how much it changes from one cell to the next, as drift does: where that tells of much less
-    drift, and surfaces bend more than distortion does, it is right. grid holds whole cells only, -1
-    elsewhere; one of `every` rows and columns counts; focal: pixels.
-    """
-    some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
-    of_cells = some, planes, inflation, drift, lag // every
-    fewest = _FEWEST_TRIPLES if lag == _LAG else _FEWEST
-    with workspace.stage():
-        rows = workspace.empty((3, 2 * some.size), np.float32)
-
-        def told_by(four: bool) -> float | None:
-            n = kernels.cells_in_a_row(*of_cells, four, *rows)
-            square, own, slow = rows[:, :n]
-            if n < fewest or not slow.max():
-                return None
-            return _bisect(square, own, slow, 0.5 / _WITHIN, _WIDEST)
-
-        factor = told_by(False)
-        if not factor or factor == math.inf:
-            return factor
-        r = lag * _CELL
-        bend = 2 * math.sqrt(factor * float(drift.mean()) * _of_three(r)) / (r * UNIT / focal) ** 2
-        if bend > _CURVED * planes[2, : len(drift)].mean():
-            of_four = told_by(True)
-            if of_four is not None and of_four < _LESS * factor:
-                return of_four
-    return factor
-
-
-class Walk(NamedTuple):
-    """A random walk, as variances against that of the described drift (`walk_of`).
-
-    Attributes
-    ----------
-    drift, least : float
-        As it is told, and how little of it there may be.
-    shown, of_drift : float
-        V(r) of the distance that tells what cells have of their own besides, and f(r).
-    soon : bool
-        Whether cells a few pixels apart err nearly as differently as those farther apart do.
-    """
-
-    drift: float
-    least: float
-    shown: float = 0.0
-    of_drift: float = 0.0
-    soon: bool = False
-
-    @property
-    def shared(self) -> float:
-        """What every cell has of its own."""
-        return max(self.shown - self.drift * self.of_drift, 0.0) / 1.5
-
-    def less(self, share: float) -> Walk:
-        """The same if so much of it were a walk."""
-        return self._replace(drift=share * self.drift, least=share * self.least)
-
-
-def walk_of(
-    grid: Grid,
-    planes: Array,
-    inflation: Array,
-    drift: Array,
-    nearest: float,
-    reading: float,
-    focal: float,
-    workspace: Workspace,
-) -> Walk:
-    """Drift, and what a cell's readings share, which several distances tell apart.
-
-    Three cells in a row, r from the middle to the others, have an error of the variance
-
-        V(r) = 3/2 s + D f(r)    (f: `kernels.frame_error.cells_in_a_row`)
-
-    s what every cell has of its own, such as an error that is the same over a few pixels and then
-    another one, D the random walk. Where an error levels off, D lies between the least slope of V
-    and the walk without s that explains as much: their mean is taken. Where that is about
-    `nearest`, D of the shortest distance, it is a walk, and the shortest distance is the most
-    certain. No camera's walk is more than 3 % of the depth over 100 pixels: the rest is s. Both
-    against the described variance of the drift; reading: that of one reading.
-    """
-    told: list[float] = []
-    of_three: list[float] = []
-    cluttered = False
-    usual, w = float(drift.mean()), float(planes[2, : len(drift)].mean())
-    farthest = (_FARTHEST * w) ** 2
-    nearby = _of_three(_LAG * _CELL)
-    relief = max(farthest, _UNTOLD * reading / nearby)
-    if nearest * usual * nearby > (_FARTHEST_CELLS * w) ** 2:
-        return Walk(0.0, 0.0)  # no camera errs by so much
-    every = 2 if grid.size > _MANY else 1  # far ones overlap: every other row and column will do
-    for lag in _LAGS:
-        factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
-        if factor is None:
-            break
-        cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
-        if cluttered:
-            if not told and nearest * usual > relief and factor > _RELIEF * nearest:
-                return Walk(0.0, 0.0)  # nor so
-            break
-        of_three.append(_of_three(lag * _CELL))
-        told.append(factor * of_three[-1])
-    walk = least = nearest
-    soon = nearest * nearby > _SOON * told[0] if told else not cluttered
-    if len(told) > 1:
-        most = np.divide(told, of_three)[1:]
-        least = max(float(min(most[0], (np.diff(told) / np.diff(of_three)).min())), 0.0)
-        walk = 0.5 * (least + float(most.min()))
-    elif cluttered:  # what is farther apart lies on different surfaces
-        walk = least = _UNSEEN * nearest
-    alike = abs(walk - nearest) < _ABOUT * nearest
-    if alike:
-        walk = least = nearest
-    if alike or len(told) < 2:
-        of_three, told = [nearby], [nearest * nearby]
-    walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
-    return Walk(walk, least, told[0], of_three[0], soon)
-
-
-def _of_three(r: float) -> float:
-    """f(r) of `walk_of`."""
-    near, far = (d + _CELL * _CELL / (12 * d) for d in (r, 2 * r))
-    return near - 0.25 * far - 0.75 * kernels.MEAN_DISTANCE * _CELL
-
-
 def drifting_by_chance(squares: int, measured: float | None, *, known: bool) -> float:
     """`FrameError.drifting` that a frame of so many whole squares of cells may show without a walk.
 
@@ -418,43 +258,3 @@ def priced(drifting: float, shared: float, own: float) -> float:
     planes average it as they do white noise, and clutter does not look like planes by it.
     """
     return min(drifting, _AVERAGED) if shared > _SMOOTH * own else drifting
-
-
-def shared_factors(
-    grid: Grid,
-    planes: Array,
-    inflation: Array,
-    drift: Array,
-    shared: Array,
-    tilt: Array,
-    workspace: Workspace,
-) -> tuple[float, float]:
-    """How far neighbours disagree beyond white noise and drift, where they meet and in slope.
-
-    Factors on the variances `shared` of a cell's offset and `tilt` of its slopes, per unit.
-    """
-    # In single precision, for quantiles of so many.
-    slopes = workspace.empty((3, 4 * grid.size), np.float32)
-    offsets = workspace.empty((4, 2 * grid.size), np.float32)
-    n = kernels.neighbours(grid, planes, inflation, drift, shared, tilt, slopes, offsets)
-    square, own, tilted = slopes[:, : 2 * n]
-    if 2 * n < _FEWEST or not tilted.max():
-        return 1.0, 1.0
-    # Where what is described is next to nothing, the description stands.
-    bent = _bisect(square, own, tilted, 0.5)
-    bent = bent if bent < math.inf else 1.0
-    square, own, common, turned = offsets[:, :n]
-    near = _bisect(square, own + bent * turned, common, 0.5)
-    return near if near < math.inf else 1.0, bent
-
-
-def _bisect(square: Array, own: Array, added: Array, share: float, widest: float = np.inf) -> float:
-    """The factor at which a quantile of square / (own + factor added) is the median of chi^2, or 0.
-
-    Of those up to `widest`, which have to be a tenth of all: where the error is much larger than
-    `own`, hardly any are at small factors, and these by chance. Infinite where none explains the
-    rest.
-    """
-    limits = (medians.OF_CHI2, widest, _TELLING, *_BISECTED, _BISECTIONS)
-    factor = float(kernels.bisect(square, own, added, share, *limits))
-    return factor if factor < _BEYOND * _BISECTED[1] else math.inf
