@@ -251,14 +251,19 @@ def test_drift_of_a_simulated_random_walk_is_told(drift):
     assert_allclose(ratios, 1, atol=0.1)
 
 
+def smooth_and_walk(width, seed):
+    """Inverse depth of walls, of an error that is smooth over pixels, and of one that drifts."""
+    rng, shape = np.random.default_rng(seed), (240, 320)
+    field = 0.5 + 0.003 * smooth(shape, width, rng) + rng.normal(0, 0.0005, shape)
+    return field, 0.5 + random_walk(shape, 0.007, rng) + rng.normal(0, SIGMA, shape)
+
+
 @pytest.mark.parametrize("width", [3.0, 6.0])
 def test_planes_are_priced_as_in_white_noise_where_error_is_smooth_over_a_few_pixels(width):
     for seed in range(2):
-        rng = np.random.default_rng(seed)
-        field = 0.5 + 0.003 * smooth((240, 320), width, rng) + rng.normal(0, 0.0005, (240, 320))
+        field, walk = smooth_and_walk(width, seed)
         error, _ = told(1 / field, FINE)
         assert error.priced < 0.25 < 0.5 < error.drifting
-        walk = 0.5 + random_walk((240, 320), 0.007, rng) + rng.normal(0, SIGMA, (240, 320))
         error, _ = told(1 / walk, FINE)
         assert error.priced == error.drifting > 0.5
 
@@ -266,8 +271,7 @@ def test_planes_are_priced_as_in_white_noise_where_error_is_smooth_over_a_few_pi
 @pytest.mark.parametrize("width", [3.0, 6.0])
 def test_a_smooth_error_may_hardly_drift_and_is_new_in_a_reading_by_what_cells_show(width):
     for seed in range(2):
-        rng = np.random.default_rng(seed)
-        field = 0.5 + 0.003 * smooth((240, 320), width, rng) + rng.normal(0, 0.0005, (240, 320))
+        field, walk = smooth_and_walk(width, seed)
         _, found = framed(1 / field, FINE)
         other = found.steadier
         assert other.steadier is None
@@ -279,7 +283,6 @@ def test_a_smooth_error_may_hardly_drift_and_is_new_in_a_reading_by_what_cells_s
         assert not other.bends_more_than_told
         assert other.grid is found.grid
         assert_allclose(found.error.white, (0.0005 / SIGMA) ** 2, rtol=0.5)
-        walk = 0.5 + random_walk((240, 320), 0.007, rng) + rng.normal(0, SIGMA, (240, 320))
         assert framed(1 / walk, FINE)[1].steadier is None
 
 

@@ -24,12 +24,14 @@ from planewise.workspace import Workspace
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]
 
+TURN = 0.2
+"""Radians between faces: walls bulge by less."""
+
 _CLEAR = 4.0  # times the price: what two planes have to save
 _WORSE = 1.15  # times the misfit of two planes: what that of one has to be
 ROUGH = 2.0  # times what noise makes it: misfit of either at most, or it is no plane itself
 _FEWEST = 64  # readings of a face
 _NARROWEST = 2.0  # pixels: two columns beside a jump of depth may be mixed of both sides
-_TURN = 0.2  # radians between the faces: walls bulge by less
 _MOST = 16.0  # squared residual in variances of a reading that says nothing about planes
 _SAMPLE = 8000  # of its readings that tell whether to look at more
 _LEAST = 12  # of these on a face
@@ -95,7 +97,7 @@ def parted(
         by_face = np.empty_like(pixels)
         less, larger = kernels.two_faces(
             pixels, *images, white, 2 * least / part, _WORSE, ROUGH, max(_FEWEST // part, _LEAST),
-            _NARROWEST / UNIT, _MANY, _MOST, frame.sectors.turn[0], math.cos(_TURN), by_face,
+            _NARROWEST / UNIT, _MANY, _MOST, frame.sectors.turn[0], math.cos(TURN), by_face,
             planes, information,
         )  # fmt: skip
         return less, [by_face[:larger], by_face[larger:]]

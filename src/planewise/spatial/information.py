@@ -203,6 +203,7 @@ def ledger(
     resolution: float,
     pixel_size: tuple[float, float],
     workspace: Workspace | None = None,
+    order: NDArray[np.intp] | None = None,
 ) -> Ledger:
     """Rank planes, with exact Phi of them all and of every shorter list of the best.
 
@@ -222,6 +223,8 @@ def ledger(
         Of a pixel on the plane z = 1, in metres.
     workspace : Workspace, optional
         Memory to work in.
+    order : ndarray of int, shape (N,), optional
+        Best first; by worth unless given.
 
     Returns
     -------
@@ -230,7 +233,7 @@ def ledger(
     mask = np.ascontiguousarray(labels, np.uint16)
     groups = groups_of(frame, cells, mask, len(affine), range, resolution, pixel_size, workspace)
     data = groups.data(affine, groups.levels)
-    return book_of(groups, data, mask_of(frame, mask), range, resolution)
+    return book_of(groups, data, mask_of(frame, mask), range, resolution, order)
 
 
 def information_of_rows(

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from planewise.spatial.faces import TURN
 from planewise.spatial.frame import Frame
 
 Array = NDArray[np.float64]
 Planes = tuple[NDArray[np.uint16], Array]
 
-_BENT = 0.2  # radians: walls bulge by less, and faces meet at more
 _MANY = 0.01  # of the readings
 _EVERY = 2  # rows and columns of which one tells
 
@@ -19,7 +19,7 @@ def in_pieces(frame: Frame, whole: Planes, parts: Planes) -> bool:
     """Whether a fair share of the readings are on pieces of a plane that hardly turn.
 
     Each plane of `parts` is of that one of `whole` on which most of it lies; all but the largest of
-    one are pieces if they turn against that by less than 0.2 radians, and lie off it in their
+    one are pieces if they turn against that by less than faces do, and lie off it in their
     middle by no more than such a turn about their border makes: else they are faces, or steps.
 
     Parameters
@@ -54,6 +54,6 @@ def in_pieces(frame: Frame, whole: Planes, parts: Planes) -> bool:
     normals = [each @ frame.sectors.turn[0].T for each in (own, main)]
     along = np.einsum("pe,pe->p", *normals)
     cosine = along / np.prod([np.linalg.norm(each, axis=1) for each in normals], axis=0)
-    hardly = (cosine > np.cos(_BENT)) & (off < np.tan(_BENT) * half)
+    hardly = (cosine > np.cos(TURN)) & (off < np.tan(TURN) * half)
     readings = _EVERY**2 * count[pieces[hardly]].sum()
     return bool(readings >= _MANY * np.count_nonzero(frame.p))

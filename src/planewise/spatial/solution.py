@@ -13,6 +13,7 @@ from planewise.information import plane_information
 from planewise.kernels.labels import rename
 from planewise.model import Move
 from planewise.observation import RayObservation
+from planewise.ranks import ranks
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
@@ -23,6 +24,7 @@ from planewise.spatial.information import (
     Ledger,
     book_of,
     groups_of,
+    ledger,
     mask_of,
 )
 from planewise.spatial.joining import joined
@@ -88,10 +90,9 @@ class SpatialSolution:
 
     @property
     def planes(self) -> tuple[NDArray[np.uint16], Array]:
-        """Labels of planes that pay, of one sector, and all planes (`spatial.pieces`)."""
-        number = np.zeros(len(self.affine) + 1, np.uint16)
-        number[1 + self.book.order[: self.best]] = 1 + self.book.order[: self.best]
-        return number[self.found.labels], self.affine
+        """Labels, and planes that pay, of one sector (`spatial.pieces`)."""
+        paying = np.sort(self.book.order[: self.best])
+        return ranks(paying, len(self.affine))[self.found.labels], self.affine[paying]
 
 
 def solve(
@@ -191,12 +192,10 @@ def by_either(
     other = cells.steadier if solution.cells is cells else cells
     if other is None:
         return solution
-    limits, labels = (observation.range, observation.resolution), solution.found.labels
-    planes, size = len(solution.affine), observation.pixel_size
+    limits, size = (observation.range, observation.resolution), observation.pixel_size
+    planes, order = (solution.affine, solution.found.labels), solution.book.order
     with workspace.stage():
-        groups = groups_of(frame, other, labels, planes, *limits, size, workspace)
-        data = groups.data(solution.affine, groups.levels)
-        book = book_of(groups, data, mask_of(frame, labels), *limits, solution.book.order)
+        book = ledger(frame, other, *planes, *limits, size, workspace, order)
     curve = np.minimum(solution.curve, book.curve[: len(solution.curve)])
     best = int(curve.argmin())
     *moves, last = solution.moves
