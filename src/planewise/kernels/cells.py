@@ -75,7 +75,7 @@ def _row_moments(w, p, x, y, straight, row, sums, line, out):  # type: ignore[no
             s[j] += q
             t[j] += 1.0 if weight[j] > 0.0 else 0.0
             u[j] *= q * v * v if weight[j] > 0.0 else 1.0
-    for e in range(MOMENTS):
+    for e in range(out.shape[0] - 1):
         s, m = sums[e], out[e]
         for k in range(m.size):
             m[k] = s[SIDE * k] + s[SIDE * k + 1] + s[SIDE * k + 2]
@@ -156,7 +156,7 @@ def _straight_row_moments(w, p, x, y, row, columns, pixels, sums, out):  # type:
             sums[8, k], sums[9, k] = ayw + byw + cyw, aww + bww + cww
             sums[COUNT, k] = count_a + count_b + count_c
             sums[PRODUCT, k] = product_a * product_b * product_c
-        for e in range(MOMENTS + 1):
+        for e in range(out.shape[0]):
             moment, batch = out[e, start : start + n], sums[e]
             for k in range(n):
                 moment[k] = batch[k]
@@ -165,7 +165,7 @@ def _straight_row_moments(w, p, x, y, row, columns, pixels, sums, out):  # type:
 @inlined
 def _pair_up(upper, lower, out):  # type: ignore[no-untyped-def]
     """Moments (11, columns / 2) of blocks of 2 x 2 cells from two rows of cells (12, .)."""
-    for e in range(MOMENTS):
+    for e in range(out.shape[0]):
         a, b, m = upper[e], lower[e], out[e]
         for k in range(m.size):
             m[k] = a[2 * k] + a[2 * k + 1] + b[2 * k] + b[2 * k + 1]
@@ -235,7 +235,7 @@ def cell_moments(w, p, x, y, straight, first, last, count, misfits, blocks, toge
     2) and together (rows / 2, columns / 2); tiles (rows / 3, 12, columns / 3), all rounded up.
     """
     rows, room = misfits.shape[0], -(-misfits.shape[1] // STRIP) * STRIP
-    sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, MOMENTS + 1, room))
+    sums, pair = np.empty((MOMENTS + 1, SIDE * room)), np.empty((2, tiles.shape[1], room))
     line, logs = np.empty(w.shape[1], y.dtype), np.empty(room)
     for top in range(first * STRIP, min(last * STRIP, rows), 2):
         for k in range(min(2, rows - top)):
@@ -252,7 +252,7 @@ def straight_moments(w, p, x, y, first, last, count, misfits, blocks, together, 
     rows, columns = misfits.shape
     room = -(-columns // STRIP) * STRIP
     pixels, batch = np.empty((7 * SIDE, _BATCH), p.dtype), np.empty((MOMENTS + 1, _BATCH))
-    pair, logs = np.empty((2, MOMENTS + 1, room)), np.empty(room)
+    pair, logs = np.empty((2, tiles.shape[1], room)), np.empty(room)
     pair[:] = 0.0
     pair[:, PRODUCT] = 1.0
     for top in range(first * STRIP, min(last * STRIP, rows), 2):

@@ -111,7 +111,7 @@ def group_data(  # type: ignore[no-untyped-def]
     for start in range(0, groups, _BATCH):
         stop = min(start + _BATCH, groups)
         n = stop - start
-        for e in range(NORM + 1):
+        for e in range(moments.shape[0]):
             row = moments[e, start:stop]
             for k in range(n):
                 work[e, k] = row[k]

@@ -13,7 +13,7 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import COUNT, PRODUCT, SIDE, add_reading
-from planewise.kernels.jit import compiled, internal
+from planewise.kernels.jit import called, compiled, internal
 
 # Threes of pixels and of cells are written out below, which makes them vector code.
 BLOCK = 3 * SIDE  # pixels of a block, whose readings share an offset and a tilt
@@ -24,7 +24,7 @@ LAST = np.uint16(65535)
 _0, _1 = np.uintp(0), np.uintp(1)
 
 
-@internal
+@called
 def thirds(least, most, low, high):  # type: ignore[no-untyped-def]
     """Smallest and largest of every three labels."""
     for j in range(low.size):
@@ -162,7 +162,7 @@ def correct_tiles(tiles, white, constant, factor, finer, moments):  # type: igno
     """
     wide = tiles.shape[2]
     for i in range(tiles.shape[0]):
-        for e in range(NORM + 1):
+        for e in range(moments.shape[0]):
             row, count = tiles[i, e], tiles[i, COUNT]
             for j in range(wide):
                 g = i * wide + j

@@ -50,7 +50,7 @@ def _form_in(facing, segments, forms, home, turns, drift, lean, u, form):  # typ
     write_form(row, drift[u], lean, form)
 
 
-@internal
+@called
 def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
     """`compare_forms` of segments that lie in several sectors, in the one that faces the smaller.
 
@@ -85,7 +85,7 @@ def _share_left(evidence, boundary, misfit, most, longest):  # type: ignore[no-u
     return gain / saved if gain > 0.0 else gain
 
 
-@called
+@internal
 def _merge_value(  # type: ignore[no-untyped-def]
     segments,
     forms,
