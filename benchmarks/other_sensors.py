@@ -35,6 +35,7 @@ SMALLEST = 0.0025  # share of the image from which a true plane counts
 VGA = (480, 640)
 FB = 525 * 0.05  # focal length times baseline of a small stereo camera, in pixels and metres
 SUBPIXEL = 0.08  # standard deviation of its disparity
+WIDE_FB = 525 * 0.24  # the same of a wide one
 
 
 @dataclass(frozen=True)
@@ -181,6 +182,16 @@ def millimetres(sigma: float) -> Callable[[Exact], Array]:
     return lambda scene: scene.z + 1e-3 * sigma * scene.white()
 
 
+def steps(step: float, sigma: float = 0.0) -> Callable[[Exact], Array]:
+    """White noise, then steps of so many metres: much coarser, as where depth is kept in 8 bits."""
+    return lambda scene: np.round((scene.z + sigma * scene.white()) / step) * step
+
+
+def whole_disparities(scene: Exact) -> Array:
+    """Disparities of a wide stereo camera in whole pixels, without noise."""
+    return np.asarray(WIDE_FB / np.round(WIDE_FB / scene.z))
+
+
 @dataclass(frozen=True)
 class Reading:
     """A way to read a room: what comes out, and the noise that a data sheet would state.
@@ -229,6 +240,10 @@ READINGS = (
     Reading("2 mm, said to be 20 mm", millimetres(2), pw.Sensor(noise=0.02)),
     Reading("10 mm, said to be 1 mm", millimetres(10), pw.Sensor(noise=0.001)),
     Reading("3 mm, k1 = -0.03 left", millimetres(3), pw.Sensor(noise=0.003), distortion=-0.03),
+    Reading("2 mm, steps of 20 mm", steps(0.02, 0.002), pw.Sensor(noise=0.002)),
+    Reading("no noise, steps of 20 mm", steps(0.02), pw.Sensor(noise=0.001)),
+    Reading("no noise, steps of 39 mm", steps(10 / 255), pw.Sensor(noise=0.001)),
+    Reading("no noise, steps of a disparity", whole_disparities, pw.Sensor(noise=0.001)),
     *(
         Reading(f"{name}, {round(100 * share)} % wild", read, sensor, wild=share)
         for name, read, sensor in PLAIN

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from benchmarks import ablation, cloud_rivals, guard
+from benchmarks import ablation, cloud_rivals, guard, polyhedra
 from benchmarks.frame_error import LAGS, told
 from benchmarks.frames import Frame
 from benchmarks.guard import Guarded
 from benchmarks.labelled import LabelledFrame
+from benchmarks.other_sensors import camera_of
 from benchmarks.rival_points import Cloud
 from benchmarks.rivals import METHODS, Method
 from benchmarks.simulated import kinect_room
@@ -128,3 +129,27 @@ def test_parts_of_the_objective_can_be_taken_out(room):
     assert planes_without("spatial, borders free", room) > whole
     assert planes_without("spatial, independent error", room) > 2
     assert planes_without("spatial", room) == whole
+
+
+def test_polyhedra_are_convex_and_their_faces_flat():
+    size = (120, 160)
+    z, faces = polyhedra.faces_of(3, size)
+    points = camera_of(size).rays(size) * z[..., None]
+    assert 20 < faces.max() < 90
+    assert z.min() > 0.3
+    assert z.max() < 12
+    for face in range(1, faces.max() + 1):
+        on = points[faces == face]
+        if len(on) > 3:  # all on one plane
+            assert np.linalg.svd(on - on.mean(axis=0))[1][2] < 1e-9 * len(on)
+    for kind in polyhedra.KINDS:
+        shape = kind(np.random.default_rng(0))
+        np.testing.assert_allclose(np.linalg.norm(shape.normals, axis=1), 1)
+        assert (shape.distances > 0).all()  # the middle is inside
+        turn = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+        place = np.array([0.0, 0.0, 4.0])
+        at, side = shape.placed(turn, 0.5, place).hit(np.array([[0.0, 0, 1], [1.0, 0, 1]]))
+        entry = (np.array([0, 0, at[0]]) - place) @ turn / 0.5  # in its own coordinates
+        assert (shape.normals @ entry <= shape.distances + 1e-9).all()
+        assert shape.normals[side[0]] @ entry == pytest.approx(shape.distances[side[0]])
+        assert at[1] == np.inf

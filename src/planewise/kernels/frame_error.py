@@ -72,10 +72,10 @@ def unit_errors(  # type: ignore[no-untyped-def]
 
     white_part, shared, drift, step (L,), ranging: of `spatial.frame.ErrorTable`, the first two as
     told; white: size of the white part in this frame; lateral: error across the image in pixels^2,
-    steep (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (5, n): of
+    steep (n,): `steepness`; size (n,): 2 of a square of cells, 1 of a cell. Writes out (6, n): of
     the offset by what near readings share; of a slope by it; of the drift over 100 pixels; of the
-    quantisation that near readings share; and the factor by which readings lie farther from the
-    unit's plane than noise would have them.
+    quantisation that near readings share; the factor by which readings lie farther from the unit's
+    plane than noise would have them; and of quantisation as far as they lie nearer.
 
     White noise of standard deviation s dithers steps of q: the mean error of readings keeps
     exp(-2 pi^2 s^2 / q^2) of its amplitude.
@@ -101,7 +101,9 @@ def unit_errors(  # type: ignore[no-untyped-def]
         common[k] = larger[k] * (common[k] + coarse[k])
         slow[k] *= larger[k]
     for k in range(count.size):
-        out[4, k] = max(1.0, planes[5, k] / (count[k] - 3.0))
+        farther = planes[5, k] / (count[k] - 3.0)
+        out[4, k] = max(1.0, farther)
+        out[5, k] = max(0.0, 1.0 - farther) * coarse[k]
 
 
 @in_order

@@ -306,7 +306,7 @@ def _without_shared_error(
     (white, seen, quiet), table = sizes, frame.table
     depths = planes[2, : len(count)]
     with workspace.stage():
-        errors = workspace.empty((5, len(count)))
+        errors = workspace.empty((6, len(count)))
         lateral, steep = lateral_variance(planes, count, whole, workspace)
         lateral *= max(seen, 1.0) / max(white, 1.0)  # of the error of most cells
         frame_error.unit_errors(
@@ -325,7 +325,7 @@ def _without_shared_error(
         )
         if quiet < 1.0:
             errors[:3] *= quiet
-        _, _, described, _, inflation = errors
+        _, _, described, _, inflation, alike = errors
         # Cells of 2 x 2 stand for the frame, but for those that may lie across an edge.
         rough = inflation > _HOPELESS[0]
         calm = np.where(rough.take(squares), np.int32(-1), squares)
@@ -370,6 +370,10 @@ def _without_shared_error(
                 larger = workspace.empty((2, len(count)))
                 np.multiply(offset, near, out=larger[0])
                 np.multiply(tilt, bent, out=larger[1])
+                untold = max(1.0 - near, 0.0) * (1.0 - drifting)
+                if untold:  # of steps, where most surfaces are so steep that none lies on one
+                    larger[0] += untold * alike
+                    larger[1] += untold * alike / np.square(0.5 * SIDE / kernels.UNIT * size)
                 kernels.marginalise(planes, count, inflation, *larger, rows)
             drift *= SATURATION
             return _Integrated(
