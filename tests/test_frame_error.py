@@ -273,8 +273,8 @@ def test_a_smooth_error_may_hardly_drift_and_is_new_in_a_reading_by_what_cells_s
     for seed in range(2):
         field, walk = smooth_and_walk(width, seed)
         _, found = framed(1 / field, FINE)
-        other = found.steadier
-        assert other.steadier is None
+        other = found.other
+        assert other.other is None
         assert_allclose(other.error.drift, 0.1 * found.error.drift)
         assert other.error.priced == found.error.priced
         assert other.error.smooth
@@ -283,7 +283,7 @@ def test_a_smooth_error_may_hardly_drift_and_is_new_in_a_reading_by_what_cells_s
         assert not other.bends_more_than_told
         assert other.grid is found.grid
         assert_allclose(found.error.white, (0.0005 / SIGMA) ** 2, rtol=0.5)
-        assert framed(1 / walk, FINE)[1].steadier is None
+        assert framed(1 / walk, FINE)[1].other is None
 
 
 def test_independent_noise_has_no_drift_and_shares_nothing():

@@ -250,7 +250,7 @@ def test_the_error_that_makes_phi_lower_is_taken_where_it_may_be_either(
     """But for that by which planes of the other are in pieces."""
     observation, frame, cells = parts
     steadier = replace(cells, drift=cells.drift / 9, told_drift=cells.drift / 9)
-    cells = replace(cells, told_drift=cells.drift, steadier=steadier)
+    cells = replace(cells, told_drift=cells.drift, other=steadier)
     searched, left = [], [100.0, phi]
 
     def judged(_, __, cells, *___, **____):

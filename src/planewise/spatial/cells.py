@@ -41,6 +41,7 @@ _OFFSET_PRIOR = 0.05  # a local plane lies within this share of its depth
 _FEWER = 3  # times as many cells as units, as a rule
 _LEAST_DRIFT = 0.1  # of the white variance
 _STEADIER = 0.1  # of the drift of an error that is smooth over a few pixels: what else it may be
+_COARSE = 0.05  # of the units, at least, err more by steps that readings do not show than by else
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,9 @@ class Cells:
         Size of the frame's error against the sensor's description.
     thinned : bool
         Whether readings are missing all over.
-    steadier : Cells, optional
-        The same with hardly any drift, where the error is smooth over a few pixels: either may be.
+    other : Cells, optional
+        The same by another error, where either may be: with hardly any drift, where it is smooth
+        over a few pixels; or with steps in common, where many cells are on one of quantisation.
     """
 
     grid: NDArray[np.int32]
@@ -86,7 +88,7 @@ class Cells:
     slope_prior: Array
     error: FrameError
     thinned: bool = False
-    steadier: Cells | None = None
+    other: Cells | None = None
 
     @property
     def bends_more_than_told(self) -> bool:
@@ -123,7 +125,7 @@ class Cells:
             told_drift=self.told_drift[units],
             offset_prior=self.offset_prior[units],
             slope_prior=self.slope_prior[units],
-            steadier=None,
+            other=None,
         )
         return part, units, (top, left, bottom, right)
 
@@ -275,7 +277,7 @@ def cells_of(
     )
     if len(units) == 1:
         return cells
-    return replace(cells, steadier=replace(cells, **units[1]._asdict()))
+    return replace(cells, other=replace(cells, **units[1]._asdict()))
 
 
 def _hopeless(sectors: Sectors) -> float:
@@ -297,11 +299,13 @@ def _without_shared_error(
     sizes: tuple[float, float, float],
     workspace: Workspace,
 ) -> list[_Integrated]:
-    """Units with what neighbours share integrated out: as the frame shows; and if little drifts.
+    """Units with what neighbours share integrated out: as the frame shows; and as it may be, too.
 
     sizes: `FrameError.white` and `seen`, and that of how all other parts are described. These are
-    those at the mean depth of each unit. The second is there where the error is smooth over a few
-    pixels: that looks like a walk.
+    those at the mean depth of each unit. There is a second where the error is smooth over a few
+    pixels, for that looks like a walk: if little drifts. Or where readings of many units are all
+    on one step of quantisation, and most surfaces so steep that neighbours show nothing of it: if
+    what readings do not show of it they share.
     """
     (white, seen, quiet), table = sizes, frame.table
     depths = planes[2, : len(count)]
@@ -342,8 +346,8 @@ def _without_shared_error(
             walk = walk_of(calm, planes, inflation, described, local, reading, focal, workspace)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
 
-        def integrated(walk: Walk) -> _Integrated:
-            """Integrate out a walk, and what cells have of their own."""
+        def integrated(walk: Walk, steps: bool = False) -> _Integrated:
+            """Integrate out a walk, what cells have of their own, and steps that do not show."""
             factor, own, least = walk.drift, walk.shared, walk.least
             between = quiet * SATURATION * factor
             drifting, distorted, turning = drift_and_distortion(
@@ -370,10 +374,9 @@ def _without_shared_error(
                 larger = workspace.empty((2, len(count)))
                 np.multiply(offset, near, out=larger[0])
                 np.multiply(tilt, bent, out=larger[1])
-                untold = max(1.0 - near, 0.0) * (1.0 - drifting)
-                if untold:  # of steps, where most surfaces are so steep that none lies on one
-                    larger[0] += untold * alike
-                    larger[1] += untold * alike / np.square(0.5 * SIDE / kernels.UNIT * size)
+                if steps:
+                    larger[0] += alike
+                    larger[1] += alike / np.square(0.5 * SIDE / kernels.UNIT * size)
                 kernels.marginalise(planes, count, inflation, *larger, rows)
             drift *= SATURATION
             return _Integrated(
@@ -403,4 +406,8 @@ def _without_shared_error(
             # Planes cost as much by either, and residuals of near cells are alike by both.
             same = replace(other.error, priced=error.priced)
             found.append(other._replace(told_drift=other.drift, error=same))
+        elif not error.walk and error.near < 1.0:
+            alike *= 1.0 - error.near
+            if np.count_nonzero(alike * planes[6, : len(count)] > 1.0) > _COARSE * len(count):
+                found.append(integrated(walk, steps=True))
     return found

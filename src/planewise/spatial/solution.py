@@ -171,9 +171,9 @@ def solve(
     if cells is None:
         return look(None)
     best = searched(cells)
-    if cells.steadier is None:
+    if cells.other is None:
         return best
-    other = searched(cells.steadier)
+    other = searched(cells.other)
     lower = other.information < best.information
     return other if lower and not in_pieces(frame, best.planes, other.planes) else best
 
@@ -187,10 +187,10 @@ def by_either(
 ) -> SpatialSolution:
     """A solution with Phi of every list of its planes by that error of two that makes it less.
 
-    cells: the first one's, and by `steadier` the other's, of which one is the solution's.
+    cells: the first one's, and by `other` the second's, of which one is the solution's.
     """
-    other = cells.steadier if solution.cells is cells else cells
-    if other is None:
+    other = cells.other if solution.cells is cells else cells
+    if other is None or other.error == cells.error:
         return solution
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes, order = (solution.affine, solution.found.labels), solution.book.order
