@@ -5,6 +5,8 @@ import pytest
 
 import planewise as pw
 from planewise.kernels import frame_error
+from planewise.spatial.cells import cells_of
+from planewise.spatial.frame import frame_of
 
 SIZE, FOCAL = (480, 640), 525.0
 STEP, SIGMA = 0.02, 0.002
@@ -32,6 +34,22 @@ def test_planes_do_not_fall_apart_at_steps(lean, seed, noise):
     model = pw.detect_planes(depth, CAMERA, pw.Sensor(noise=noise))
     assert len(model) == 3
     assert np.bincount(model.labels[on]).max() > 0.97 * np.count_nonzero(on)
+
+
+@pytest.mark.parametrize(("step", "either"), [(STEP, True), (SIGMA, False), (0.0005, False)])
+def test_either_may_be_where_readings_do_not_show_steps(step, either):
+    z, _ = corner_and_board(0.08)
+    z = z + SIGMA * np.random.default_rng(0).standard_normal(SIZE)
+    sensor = pw.Sensor(noise=SIGMA)
+    frame = frame_of(pw.observe(np.round(z / step) * step, CAMERA, sensor))
+    cells = cells_of(frame, CAMERA.pixel_size)
+    assert (cells.other is not None) == either
+    if either:
+        assert cells.other.error == cells.error
+        known, less = cells.rows[:, 0], cells.other.rows[:, 0]  # how well each offset is
+        assert (less <= known).all()
+        of_board = np.median(less[np.unique(cells.grid[36:90, 53:103])])
+        assert of_board == pytest.approx(1.5**4 / (STEP**2 / 12), rel=0.5)  # as one reading alone
 
 
 def test_readings_that_are_all_on_one_step_share_its_error():
