@@ -189,8 +189,8 @@ def by_either(
 
     cells: the first one's, and by `other` the second's, of which one is the solution's.
     """
-    other = cells.other if solution.cells is cells else cells
-    if other is None or other.error == cells.error:
+    own, other = solution.cells, cells.other if solution.cells is cells else cells
+    if own is None or other is None or own.error == other.error:  # ledgers know no more of cells
         return solution
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes, order = (solution.affine, solution.found.labels), solution.book.order
