@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 import planewise as pw
 from benchmarks.arguments import parser_of
-from benchmarks.other_sensors import Exact, Grid, Reading, camera_of, named
+from benchmarks.other_sensors import Exact, Grid, camera_of, named
 from planewise.metrics import evaluate
 
 Array = NDArray[np.float64]
@@ -56,15 +57,25 @@ class Polyhedron:
         normals = self.normals @ turn.T
         return Polyhedron(normals, size * self.distances + normals @ place)
 
-    def hit(self, rays: Array) -> tuple[Array, NDArray[np.intp]]:
-        """How many rays (k, 3) far from the origin each meets it, and at which face."""
+    def crossed(self, rays: Array) -> tuple[Array, Array]:
+        """How many rays (k, 3) far the plane of each face is crossed inwards, and outwards: (k, n).
+
+        -inf and inf where it is not.
+        """
         along = rays @ self.normals.T
         with np.errstate(divide="ignore", invalid="ignore"):
             at = self.distances / along
-        entry, leave = np.where(along < 0, at, -np.inf), np.where(along > 0, at, np.inf)
+        return np.where(along < 0, at, -np.inf), np.where(along > 0, at, np.inf)
+
+    def hit(self, rays: Array) -> tuple[Array, NDArray[np.intp]]:
+        """How many rays (k, 3) far from the origin each meets it, and at which face."""
+        entry, leave = self.crossed(rays)
         first = entry.max(axis=1)
         meets = (first > 0) & (first < leave.min(axis=1))
         return np.where(meets, first, np.inf), entry.argmax(axis=1)
+
+
+CUBE = np.vstack((np.eye(3), -np.eye(3)))  # its normals
 
 
 def ring(sides: int, slant: float) -> Array:
@@ -91,7 +102,7 @@ def pyramid(rng: np.random.Generator) -> Polyhedron:
 
 def box(rng: np.random.Generator) -> Polyhedron:
     """Box."""
-    return Polyhedron(np.vstack((np.eye(3), -np.eye(3))), np.tile(rng.uniform(0.3, 1.0, 3), 2))
+    return Polyhedron(CUBE, np.tile(rng.uniform(0.3, 1.0, 3), 2))
 
 
 def wedge(rng: np.random.Generator) -> Polyhedron:
@@ -115,7 +126,7 @@ def boulder(rng: np.random.Generator) -> Polyhedron:
     cuts = rng.normal(size=(int(rng.integers(7, 13)), 3))
     cuts /= np.linalg.norm(cuts, axis=1, keepdims=True)
     distances = np.append(rng.uniform(0.55, 0.9, len(cuts)), np.ones(6))
-    return Polyhedron(np.vstack((cuts, np.eye(3), -np.eye(3))), distances)
+    return Polyhedron(np.vstack((cuts, CUBE)), distances)
 
 
 KINDS = boulder, prism, pyramid, wedge, dodecahedron, box
@@ -126,22 +137,12 @@ def faces_of(seed: int, size: tuple[int, int]) -> tuple[Array, Grid]:
     rng = np.random.default_rng(seed)
     rays = camera_of(size).rays(size).reshape(-1, 3)
     yaw, pitch = rng.uniform(-0.6, 0.6), rng.uniform(0.05, 0.5)  # of a camera that looks down
-    across = np.array(
-        [[math.cos(yaw), 0, math.sin(yaw)], [0, 1, 0], [-math.sin(yaw), 0, math.cos(yaw)]]
-    )
-    down = np.array(
-        [[1, 0, 0], [0, math.cos(pitch), -math.sin(pitch)], [0, math.sin(pitch), math.cos(pitch)]]
-    )
-    view = across @ down
+    view = Rotation.from_euler("YX", (yaw, pitch)).as_matrix()
     rays = rays @ view.T
     # Walls, floor (y points down), ceiling: the inside of a box about the camera.
-    reach = np.array(
-        [rng.uniform(1.2, 2.5), rng.uniform(1.2, 2.5), 1.3, 1.2, rng.uniform(3, 4.5), 1.0]
-    )
-    walls = np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None]
-    with np.errstate(divide="ignore"):
-        ends = np.where(rays @ walls.T > 0, reach / (rays @ walls.T), np.inf)
-    depth, face, found = ends.min(axis=1), ends.argmin(axis=1), len(walls)
+    right, left, far = *rng.uniform(1.2, 2.5, 2), rng.uniform(3, 4.5)
+    _, ends = Polyhedron(CUBE, np.array((right, 1.3, far, left, 1.2, 1.0))).crossed(rays)
+    depth, face, found = ends.min(axis=1), ends.argmin(axis=1), len(CUBE)
     for _ in range(rng.integers(6, 14)):
         shape = KINDS[rng.integers(len(KINDS))](rng)
         turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -155,21 +156,21 @@ def faces_of(seed: int, size: tuple[int, int]) -> tuple[Array, Grid]:
     return depth.reshape(size), labels.astype(np.uint16)
 
 
-def scored(reading: Reading, seed: int, *, auto: bool) -> list[float]:
-    """Scores of a room, read in that way: those of `COLUMNS`, planes, and whether VOI is high."""
+def scored(name: str, seed: int) -> list[list[float]]:
+    """Scores of a room that is read so, with the noise that is stated and with noise="auto".
+
+    Those of `COLUMNS`, planes, and whether VOI is high.
+    """
+    reading, out = named(name), []
     z, faces = faces_of(seed, reading.size)
     scene = Exact(z, faces, faces, np.random.default_rng([seed, *reading.name.encode()]))
-    sensor = replace(reading.sensor, noise="auto", parts=None) if auto else reading.sensor
-    model = pw.detect_planes(reading.read(scene), camera_of(reading.size), sensor, threads=1)
-    row = evaluate(model.labels, faces).row()
-    scores = [float(row[name]) for name in COLUMNS]
-    return [*scores, len(model), scores[0] > WRONG]
-
-
-def both(name: str, seed: int) -> list[list[float]]:
-    """Scores with the noise that is stated and with noise="auto"."""
-    reading = named(name)
-    return [scored(reading, seed, auto=auto) for auto in (False, True)]
+    depth = reading.read(scene)
+    for sensor in (reading.sensor, replace(reading.sensor, noise="auto", parts=None)):
+        model = pw.detect_planes(depth, camera_of(reading.size), sensor, threads=1)
+        row = evaluate(model.labels, faces).row()
+        scores = [float(row[name]) for name in COLUMNS]
+        out.append([*scores, len(model), scores[0] > WRONG])
+    return out
 
 
 def cell(scores: Array) -> str:
@@ -188,7 +189,7 @@ def main() -> None:
     with ProcessPoolExecutor() as workers:
         for name in (each for each in NAMES if given.only in each):
             seeds = range(FIRST, FIRST + given.rooms)
-            rows = np.mean(list(workers.map(both, [name] * given.rooms, seeds)), axis=0)
+            rows = np.mean(list(workers.map(scored, [name] * given.rooms, seeds)), axis=0)
             print(f"| {name} | {' | '.join(map(cell, rows))} |", flush=True)
 
 

@@ -91,6 +91,12 @@ class Cells:
     other: Cells | None = None
 
     @property
+    def by_error(self) -> tuple[Cells, ...]:
+        """These, and `other` if its error is another, of which ledgers know no more."""
+        other = self.other
+        return (self,) if other is None or other.error == self.error else (self, other)
+
+    @property
     def bends_more_than_told(self) -> bool:
         """Whether planes are allowed to bend more than the readings tell."""
         return bool((self.told_drift < self.drift).any())
@@ -346,8 +352,8 @@ def _without_shared_error(
             walk = walk_of(calm, planes, inflation, described, local, reading, focal, workspace)
         chance = drifting_by_chance(int(np.count_nonzero(whole)), measured, known=frame.known)
 
-        def integrated(walk: Walk, steps: bool = False) -> _Integrated:
-            """Integrate out a walk, what cells have of their own, and steps that do not show."""
+        def integrated(walk: Walk, steps: Array | None = None) -> _Integrated:
+            """Integrate out a walk, what cells have of their own, and a variance by steps."""
             factor, own, least = walk.drift, walk.shared, walk.least
             between = quiet * SATURATION * factor
             drifting, distorted, turning = drift_and_distortion(
@@ -374,9 +380,9 @@ def _without_shared_error(
                 larger = workspace.empty((2, len(count)))
                 np.multiply(offset, near, out=larger[0])
                 np.multiply(tilt, bent, out=larger[1])
-                if steps:
-                    larger[0] += alike
-                    larger[1] += alike / np.square(0.5 * SIDE / kernels.UNIT * size)
+                if steps is not None:
+                    larger[0] += steps
+                    larger[1] += steps / np.square(0.5 * SIDE / kernels.UNIT * size)
                 kernels.marginalise(planes, count, inflation, *larger, rows)
             drift *= SATURATION
             return _Integrated(
@@ -407,7 +413,7 @@ def _without_shared_error(
             same = replace(other.error, priced=error.priced)
             found.append(other._replace(told_drift=other.drift, error=same))
         elif not error.walk and error.near < 1.0:
-            alike *= 1.0 - error.near
-            if np.count_nonzero(alike * planes[6, : len(count)] > 1.0) > _COARSE * len(count):
-                found.append(integrated(walk, steps=True))
+            steps = (1.0 - error.near) * alike
+            if np.count_nonzero(steps * planes[6, : len(count)] > 1.0) > _COARSE * len(count):
+                found.append(integrated(walk, steps))
     return found

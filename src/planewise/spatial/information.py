@@ -257,7 +257,7 @@ def information_of_rows(
     affine = sectors.affine(-rows[:, :3] / rows[:, 3:])
     labels = sectors.labels(image).astype(np.uint16)
     limits, cells = (observation.range, observation.resolution), cells_of(frame, size)
-    either = [cells] if cells is None or cells.other is None else [cells, cells.other]
+    either = (None,) if cells is None else cells.by_error
     return min(
         float(ledger(frame, each, affine, labels, *limits, size).curve[-1]) for each in either
     )

@@ -108,7 +108,8 @@ def solve(
     An error that is smooth over a few pixels, as of stereo, may drift besides, or hardly: by a
     drift that is not there faces of a box are one plane, and without one that is walls fall into
     pieces. What cells in a row show does not tell, so such a frame is searched by either. Where
-    planes are in pieces then that hardly turn, it does drift.
+    planes are in pieces then that hardly turn, it does drift. So is one in steps much coarser than
+    its noise, by errors that cells on one step share, or do not.
 
     A plane of readings with little but white noise is allowed to bend more than they say, for the
     sake of mixed pixels and surfaces that are nearly flat. Of what was joined only for that, such
@@ -189,9 +190,10 @@ def by_either(
 
     cells: the first one's, and by `other` the second's, of which one is the solution's.
     """
-    own, other = solution.cells, cells.other if solution.cells is cells else cells
-    if own is None or other is None or own.error == other.error:  # ledgers know no more of cells
+    if len(cells.by_error) == 1:
         return solution
+    first, second = cells.by_error
+    other = second if solution.cells is first else first
     limits, size = (observation.range, observation.resolution), observation.pixel_size
     planes, order = (solution.affine, solution.found.labels), solution.book.order
     with workspace.stage():
