@@ -477,7 +477,7 @@ def test_a_package_that_options_need_is_missed_at_once(
 def test_a_package_that_frames_need_is_missed_once(depth, out, scene, monkeypatch):
     np.save(depth.parent / "another.npy", scene.depth)
 
-    def lacking(*_):
+    def lacking(*_, **__):
         raise MissingExtraError("openexr", "reading .exr files")
 
     monkeypatch.setattr("planewise.commands.jobs.read_depth", lacking)

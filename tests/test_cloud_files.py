@@ -30,6 +30,7 @@ from planewise.files.las import copy_with_planes, write_las
 from planewise.files.ply import write_ply
 from planewise.kernels.lzf import unpack
 from planewise.point_cloud import PointCloud, joined, less, offset_of
+from tests.e57_files import spherical_e57
 
 UTM = np.array([536_258.0, 6_581_099.0, 47.0])
 FURTHER = np.array([536_262.0, 6_581_099.0, 47.0])
@@ -976,45 +977,6 @@ def test_e57_points_marked_as_invalid_are_left_out(tmp_path, points):
     assert_allclose(in_blocks(tmp_path / "a.e57").points, points[np.arange(500) % 5 > 0])
 
 
-def spherical_e57(path, scans):
-    """Write scans of range and angles, which pye57 itself does not: floats, or steps of 1e-6."""
-
-    def structure(parent, name, **values):
-        node = libe57.StructureNode(image)
-        parent.set(name, node)
-        for key, value in values.items():
-            node.set(key, libe57.FloatNode(image, float(value)))
-        return node
-
-    with pye57.E57(str(path), mode="w") as file:
-        image = file.image_file
-        for data, pose in scans:
-            scan = libe57.StructureNode(image)
-            scan.set("guid", libe57.StringNode(image, "{scan}"))
-            if pose is not None:
-                node = structure(scan, "pose")
-                structure(node, "rotation", **dict(zip("wxyz", pose[0], strict=True)))
-                structure(node, "translation", **dict(zip("xyz", pose[1], strict=True)))
-            kinds, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
-            for name, column in data.items():
-                if name == "sphericalAzimuth":
-                    kind = libe57.ScaledIntegerNode(image, 0, -4_000_000, 4_000_000, 1e-6, 0.0)
-                elif column.dtype == np.int8:
-                    kind = libe57.IntegerNode(image, 0, 0, 2)
-                else:
-                    kind = libe57.FloatNode(image, 0.0)
-                kinds.set(name, kind)
-                size = len(column)
-                buffers.append(libe57.SourceDestBuffer(image, name, column, size, True, True))
-            vector = libe57.VectorNode(image, True)
-            points = libe57.CompressedVectorNode(image, kinds, vector)
-            scan.set("points", points)
-            file.data3d.append(scan)
-            writer = points.writer(buffers)
-            writer.write(size)
-            writer.close()
-
-
 def test_e57_of_range_and_angles(tmp_path, points):
     flat = np.hypot(points[:, 0], points[:, 1])
     polar = {
@@ -1053,7 +1015,8 @@ def test_e57_colours_go_up_to_the_limit_of_their_scan(tmp_path, limits):
         header["colorLimits"] = e57_node(file, limits)
         limit = _limit(header)
     most = limits.get("colorRedMaximum", 255) or 255  # of a limit of 0 colours are as they are
-    columns = [np.array([0.0, most / 3, most])] * 3
+    names = ("colorRed", "colorGreen", "colorBlue")
+    columns = dict.fromkeys(names, np.array([0.0, most / 3, most]))
     assert_array_equal(_colour(columns, limit), [[0] * 3, [85] * 3, [255] * 3])
 
 

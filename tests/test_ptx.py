@@ -90,6 +90,8 @@ def test_several_scans_say_where_each_was_taken_from(tmp_path, points, monkeypat
     assert_allclose(cloud.coordinates[cloud.scan == 1], second, atol=2e-6)
     with pytest.raises(PlanewiseError, match=r"^depth: scans.ptx holds 2 scans"):
         read_depth(path)
+    second = np.linalg.norm(points[:30], axis=-1)
+    assert_allclose(read_depth(path, scan=1).depth, second, atol=2e-6)
 
 
 def test_a_scan_is_a_range_image(tmp_path, scene, points):

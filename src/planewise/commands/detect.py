@@ -52,7 +52,7 @@ def detect(
             metavar="DEPTH",
             show_default=False,
             help="Depth image (16-bit PNG, TIFF or PGM, .npy, .npz, EXR), or a folder of them; or "
-            "organised points (PCD, PTX), which tell their camera.",
+            "organised points (PCD, PTX, E57), which tell their camera.",
         ),
     ],
     output: Output,
@@ -73,6 +73,9 @@ def detect(
     max_depth: MaxDepth = None,
     resolution: Resolution = None,
     depth_scale: DepthScale = None,
+    scan: Annotated[
+        int | None, optional("Which scan of a PTX or E57 file of several, counted from 0.")
+    ] = None,
     search: Annotated[
         SearchName, typer.Option(help="All planes together, or one after the other (the paper's).")
     ] = SearchName.joint,
@@ -162,9 +165,12 @@ def detect(
             rgb=rgb,
             outlines=outlines,
             partition=regions,
+            scan=scan,
             read=(camera, sensor),
         )
         if depth.is_dir():
+            if scan is not None:
+                raise PlanewiseError(f"scan: {depth} is a folder, of images that are no scans")
             _detect_folder(job, depth, output)
             return
         done = job.run(depth, output)

@@ -84,6 +84,8 @@ class Job:
         Write the outlines of the planes, too.
     partition : Path, optional
         Regions, as `read_partition` takes them.
+    scan : int, optional
+        Which scan of a file of several.
     read : tuple of str or None
         Files that the camera and the sensor are of, or names that are none.
     """
@@ -95,6 +97,7 @@ class Job:
     rgb: Path | None = None
     outlines: bool = False
     partition: Path | None = None
+    scan: int | None = None
     read: tuple[str | None, ...] = ()
 
     def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
@@ -107,7 +110,7 @@ class Job:
         ValueError
             If the file, the camera or the folder cannot be used; then nothing is written.
         """
-        frame = read_depth(path)
+        frame = read_depth(path, scan=self.scan)
         camera = self.camera or frame.camera
         if camera is None:
             raise no_camera(path.name)

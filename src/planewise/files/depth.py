@@ -1,4 +1,4 @@
-"""Read depth images from files: PNG, TIFF, PGM, NumPy, OpenEXR, organised PCD and PTX.
+"""Read depth images from files: PNG, TIFF, PGM, NumPy, OpenEXR, organised PCD, PTX and E57.
 
 Integer depth stays integer (its unit is a matter of the sensor); floating-point depth is in metres.
 Files are not trusted: what they claim to hold is checked before it is unpacked, and nothing in them
@@ -14,6 +14,7 @@ import zipfile
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -72,7 +73,7 @@ class DepthFile:
     rgb: NDArray[np.uint8] | None = None
 
 
-def read_depth(path: str | Path) -> DepthFile:
+def read_depth(path: str | Path, *, scan: int | None = None) -> DepthFile:
     """Read one depth image.
 
     Parameters
@@ -81,8 +82,10 @@ def read_depth(path: str | Path) -> DepthFile:
         A 16-bit or floating-point image (``.png``, ``.tif``, ``.tiff``, ``.pgm``, ``.exr``),
         an array (``.npy``), or an archive (``.npz``) with the key ``depth``, or with one array
         only. An archive may also hold ``depth_scale`` (metres per unit), ``K`` (fx, fy, cx, cy or a
-        3 x 3 matrix) and ``rgb``. Or organised points (``.pcd`` with a HEIGHT, ``.ptx`` of one
-        scan), whose camera they tell (`planewise.image_of_points`).
+        3 x 3 matrix) and ``rgb``. Or organised points (``.pcd`` with a HEIGHT; ``.ptx``; ``.e57``
+        with rows and columns), whose camera they tell (`planewise.image_of_points`).
+    scan : int, optional
+        Which scan of a ``.ptx`` or ``.e57``, from 0. Default: the only one.
 
     Returns
     -------
@@ -96,16 +99,22 @@ def read_depth(path: str | Path) -> DepthFile:
         points that are not organised, or lie on the rays of no camera.
     """
     path = Path(path)
-    reader = _READERS.get(path.suffix.lower())
+    kind = path.suffix.lower()
     if not path.exists():
         raise PlanewiseError(f"depth: there is no file {path}")
     if not path.is_file():
         raise PlanewiseError(f"depth: {path} is not a file")
-    if reader is None:
-        known = ", ".join(sorted(_READERS))
+    if kind not in _READERS and kind not in _SCANS:
+        known = ", ".join(sorted((*_READERS, *_SCANS)))
         raise PlanewiseError(f"depth: {path.name} is of no known kind; expected one of {known}")
     with naming(f"depth: {path.name}"):
-        return reader(path)
+        if kind in _SCANS:
+            return _read_scan(path, scan)
+        if scan is not None:
+            raise PlanewiseError(
+                f"holds no scans to choose from; those that do: {', '.join(_SCANS)}"
+            )
+        return _READERS[kind](path)
 
 
 def is_depth_file(path: Path) -> bool:
@@ -378,12 +387,9 @@ def _read_pcd(path: Path) -> DepthFile:
     return _of_points(cloud.coordinates.reshape(*file.shape, 3), rgb)
 
 
-def _read_ptx(path: Path) -> DepthFile:
-    from planewise.files.ptx import grid_of, scans_of
-
-    scans = scans_of(path)
-    check_size(sum(scan.count for scan in scans))
-    return _of_points(*grid_of(path, scans))
+def _read_scan(path: Path, scan: int | None) -> DepthFile:
+    scanner = import_module(f"planewise.files.{_SCANS[path.suffix.lower()]}")
+    return _of_points(*scanner.grid_of(path, scan))
 
 
 def _of_points(points: NDArray[np.floating], rgb: NDArray[np.uint8] | None) -> DepthFile:
@@ -406,4 +412,5 @@ _IMAGES: dict[str, Callable[[Path], DepthFile]] = {
     ".exr": _read_exr,
 }
 # Clouds lie beside the depth images they were made of, and would be frames once more.
-_READERS = {**_IMAGES, ".pcd": _read_pcd, ".ptx": _read_ptx}
+_READERS = {**_IMAGES, ".pcd": _read_pcd}
+_SCANS = {".ptx": "ptx", ".e57": "e57"}

@@ -1,4 +1,7 @@
-"""E57, by pye57: each scan in blocks, moved to its pose, with the place of its scanner."""
+"""E57, by pye57: each scan in blocks, moved to its pose, with the place of its scanner.
+
+A scan whose points are said to be in rows and columns is an image, too, in its own frame.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError, needs
-from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
+from planewise.files.scans import Grid, chosen_scan, gridded, upright
+from planewise.point_cloud import BLOCK, Array, CloudFile, PointCloud, offset_near
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 _SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 _COLOURS = ("colorRed", "colorGreen", "colorBlue")
+_INDEX = ("rowIndex", "columnIndex")
 _FAR = 10_000.0
 _HEADER = Struct("<8s2I4Q")  # signature, version, bytes, place and bytes of the XML, of a page
 _PAGE, _CHECKSUM = 1024, 4
@@ -156,6 +161,57 @@ def _middle(header: Any) -> Array:
 
 def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointCloud]:
     header = reader.get_header(scan)
+    limit = _limit(header)
+    turn, place = _pose(header)
+    for table in _tables(reader, scan, size):
+        local = _local(table)
+        shine = table.get("intensity")
+        yield PointCloud(
+            points=local @ turn.T + (place - offset),
+            offset=offset,
+            colour=_colour(table, limit),
+            intensity=None if shine is None else shine.astype(np.float32),
+            scan=np.full(len(local), scan, np.int32),
+        )
+
+
+def grid_of(path: Path, scan: int | None) -> Grid:
+    """Image of a scan in its own frame, upright; NaN where there is no point.
+
+    Of several points in one row and column, as of several returns, the nearest counts.
+
+    Raises
+    ------
+    PlanewiseError
+        If its points are not said to be in rows and columns, or the file holds several scans and
+        `scan` does not choose.
+    """
+    with _reader(path) as reader:
+        scan = chosen_scan(scan, reader.scan_count)
+        header = reader.get_header(scan)
+        if missing := [name for name in _INDEX if name not in header.point_fields]:
+            raise PlanewiseError(
+                f"has points without {' and '.join(missing)}, which are no image; 'planewise "
+                "points' takes it"
+            )
+        limit = _limit(header)
+        points, colours, places = [], [], []  # 35 bytes a point
+        for table in _tables(reader, scan, BLOCK, _INDEX):
+            points.append(_local(table).astype(np.float32))  # 1 um at 10 m
+            if (colour := _colour(table, limit)) is not None:
+                colours.append(colour)
+            places.append(np.stack([table[name] for name in _INDEX], axis=1))
+    if not sum(map(len, points)):
+        raise PlanewiseError(f"has no valid points in scan {scan}")
+    coloured = np.concatenate(colours) if colours else None
+    return upright(*gridded(np.concatenate(points), coloured, np.concatenate(places)))
+
+
+def _tables(
+    reader: Any, scan: int, size: int, index: tuple[str, ...] = ()
+) -> Iterator[dict[str, Array]]:
+    """What is said of the valid points of a scan, in blocks."""
+    header = reader.get_header(scan)
     fields = header.point_fields
     names = next((each for each in (_CARTESIAN, _SPHERICAL) if set(each) <= set(fields)), None)
     if names is None:
@@ -166,34 +222,29 @@ def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointClo
     mark = _mark(fields)
     colours = _COLOURS if set(_COLOURS) <= set(fields) else ()
     bright = ["intensity"] if "intensity" in fields else []
-    wanted: dict[str, type] = dict.fromkeys((*names, *colours, *bright), np.float64)
-    wanted |= {mark: np.int8} if mark else {}
+    # Whole numbers are asked for as float64, too: int64 is taken for one of 32 bits.
+    wanted: dict[str, type] = dict.fromkeys((*names, *colours, *bright, *index), np.float64)
+    marks: dict[str, type] = {mark: np.int8} if mark else {}
     size = min(size, count)
-    columns, buffers = _buffers(reader, wanted, size)
-    limit = _limit(header)
-    turn, place = _pose(header)
+    columns, buffers = _buffers(reader, wanted | marks, size)
     stream = header.points.reader(buffers)
     done = 0
     try:
         while done < count and (here := stream.read()):
             done += here
             keep = slice(here) if mark is None else np.flatnonzero(columns[mark][:here] == 0)
-            local = np.stack([columns[name][keep] for name in names], axis=1)
-            if names is _SPHERICAL:
-                local = _cartesian(local)
-            rgb = [columns[name][keep] for name in colours]
-            shine = columns["intensity"][keep] if bright else None
-            yield PointCloud(
-                points=local @ turn.T + (place - offset),
-                offset=offset,
-                colour=_colour(rgb, limit) if rgb else None,
-                intensity=None if shine is None else shine.astype(np.float32),
-                scan=np.full(len(local), scan, np.int32),
-            )
+            yield {name: columns[name][keep] for name in wanted}
     finally:
         stream.close()
     if done < count:
         raise PlanewiseError(f"is cut short: scan {scan} has {done:,} of {count:,} points")
+
+
+def _local(table: dict[str, Array]) -> Array:
+    """Points in the frame of their scan."""
+    if _CARTESIAN[0] in table:
+        return np.stack([table[name] for name in _CARTESIAN], axis=1)
+    return _cartesian(np.stack([table[name] for name in _SPHERICAL], axis=1))
 
 
 def _buffers(reader: Any, wanted: dict[str, type], size: int) -> tuple[dict[str, Any], Any]:
@@ -215,8 +266,11 @@ def _limit(header: Any) -> float:
     return float(limits[name].value()) if limits.isDefined(name) else 255.0
 
 
-def _colour(columns: list[NDArray[np.float64]], limit: float) -> NDArray[np.uint8]:
-    scaled = np.stack(columns, axis=1) * (255.0 / limit if limit > 0 else 1.0)
+def _colour(table: dict[str, Array], limit: float) -> NDArray[np.uint8] | None:
+    if _COLOURS[0] not in table:
+        return None
+    columns = np.stack([table[name] for name in _COLOURS], axis=1)
+    scaled = columns * (255.0 / limit if limit > 0 else 1.0)
     return np.asarray(scaled.clip(0, 255).round().astype(np.uint8))
 
 

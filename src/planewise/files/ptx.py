@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_of
 from planewise.files.cloud_records import check_length, is_number, read_words
+from planewise.files.depth import check_size
+from planewise.files.scans import Grid, chosen_scan, upright
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 from planewise.wording import counted
 
@@ -90,30 +92,27 @@ def _columns(table: Array, scan: Scan) -> dict[str, NDArray[Any]]:
     return {name: table[:, k] for k, name in enumerate(scan.names)}
 
 
-def grid_of(path: Path, scans: list[Scan]) -> tuple[Array, NDArray[np.uint8] | None]:
-    """Points (rows, columns, 3) in the scanner's frame and their colours; the last row first.
+def grid_of(path: Path, scan: int | None) -> Grid:
+    """Image of a scan in its own frame, upright; 0, 0, 0 where there is no point.
 
-    Scanners turn upwards along a column. Points without a return are 0, 0, 0. scans: `scans_of` the
-    file.
+    Scanners turn upwards along a column, as a rule, and those of the file are in that order.
 
     Raises
     ------
     PlanewiseError
-        If the file holds several scans.
+        If the file holds several scans and `scan` does not choose.
     """
-    if len(scans) > 1:
-        raise PlanewiseError(
-            f"holds {len(scans)} scans, which are no one image; 'planewise points' takes it"
-        )
-    (scan,) = scans
-    (table,) = tables_of(path, scan, scan.count)
-    cloud = cloud_of(_columns(table, scan), np.zeros(3), full=_FULL)
+    scans = scans_of(path)
+    chosen = scans[chosen_scan(scan, len(scans))]
+    check_size(chosen.count)
+    (table,) = tables_of(path, chosen, chosen.count)
+    cloud = cloud_of(_columns(table, chosen), np.zeros(3), full=_FULL)
 
     def grid(values: NDArray[Kind]) -> NDArray[Kind]:
-        image = values.reshape(*scan.shape, 3).swapaxes(0, 1)[::-1]
-        return np.ascontiguousarray(image)
+        return values.reshape(*chosen.shape, 3).swapaxes(0, 1)[::-1]
 
-    return grid(cloud.coordinates), None if cloud.colour is None else grid(cloud.colour)
+    colour = None if cloud.colour is None else grid(cloud.colour)
+    return upright(grid(cloud.coordinates), colour)
 
 
 def tables_of(path: Path, scan: Scan, size: int) -> Iterator[Array]:
