@@ -6,6 +6,7 @@ import numpy as np
 import pye57
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 import planewise as pw
 from planewise.errors import PlanewiseError
@@ -64,15 +65,17 @@ def test_rows_and_columns_are_an_upright_image(tmp_path, scene, points, rows, co
     )
 
 
-def test_the_command_finds_the_planes_of_a_scan(tmp_path, scene, points):
-    path = tmp_path / "scan.e57"
-    write(path, fields(points, scene.rgb))
+@pytest.mark.parametrize("degrees", [0.0, 0.7])
+def test_the_command_finds_the_planes_of_a_scan(tmp_path, scene, points, degrees):
+    path, tilt = tmp_path / "scan.e57", Rotation.from_euler("x", degrees, degrees=True)
+    write(path, fields(points @ tilt.as_matrix().T, scene.rgb))
     code, _, errors = run("detect", path, "--noise", "2mm", "-o", tmp_path / "out")
     assert (code, errors) == (0, "")
     told = json.loads((tmp_path / "out" / "planes.json").read_text())
     model = pw.detect_planes(scene.depth, scene.camera, scene.sensor)
     assert len(told["planes"]) == pytest.approx(len(model), abs=1)
-    assert_allclose(told["planes"][0]["normal"], model.planes[0].normal, atol=1e-3)
+    assert ("turn" in told["camera"]) == (degrees > 0)
+    assert_allclose(told["planes"][0]["normal"], tilt.apply(model.planes[0].normal), atol=1e-3)
 
 
 def test_one_scan_of_several_is_chosen(tmp_path, scene, points):

@@ -1,12 +1,14 @@
 """The spherical camera: directions, points to range images and back, files, what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
 
 import planewise as pw
 from planewise import angles, cameras
@@ -18,6 +20,8 @@ CAMERA = pw.SphericalCamera(
     azimuth=np.linspace(100, -100, 41),
     azimuth_offset=[1, -1, 0.5, 0, -0.5, 1],
 )
+
+TURN = Rotation.from_euler("xyz", [4, -7, 100], degrees=True).as_matrix()
 
 
 def test_rays_are_those_of_the_angles():
@@ -41,6 +45,39 @@ def test_places_between_pixels():
     expected = np.stack((np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)), axis=-1)
     found = plain.unproject(np.array([[0.5, 0.5], [-0.5, -0.5], [2.5, 1.5]]))
     assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_tilted_sensor_has_axes_of_its_own():
+    tilted, shape = replace(CAMERA, turn=TURN.T.tolist()), CAMERA.shape
+    assert repr(tilted) == repr(CAMERA).replace(">", ", turned>")
+    assert_allclose(tilted.rays(shape), CAMERA.rays(shape) @ TURN.T, atol=1e-12)
+    assert_allclose(tilted.unproject((7.5, 1.5)), TURN @ CAMERA.unproject((7.5, 1.5)), atol=1e-12)
+    assert_allclose(tilted.axes, TURN.T)
+    ranges = np.random.default_rng(0).uniform(1, 50, shape)
+    assert_allclose(tilted.from_points(tilted.points(ranges).reshape(-1, 3)), ranges)
+    assert replace(CAMERA, turn=np.eye(3)) == replace(CAMERA, turn=np.empty(0)) == CAMERA
+
+
+def test_planes_of_a_tilted_sensor_are_turned():
+    scene = pw.scenes.panorama(1, camera=pw.SphericalCamera.panorama(128))
+    tilted = replace(scene.camera, turn=TURN.T)
+    for options in ({}, {"objective": "paper"}):
+        level, turned = (
+            pw.detect_planes(scene.depth, camera, scene.sensor, **options)
+            for camera in (scene.camera, tilted)
+        )
+        assert len(level) > 6
+        assert (level.labels == turned.labels).mean() > 0.999
+        assert turned.information == pytest.approx(level.information, rel=1e-4)
+        wide = zip(level.planes[:6], turned.planes[:6], strict=True)
+        for one, other in wide:
+            assert_allclose(other.normal, TURN @ one.normal, atol=1e-3)
+            assert_allclose(other.centroid, TURN @ one.centroid, atol=5e-3)
+            assert other.distance == pytest.approx(one.distance, abs=1e-3)
+            both = np.eye(4)
+            both[:3, :3] = TURN
+            expected, size = both @ one.covariance @ both.T, np.trace(one.covariance)
+            assert_allclose(other.covariance, expected, atol=0.1 * size)
 
 
 def test_pixels_cover_the_band_between_the_outermost_beams():
@@ -150,6 +187,20 @@ BAD = {
         {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [90, 90]},
         "within 20 degrees",
     ),
+    "stretched axes": (
+        {"elevation": [1, 0], "azimuth": [0, 1], "turn": np.eye(3) * 1.001},
+        "three axes of length 1 at right angles, right-handed, got array",
+    ),
+    "left-handed": (
+        {"elevation": [1, 0], "azimuth": [0, 1], "turn": np.diag([1, 1, -1])},
+        "right-handed",
+    ),
+    "axes that are no numbers": (
+        {"elevation": [1, 0], "azimuth": [0, 1], "turn": np.full((3, 3), np.nan)},
+        "right-handed",
+    ),
+    "one axis": ({"elevation": [1, 0], "azimuth": [0, 1], "turn": [0, 0, 1]}, "three axes"),
+    "axes in words": ({"elevation": [1, 0], "azimuth": [0, 1], "turn": "up"}, "three axes"),
     "staggered": (
         {"elevation": [1, 0], "azimuth": np.arange(0, 90), "azimuth_offset": [3, -3]},
         "destagger",
@@ -188,6 +239,8 @@ def test_bad_images_and_points_are_refused():
     [
         CAMERA,
         pw.SphericalCamera.spinning([2, 0, -3], 90, start=10, clockwise=False),
+        replace(CAMERA, turn=TURN),
+        replace(pw.SphericalCamera.spinning([2, 0, -3], 90), turn=TURN),
         # Rows closer than those of a spinning LiDAR, in a narrow view and all the way round.
         pw.SphericalCamera(elevation=np.linspace(0.9, -0.9, 200), azimuth=np.linspace(1, -1, 300)),
         pw.SphericalCamera(elevation=np.linspace(0.9, -0.9, 200), azimuth=180.0 - np.arange(360)),

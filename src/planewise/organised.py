@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,14 +11,16 @@ from numpy.typing import ArrayLike, NDArray
 from planewise.arguments import checked_points, unmasked
 from planewise.camera import Array, PinholeCamera
 from planewise.spherical import SphericalCamera
-from planewise.spherical_fit import fit_spherical
+from planewise.spherical_fit import fit_axes, fit_spherical
 
 _FEWEST = 12  # points that tell a camera
 _OFF = 0.5  # pixels from the ray of its pixel; of points rounded to 1 mm, at 1 m, about 0.3
 _MOST_OFF = 0.01  # share of the points that may be farther off
+_SLIGHTLY = 0.02  # pixels on the mean: not for a tilt
+_CLEARLY = 0.5  # times as far off with axes of its own: a LiDAR is tilted
 _OTHERS = (
     "; expected the frame of the camera that took them, x right, y down, z forward, without "
-    "distortion, or of a LiDAR, x forward, y left, z up. Other points are searched as such: "
+    "distortion, or one with a LiDAR in its origin. Other points are searched as such: "
     "detect_planes_in_points, 'planewise points'"
 )
 
@@ -42,18 +45,18 @@ def image_of_points(points: ArrayLike) -> PointImage:
     """Depth image and camera of organised points, as of depth cameras, LiDARs and laser scanners.
 
     A depth camera is that of least squares, x / z = (column - cx) / fx and y / z = (row - cy) / fy
-    over all points. Of a LiDAR every row has an elevation, every column an azimuth. Planes of the
-    image are told better than those of the points, for it knows which are neighbours, and how far
-    its error goes along the rays.
+    over all points. Of a LiDAR every row has an elevation, every column an azimuth, about z or, if
+    it is tilted in the frame of the points, about an axis of its own (`SphericalCamera.turn`).
+    Planes of the image are told better than those of the points, for it knows which are neighbours,
+    and how far its error goes along the rays.
 
     Parameters
     ----------
     points : array_like, shape (H, W, 3)
         In the order of the pixels and the frame of the sensor that took them, its origin at the
-        sensor: x right, y down, z forward of a camera; x forward, y left, z up of a LiDAR, of which
-        each row is a beam, and rows are in step (destaggered). Metres: millimetres are not noticed,
-        their depth lies beyond any sensor's range. NaN, infinity, 0, 0, 0 and what is masked is no
-        point.
+        sensor: x right, y down, z forward of a camera; any of a LiDAR, of which each row is a beam,
+        and rows are in step (destaggered). Metres: millimetres are not noticed, their depth lies
+        beyond any sensor's range. NaN, infinity, 0, 0, 0 and what is masked is no point.
 
     Returns
     -------
@@ -65,7 +68,7 @@ def image_of_points(points: ArrayLike) -> PointImage:
     ValueError
         If the shape is another one, there are too few points or all in one row or column, or more
         than one in a hundred lies farther than half a pixel from the ray of its pixel: points of a
-        lens with distortion, or moved or turned ones.
+        lens with distortion, moved ones, or turned ones of a depth camera.
 
     Examples
     --------
@@ -124,19 +127,28 @@ def _fit_pinhole(
 
 def _of_scan(points: NDArray[np.floating], there: NDArray[np.bool_], no_pinhole: str) -> PointImage:
     """Distances and camera of points on rows and columns of a LiDAR; why they are of no other."""
-    try:
-        camera, off = fit_spherical(points, there)
-    except ValueError as error:
-        reason = str(error).removeprefix("camera: ")
-        raise ValueError(f"points: {no_pinhole}, and of a LiDAR {reason}{_OTHERS}") from None
-    share = 1 - np.mean(off <= _OFF)
-    if share > _MOST_OFF:
-        raise ValueError(
-            f"points: {no_pinhole}, and {100 * share:.3g} % are off the rows and columns of a "
-            f"LiDAR{_OTHERS}"
-        )
+    camera, off = _fit_scan(points, there)
+    if off > _SLIGHTLY:
+        turned, less = _fit_scan(points, there, fit_axes(points, there))
+        camera = turned if less < _CLEARLY * off else camera
+    if isinstance(camera, str):
+        raise ValueError(f"points: {no_pinhole}, and {camera}{_OTHERS}")
     ranges = np.linalg.norm(np.where(there[..., None], points, 0), axis=-1)
     return PointImage(depth=np.asarray(ranges.astype(points.dtype)), camera=camera)
+
+
+def _fit_scan(
+    points: NDArray[np.floating], there: NDArray[np.bool_], axes: Array | None = None
+) -> tuple[SphericalCamera | str, float]:
+    """LiDAR of points (H, W, 3), or why they are of none, and how far off they are on the mean."""
+    try:
+        camera, off = fit_spherical(points, there, axes)
+    except ValueError as error:
+        return f"of a LiDAR {str(error).removeprefix('camera: ')}", math.inf
+    share = 1 - np.mean(off <= _OFF)
+    if share > _MOST_OFF:
+        return f"{100 * share:.3g} % are off the rows and columns of a LiDAR", math.inf
+    return camera, float(off.mean())
 
 
 def _fit(pixel: NDArray[np.intp], tangent: Array) -> tuple[float, float, Array]:

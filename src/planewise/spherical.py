@@ -5,13 +5,14 @@ Frame: x forward, y left, z up, origin at the sensor, as LiDAR drivers have it. 
 
     d = (cos e cos a, cos e sin a, sin e),   a = azimuth[j] + azimuth_offset[i],
 
-so that a reading is the range, the distance from the sensor, and the point is range * d.
+so that a reading is the range, the distance from the sensor, and the point is range * d. A sensor
+that is tilted in that frame has axes of its own (`turn`), of which these are the angles.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -39,6 +40,7 @@ Array = NDArray[np.float64]
 _FULL_TURN = 1.5  # columns from the last of one to the first, at most
 _FINEST = 0.05  # degrees between the beams of a spinning LiDAR; half of what there is
 _RADIANS = 3.2  # what all elevations there can be span in radians
+_SKEW = 1e-5  # by which axes may be off those of a rotation
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)  # thousands of angles say nothing
@@ -57,12 +59,15 @@ class SphericalCamera:
     azimuth_offset : sequence of float, length H, optional
         What every row's azimuth has more than that of the column, 20 degrees at most. Rows have to
         be in step within two columns: destagger raw images.
+    turn : 3 sequences of 3 float, optional
+        Axes of the sensor, forward, left and up, in the frame of points and planes, as rows, where
+        it is tilted; by default they are those of the frame.
 
     Raises
     ------
     ValueError
         If angles are not finite or not in order, an elevation lies beyond 90 degrees, columns go
-        round more than once, or rows are off their columns or staggered.
+        round more than once, rows are off their columns or staggered, or `turn` is no rotation.
 
     Examples
     --------
@@ -78,6 +83,7 @@ class SphericalCamera:
     elevation: Sequence[float]
     azimuth: Sequence[float]
     azimuth_offset: Sequence[float] = ()
+    turn: Sequence[Sequence[float]] = ()
 
     def __post_init__(self) -> None:
         for name in ("elevation", "azimuth", "azimuth_offset"):
@@ -96,13 +102,14 @@ class SphericalCamera:
         along = self._continuous()
         angles.check_azimuth(along)
         angles.check_offset(np.array(self.azimuth_offset), angles.usual_step(along))
+        object.__setattr__(self, "turn", _checked_turn(self.turn))
 
     def __repr__(self) -> str:
         up, round_about = self.elevation, self.azimuth
         return (
             f"<SphericalCamera: {len(up)} rows from {up[0]:g} to {up[-1]:g}, {len(round_about)} "
             f"columns from {round_about[0]:g} to {round_about[-1]:g} degrees"
-            f"{', rows offset' if self.azimuth_offset else ''}>"
+            f"{', rows offset' if self.azimuth_offset else ''}{', turned' if self.turn else ''}>"
         )
 
     @classmethod
@@ -184,6 +191,11 @@ class SphericalCamera:
         return "x forward, y left, z up"
 
     @property
+    def axes(self) -> Array:
+        """Axes of the sensor in the camera's frame, as rows, shape (3, 3)."""
+        return np.array(self.turn or np.eye(3))
+
+    @property
     def wraps(self) -> bool:
         """Whether the columns go all the way round: the last one is beside the first."""
         along = self._continuous()
@@ -256,9 +268,10 @@ class SphericalCamera:
         if self.azimuth_offset:
             azimuth = azimuth + np.interp(row, np.arange(self.shape[0]), self.azimuth_offset)
         azimuth, flat = np.radians(azimuth), np.cos(elevation)
-        return np.stack(
+        rays = np.stack(
             (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)), axis=-1
         )
+        return rays @ self.axes if self.turn else rays
 
     def points(self, depth: ArrayLike, *, depth_scale: float | None = None) -> Array:
         """Points of a range image.
@@ -306,8 +319,8 @@ class SphericalCamera:
             outermost rows or columns than half-way to where the next one would be.
         """
         array = checked_points(points, 3)
-        x, y, z = array.astype(np.float64).T
         with np.errstate(invalid="ignore"):
+            x, y, z = self.axes @ array.T if self.turn else array.astype(np.float64).T
             level = np.degrees(np.arctan2(z, np.hypot(x, y)))
             around = np.degrees(np.arctan2(y, x))
         there = np.isfinite(array).all(axis=1) & (np.abs(array).max(axis=1, initial=0.0) > 0)
@@ -369,6 +382,8 @@ class SphericalCamera:
             out["azimuth"] = list(self.azimuth)
         if any(self.azimuth_offset):
             out["azimuth_offset"] = list(self.azimuth_offset)
+        if self.turn:
+            out["turn"] = [list(axis) for axis in self.turn]
         return out
 
     def _continuous(self) -> Array:
@@ -390,6 +405,7 @@ def _ray_rows(camera: SphericalCamera) -> Array:
     flat = np.cos(elevation)
     rows = np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)))
     rows = rows.reshape(3, -1)
+    rows = camera.axes.T @ rows if camera.turn else rows
     rows.flags.writeable = False
     return rows
 
@@ -407,4 +423,24 @@ def _pixel_area(camera: SphericalCamera) -> Array:
 def _sectors(camera: SphericalCamera) -> Sectors:
     from planewise.sectors import of_panorama  # loads Numba
 
-    return of_panorama(*camera._angles(), camera.pixel_size, camera.wraps)
+    sectors = of_panorama(*camera._angles(), camera.pixel_size, camera.wraps)
+    return replace(sectors, turn=camera.axes.T @ sectors.turn) if camera.turn else sectors
+
+
+def _checked_turn(turn: object) -> tuple[tuple[float, ...], ...]:
+    """Axes as they are kept; none where they are those of the frame."""
+    try:
+        array = np.asarray(turn, np.float64)
+    except (TypeError, ValueError, OverflowError):
+        array = np.empty((1, 1))
+    if array.size == 0:
+        return ()
+    # Of NaN nothing is close.
+    if array.shape != (3, 3) or not (
+        np.allclose(array @ array.T, np.eye(3), atol=_SKEW) and np.linalg.det(array) > 0
+    ):
+        raise ValueError(
+            "camera: turn must be three axes of length 1 at right angles, right-handed, got "
+            f"{shown(turn)}"
+        )
+    return () if (array == np.eye(3)).all() else tuple(map(tuple, array.tolist()))

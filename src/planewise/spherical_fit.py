@@ -13,8 +13,38 @@ _TELLS = 0.2  # cosine of elevation above which a point tells the azimuth of its
 _STAGGERED = 0.05  # columns: what rows are off them by less is none
 
 
+def fit_axes(points: NDArray[np.floating], there: NDArray[np.bool_]) -> Array:
+    """Axes of the sensor that rows of organised points are cones about, shape (3, 3).
+
+    Directions d of a row have the same n . d for the third axis n, that of least scatter within
+    rows. The first one is as near to x as may be.
+
+    Parameters
+    ----------
+    points, there
+        As in `fit_spherical`, in any frame with the sensor in its origin.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Forward, left and up, as rows; up is not below the frame's horizon.
+    """
+    directions = np.where(there[..., None], points, 1.0)
+    directions /= np.abs(directions).max(axis=2, keepdims=True)  # squares do not overflow
+    directions *= there[..., None] / np.linalg.norm(directions, axis=2, keepdims=True)
+    count, total = np.maximum(there.sum(axis=1), 1), directions.sum(axis=1)
+    flat = directions.reshape(-1, 3)
+    scatter = flat.T @ flat - (total / count[:, None]).T @ total
+    up = np.linalg.eigh(scatter)[1][:, 0]
+    up *= np.copysign(1.0, up[2])
+    nearest = np.eye(3)[0 if abs(up[0]) < abs(up[1]) or abs(up[2]) > abs(up[0]) else 1]
+    forward = nearest - (nearest @ up) * up
+    forward /= np.linalg.norm(forward)
+    return np.stack((forward, np.cross(up, forward), up))
+
+
 def fit_spherical(
-    points: NDArray[np.floating], there: NDArray[np.bool_]
+    points: NDArray[np.floating], there: NDArray[np.bool_], axes: Array | None = None
 ) -> tuple[SphericalCamera, Array]:
     """Camera on whose rays organised points lie, and how far off those of their pixels they are.
 
@@ -27,6 +57,8 @@ def fit_spherical(
         Metres, about the sensor: x forward, y left, z up.
     there : ndarray of bool, shape (H, W)
         Which of them are points.
+    axes : ndarray, shape (3, 3), optional
+        Those of the sensor in the frame of the points (`SphericalCamera.turn`).
 
     Returns
     -------
@@ -39,7 +71,8 @@ def fit_spherical(
     ValueError
         If no such camera has rows or columns of these angles.
     """
-    x, y, z = np.moveaxis(np.where(there[..., None], points, 0.0), -1, 0)
+    turn = np.eye(3) if axes is None else axes
+    x, y, z = np.moveaxis(np.where(there[..., None], points, 0.0) @ turn.T, -1, 0)
     level = np.degrees(np.arctan2(z, np.hypot(x, y)))
     around = np.degrees(np.arctan2(y, x))
     elevation = _filled(_medians(level, there))
@@ -58,6 +91,7 @@ def fit_spherical(
         elevation=_within(elevation).tolist(),
         azimuth=azimuth.tolist(),
         azimuth_offset=offset.tolist() if staggered else (),
+        turn=turn.tolist(),
     )
     across, down = np.degrees(camera.pixel_size)
     beside = _wrapped(around - azimuth - offset[:, None]) * np.cos(np.radians(level)) / across

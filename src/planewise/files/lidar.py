@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from planewise.arguments import shown
@@ -41,8 +42,8 @@ def spherical_camera(values: Mapping[str, Any]) -> SphericalCamera:
     values : Mapping
         ``elevation`` and ``azimuth``, or ``elevation`` and ``columns`` (with ``start`` and
         ``clockwise`` as `SphericalCamera.spinning` takes them), and ``azimuth_offset``, all in
-        degrees; or Ouster's metadata with ``beam_altitude_angles`` and ``beam_azimuth_angles``, for
-        its destaggered images.
+        degrees, and ``turn``, the sensor's axes; or Ouster's metadata with
+        ``beam_altitude_angles`` and ``beam_azimuth_angles``, for its destaggered images.
 
     Raises
     ------
@@ -53,10 +54,13 @@ def spherical_camera(values: Mapping[str, Any]) -> SphericalCamera:
     """
     if "elevation" not in values:
         return _of_ouster(values)
-    offset = values.get("azimuth_offset", ())
+    offset, turn = values.get("azimuth_offset", ()), values.get("turn", ())
     if "azimuth" in values:
         return SphericalCamera(
-            elevation=values["elevation"], azimuth=values["azimuth"], azimuth_offset=offset
+            elevation=values["elevation"],
+            azimuth=values["azimuth"],
+            azimuth_offset=offset,
+            turn=turn,
         )
     if "columns" not in values:
         raise PlanewiseError(f"describes no spherical camera; {_TABLE}")
@@ -65,13 +69,14 @@ def spherical_camera(values: Mapping[str, Any]) -> SphericalCamera:
         raise PlanewiseError(f"has start {shown(start)}; expected degrees")
     if not isinstance(clockwise, bool):
         raise PlanewiseError(f"has clockwise {shown(clockwise)}; expected true or false")
-    return SphericalCamera.spinning(
+    camera = SphericalCamera.spinning(
         values["elevation"],
         _columns(values["columns"]),
         start=start,
         clockwise=clockwise,
         azimuth_offset=offset,
     )
+    return replace(camera, turn=turn)
 
 
 def _of_ouster(values: Mapping[str, Any]) -> SphericalCamera:
