@@ -65,6 +65,22 @@ def test_rows_and_columns_are_an_upright_image(tmp_path, scene, points, rows, co
     )
 
 
+def test_an_image_of_range_and_angles(tmp_path, points):
+    row, column = np.nonzero(points.any(axis=2))
+    x, y, z = points[row, column].T
+    polar = {
+        "sphericalRange": np.linalg.norm(points[row, column], axis=1),
+        "sphericalAzimuth": np.arctan2(y, x),
+        "sphericalElevation": np.arctan2(z, np.hypot(x, y)),
+        "rowIndex": row.astype(float),
+        "columnIndex": column.astype(float),
+    }
+    spherical_e57(tmp_path / "scan.e57", [(polar, None)])
+    frame = read_depth(tmp_path / "scan.e57")
+    assert_allclose(frame.depth, np.linalg.norm(points, axis=2), atol=2e-6)
+    assert frame.rgb is None
+
+
 @pytest.mark.parametrize("degrees", [0.0, 0.7])
 def test_the_command_finds_the_planes_of_a_scan(tmp_path, scene, points, degrees):
     path, tilt = tmp_path / "scan.e57", Rotation.from_euler("x", degrees, degrees=True)
@@ -76,6 +92,20 @@ def test_the_command_finds_the_planes_of_a_scan(tmp_path, scene, points, degrees
     assert len(told["planes"]) == pytest.approx(len(model), abs=1)
     assert ("turn" in told["camera"]) == (degrees > 0)
     assert_allclose(told["planes"][0]["normal"], tilt.apply(model.planes[0].normal), atol=1e-3)
+
+
+def test_a_scanner_sees_as_far_as_its_points_lie(tmp_path, scene, points):
+    path, out = tmp_path / "scan.e57", tmp_path / "out"
+    farther = 6 * points
+    write(path, fields(farther, scene.rgb))
+    farthest = np.linalg.norm(farther, axis=2).max()
+    assert farthest > 12
+    for given, limit in (((), farthest), (("--max-depth", 12), 12), (("--sensor", "nyu"), 10)):
+        code, _, _ = run("detect", path, "--noise", "12mm", *given, "-o", out)
+        told = json.loads((out / "planes.json").read_text())
+        assert code == 0
+        assert told["sensor"]["max_depth_m"] == pytest.approx(limit, rel=1e-6)
+        assert (told["readings"] == np.count_nonzero(points.any(axis=2))) == (limit == farthest)
 
 
 def test_one_scan_of_several_is_chosen(tmp_path, scene, points):

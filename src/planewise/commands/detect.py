@@ -13,6 +13,7 @@ from planewise.commands.command_line import (
     check_seed,
     of_samples,
     partition_of,
+    preset_of,
     reported,
     sensor_of,
 )
@@ -166,6 +167,7 @@ def detect(
             outlines=outlines,
             partition=regions,
             scan=scan,
+            as_far=max_depth is None and sensor is None and preset_of(camera) is None,
             read=(camera, sensor),
         )
         if depth.is_dir():

@@ -23,6 +23,7 @@ from planewise.files.depth import DepthFile, read_depth
 from planewise.files.result_names import FILES, OUTLINE_FILES, stale_files
 from planewise.results.image import write_results
 from planewise.sensor import Sensor
+from planewise.spherical import SphericalCamera
 from planewise.whole_files import output_folder
 
 if TYPE_CHECKING:
@@ -86,6 +87,8 @@ class Job:
         Regions, as `read_partition` takes them.
     scan : int, optional
         Which scan of a file of several.
+    as_far : bool
+        Whether the sensor of a scan sees as far as its points lie, for nobody says how far.
     read : tuple of str or None
         Files that the camera and the sensor are of, or names that are none.
     """
@@ -98,6 +101,7 @@ class Job:
     outlines: bool = False
     partition: Path | None = None
     scan: int | None = None
+    as_far: bool = False
     read: tuple[str | None, ...] = ()
 
     def run(self, path: Path, target: Path, *, many: bool = False) -> Done:
@@ -111,11 +115,11 @@ class Job:
             If the file, the camera or the folder cannot be used; then nothing is written.
         """
         frame = read_depth(path, scan=self.scan)
-        camera = self.camera or frame.camera
+        camera, sensor = self.camera or frame.camera, self._sensor(frame)
         if camera is None:
             raise no_camera(path.name)
         scale = frame.depth_scale if self.depth_scale is None else self.depth_scale
-        unit = "" if unit_told(frame.depth, scale) else unusual_unit(self.sensor.resolution)
+        unit = "" if unit_told(frame.depth, scale) else unusual_unit(sensor.resolution)
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
@@ -125,22 +129,20 @@ class Job:
         if not many:
             self._load()
         with output_folder(target, stale) as folder:
-            model, seconds, beyond = find_planes(
-                frame.depth, camera, self.sensor, scale, options, rgb
-            )
+            model, seconds, beyond = find_planes(frame.depth, camera, sensor, scale, options, rgb)
             with threads.allowed(threads.chosen(self.options.threads)):
                 write_results(
                     folder,
                     model,
                     depth=frame.depth,
                     camera=camera,
-                    sensor=self.sensor,
+                    sensor=sensor,
                     depth_scale=scale,
                     rgb=rgb,
                     source=path.name,
                 )
             if self.outlines:
-                self._write_outlines(folder, model, camera)
+                self._write_outlines(folder, model, camera, sensor.max_depth)
         return Done(model=model, seconds=seconds, folder=target, out_of_range=beyond, unit=unit)
 
     def _load(self) -> None:
@@ -155,12 +157,22 @@ class Job:
             if isinstance(self.options.partition, Graph | SegmentAnything):
                 self.options.partition.load()
 
-    def _write_outlines(self, folder: Path, model: PlaneModel, camera: Camera) -> None:
+    def _sensor(self, frame: DepthFile) -> Sensor:
+        """The sensor of a frame."""
+        scanned = isinstance(frame.camera, SphericalCamera)
+        farthest = float(frame.depth.max(initial=0.0, where=np.isfinite(frame.depth)))
+        if not (self.as_far and scanned and farthest > self.sensor.min_depth):
+            return self.sensor
+        return replace(self.sensor, max_depth=farthest)
+
+    def _write_outlines(
+        self, folder: Path, model: PlaneModel, camera: Camera, max_depth: float
+    ) -> None:
         from planewise.outlines.image import outline_image
         from planewise.results.outlines import write_outlines
 
         surfaces = outline_image(
-            model, camera, instances=self.options.instances, max_depth=self.sensor.max_depth
+            model, camera, instances=self.options.instances, max_depth=max_depth
         )
         write_outlines(folder, surfaces, frame=f"{camera.frame}, from the camera")
 
