@@ -270,7 +270,7 @@ def _swept(judge: Judge, now: Solution, differing: float, null: float, drift: fl
     marks.label[inside] = np.where(there, now.labels, label_loops.NONE)
     marks.state[inside] = np.where(there, 1, label_loops.FIXED)
     with patch.object(spatial_labels, "_PIXEL_DRIFT", drift):
-        variance, _ = spatial_labels._variances(frame, cells)
+        variance = spatial_labels._variances(frame, cells)
     affine = with_none(now.affine)
     anything = np.log(judge.observation.range / judge.observation.resolution)
     label_loops.label_pixels(

@@ -158,10 +158,10 @@ def crease_kinds(label, planes, p, x, y, reach):
 
 
 def crease_distance(planes, kinds, a, b, x, y):
-    """Pixels to the line of intersection, positive on the side of a < b; and w per pixel."""
+    """Pixels to the line of intersection, positive on the side of a < b."""
     delta = planes[a] - planes[b]
     slope = np.hypot(delta[1], delta[2]) / UNIT
-    return kinds[a, b] * plane_value(delta, x, y) / slope, slope
+    return kinds[a, b] * plane_value(delta, x, y) / slope
 
 
 def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma, apart, pair):
@@ -184,7 +184,7 @@ def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma,
                 model = plane_value(planes[list(pair)].T, x[at], y[at])
                 error = 2 * (variance[at] + lateral[list(pair)])
                 cost = np.minimum((w[at] - model) ** 2 / error, 8)
-                distance.append(crease_distance(planes, kinds, a, b, x[at], y[at])[0])
+                distance.append(crease_distance(planes, kinds, a, b, x[at], y[at]))
                 excess.append(cost[0] - cost[1])
     distance, excess = np.array(distance), np.array(excess)
     places = (np.arange(-reach * BINS, reach * BINS + 1) + 0.5) / BINS
@@ -192,12 +192,12 @@ def crease_costs(label, planes, kinds, w, x, y, variance, lateral, reach, sigma,
     return places, beyond @ excess + np.minimum(places**2 / (2 * sigma**2), apart)
 
 
-def strays(label, planes, kinds, offset, x, y, far, step):
+def strays(label, planes, kinds, offset, x, y, step):
     """Pixels beside borders, then of a lattice, on the other's side of a crease: (i, j, other)."""
 
     def ahead(here, there):
         a, b = sorted((here, there))
-        distance = crease_distance(planes, kinds, a, b, x, y)[0] - offset[a, b]
+        distance = crease_distance(planes, kinds, a, b, x, y) - offset[a, b]
         return distance if there == a else -distance
 
     out = []
@@ -209,12 +209,12 @@ def strays(label, planes, kinds, offset, x, y, far, step):
         for j in range(step // 2, label.shape[1], step):
             here = label[i, j]
             for there in np.flatnonzero(kinds[here]):
-                if 0 < ahead(here, there)[i, j] < far:
+                if ahead(here, there)[i, j] > 0:
                     out.append((i, j, there))
     return np.reshape(out, (-1, 3))
 
 
-def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, sure, price):
+def put_creases(label, strays, cost, planes, kinds, offset, x, y, price):
     """Change sides of the lines in which planes meet where that costs less, stray by stray.
 
     cost (planes, H, W): of a reading on each plane. Returns labels, and how often it paid and not.
@@ -227,23 +227,22 @@ def put_creases(label, strays, cost, planes, kinds, offset, x, y, slow, far, sur
         if here == there or not kinds[here, there] or tried[i, j] == there:
             continue
         a, b = sorted((here, there))
-        distance, slope = crease_distance(planes, kinds, a, b, x, y)
-        ahead = (distance - offset[a, b]) * (1 if there == a else -1)
-        wanted = (out == here) & (ahead > 0) & (ahead < far)
-        if not wanted[i, j] or np.sqrt(slow[i, j]) >= slope:
+        ahead = crease_distance(planes, kinds, a, b, x, y) - offset[a, b]
+        ahead *= 1 if there == a else -1
+        wanted = (out == here) & (ahead > 0)
+        if not wanted[i, j]:
             continue
         parts = ndimage.label(wanted)[0]
         part = parts == parts[i, j]
-        excess = readings = (cost[there] - cost[here])[part].sum()
+        excess = (cost[there] - cost[here])[part].sum()
         for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
             for inner, outer in ((one, other), (other, one)):
                 at = part.flat[inner] & ~part.flat[outer]
                 then, beside = out.flat[outer[at]], ahead.flat[outer[at]]
                 excess -= price * np.count_nonzero(then == there)
                 excess += price * np.count_nonzero((then == here) & (beside > 0))
-        pays = excess < 0 and (readings < 0 or far <= sure)
-        paid[int(not pays)] += 1
+        paid[int(excess >= 0)] += 1
         tried[part] = there
-        if pays:
+        if excess < 0:
             out[part], tried[part] = there, 0
     return out, paid

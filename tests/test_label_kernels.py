@@ -317,15 +317,14 @@ def borders_of(label):
     return out[: creases.find_borders(*flat, marks.label.shape[1], out)]
 
 
-def creases_of(label, planes, x, y, reach=5, p=None, widest=None):
-    """Borders, which planes meet, and in which lines; 16 pixels from these they change sides."""
+def creases_of(label, planes, x, y, reach=5, p=None):
+    """Borders, which planes meet, and in which lines."""
     p = np.ones(label.shape, np.float32) if p is None else p.astype(np.float32)
     borders, count = borders_of(label), len(planes)
-    crease, lines = np.full((count, count), 9, np.int32), np.empty((count**2, 5))
+    crease, lines = np.full((count, count), 9, np.int32), np.empty((count**2, 3))
     found = creases.find_creases(
-        borders, label.astype(np.uint16), planes, p, *alike(x, y), (reach, widest or reach),
-        16 - reach, UNIT, crease, lines,
-    )  # fmt: skip
+        borders, label.astype(np.uint16), planes, p, *alike(x, y), reach, UNIT, crease, lines
+    )
     return borders, crease, lines[:found]
 
 
@@ -335,7 +334,7 @@ def kinds_of(planes, crease, lines):
     for a, b in np.argwhere(crease >= 0):
         if a < b:
             line = lines[crease[a, b]]
-            kinds[a, b] = kinds[b, a] = np.sign(line[1:3] @ (planes[a] - planes[b])[1:])
+            kinds[a, b] = kinds[b, a] = np.sign(line[1:] @ (planes[a] - planes[b])[1:])
     return kinds
 
 
@@ -355,9 +354,8 @@ def test_a_roof_is_convex_and_a_valley_concave(convex, kind):
     kinds[1, 2] = kinds[2, 1] = kind
     _, crease, lines = creases_of(label, planes, x, y)
     assert_array_equal(kinds_of(planes, crease, lines), kinds)
-    distance, slope = oracles.crease_distance(planes, kinds, 1, 2, x, y)
+    distance = oracles.crease_distance(planes, kinds, 1, 2, x, y)
     assert_allclose(lines[0, 0] + lines[0, 1] * x + lines[0, 2] * y, distance, atol=1e-4)
-    assert lines[0, 3] == pytest.approx(slope)
     across = (np.ascontiguousarray(image.T) for image in (x, y))
     _, crease, lines = creases_of(np.ascontiguousarray(label.T), planes, *across)
     assert_array_equal(kinds_of(planes, crease, lines), kinds)
@@ -399,19 +397,13 @@ def test_a_crease_beside_missing_readings_is_one():
     assert kinds_of(planes, crease, lines)[1, 2] == 1
 
 
-@pytest.mark.parametrize(("away", "sigma", "apart"), [(3, 1.0, 5), (9, 1.0, None), (9, 14.0, 14)])
-def test_planes_meet_as_far_from_their_border_as_readings_hardly_tell_them_apart(
-    away, sigma, apart
-):
-    """sigma: of a reading, in the difference of the planes a pixel from their line."""
+@pytest.mark.parametrize(("away", "meet"), [(3, True), (9, False)])
+def test_planes_meet_if_their_border_is_near_the_line(away, meet):
     (_, _, x, y), planes, label = roof(20, tilt=0.0)
-    difference = np.hypot(*(planes[1] - planes[2])[1:]) / UNIT
-    p = np.full(label.shape, 1 / (1.001 * sigma * difference) ** 2)
     label = np.roll(label, away, axis=1)
     label[:, :away] = label[:, away : away + 1]
-    _, crease, lines = creases_of(label, planes, x, y, 5, p, 15)
-    assert_array_equal(crease[1, 2] >= 0, apart is not None)
-    assert_array_equal(lines[:, 4], [] if apart is None else [apart + 11])
+    _, crease, lines = creases_of(label, planes, x, y, 5)
+    assert len(lines) == (crease[1, 2] >= 0) == meet
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -426,7 +418,8 @@ def test_crease_offsets(seed):
     # One plane is a little off, so that the readings tell another line than that of intersection.
     wrong = planes.copy()
     wrong[1, 0] += rng.uniform(-3, 3) * SIGMA
-    lines[0, 0] += kinds[1, 2] * (wrong[1, 0] - planes[1, 0]) / lines[0, 3]
+    slope = np.hypot(*(planes[1] - planes[2])[1:]) / UNIT
+    lines[0, 0] += kinds[1, 2] * (wrong[1, 0] - planes[1, 0]) / slope
     w = (w + rng.normal(0, SIGMA, w.shape)).astype(np.float32)
     label[rng.random(p.shape) < 0.05] = 0
     table, variance = by_depth(rng, w, x, y, 1, 1.2)
@@ -450,20 +443,17 @@ def strays_of(label, crease, lines, offset, x, y, step=8, room=10_000):
     return out[: creases.find_strays(borders_of(label), label.astype(np.uint16), *arguments)]
 
 
-def put(
-    label, planes, crease, lines, offset, images, slow=0.0, price=DIFFERING, far=16, most=np.inf,
-    sure=np.inf,
-):  # fmt: skip
-    """Labels once creases are put in their place; slow and variance of all readings alike."""
+def put(label, planes, crease, lines, offset, images, price=DIFFERING, apart=np.inf):
+    """Labels once creases are put in their place; the variance of all readings is alike."""
     w, p, x, y = images
     marks = Marks(label, p > 0)
     marks.state[:] = 0
-    slow, none, offset = np.full(1, slow), np.zeros(len(planes)), np.full(len(lines), offset)
-    lines = np.column_stack((lines[:, :4], np.full(len(lines), far)))
+    variance, none = np.full(1, SIGMA**2), np.zeros(len(planes))
+    offset = np.full(len(lines), offset)
     strays = strays_of(label, crease, lines, offset, x, y)
     creases.put_creases(
-        strays, marks.label, crease, lines, offset, planes, none, w, x, y, SIGMA**2 + slow, slow,
-        (500.0, 0.0, 0.0), sure, price, most, marks.state, np.empty((label.size, 2), np.int32),
+        strays, marks.label, crease, lines, offset, planes, none, w, x, y, variance,
+        (500.0, 0.0, 0.0), price, apart, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     return marks.labels()
 
@@ -483,7 +473,7 @@ def test_a_ragged_border_becomes_the_line_of_intersection(convex):
     # A line that lies a pixel further on the side of plane 1 leaves it less.
     moved = put(ragged, planes, crease, lines, 1.0, images, price=10.0)
     kinds = kinds_of(planes, crease, lines)
-    distance = oracles.crease_distance(planes, kinds, 1, 2, x, y)[0]
+    distance = oracles.crease_distance(planes, kinds, 1, 2, x, y)
     assert_array_equal(moved, np.where(distance > 1, 1, 2))
 
 
@@ -500,10 +490,9 @@ def test_a_border_leaves_the_line_where_readings_say_so():
     # Not where nothing but noise tells the difference, or a border off the line is dear.
     assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5), label)
     assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0), label)
-    # About a line that may lie far from the border readings themselves have to be for it.
-    assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, sure=8.0), truth)
-    assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5, sure=8.0), label)
-    assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, most=0.0), truth)
+    # Nor where readings say more against it than they may.
+    assert_array_equal(put(truth, planes, crease, lines, 0.0, seen, price=50.0, apart=30.0), truth)
+    assert_array_equal(put(truth, planes, crease, lines, 0.0, images, price=0.5, apart=30.0), label)
 
 
 def test_a_surface_that_touches_its_plane_nowhere_is_on_it():
@@ -519,16 +508,13 @@ def test_a_surface_that_touches_its_plane_nowhere_is_on_it():
     assert_array_equal(put(stray, planes, crease, lines, 0.0, images, price=2.0), seen)
 
 
-def test_a_border_stays_where_the_line_may_not_be():
+def test_a_border_far_from_the_line_is_put_there_if_planes_meet():
     images, planes, label = roof(20.3, tilt=0.0)
     _, crease, lines = creases_of(label, planes, *images[2:])
     away = np.roll(label, 12, axis=1)
     away[:, :12] = label[:, :1]
     whole = (away, planes, crease, lines, 0.0, images)
     assert_array_equal(put(*whole), label)
-    # Farther than allowed, a line that the slow error moves by pixels, no crease.
-    assert_array_equal(put(*whole, far=4, price=50.0), away)
-    assert_array_equal(put(*whole, slow=1e-6), away)
     assert_array_equal(put(away, planes, 0 * crease - 1, lines, 0.0, images), away)
 
 
@@ -550,35 +536,28 @@ def compare_put_creases(seed):
     kinds = np.zeros((4, 4), np.int8)
     kinds[1, 2] = kinds[2, 1] = 1
     kinds[1, 3] = kinds[3, 1] = -1
-    crease, lines = np.full((4, 4), -1, np.int32), np.empty((2, 5))
+    crease, lines = np.full((4, 4), -1, np.int32), np.empty((2, 3))
     for number, (a, b) in enumerate(((1, 2), (1, 3))):
         crease[a, b] = crease[b, a] = number
         difference = planes[a] - planes[b]
         slope = np.hypot(difference[1], difference[2]) / UNIT
-        lines[number, :4] = *(kinds[a, b] * difference / slope), slope
+        lines[number] = kinds[a, b] * difference / slope
     shift = rng.uniform(-1, 1, 2)
     offset = np.zeros((4, 4))
     offset[1, 2], offset[1, 3] = shift
     table, variance = by_depth(rng, w, x, y, 1, (4, 20)[seed % 2])
-    slow = SIGMA**2 * rng.uniform(0, 1, table.shape)
-    lateral, far, price = SIGMA**2 * rng.uniform(0, 1, 4), (5, 16)[seed % 2], (1.0, 4.0)[seed // 6]
-    lines[:, 4], sure = far, (far, far - 1.0)[seed % 3 == 0]
+    lateral, price = SIGMA**2 * rng.uniform(0, 1, 4), (1.0, 4.0)[seed // 6]
     border, straight = (crease, lines, shift), (alike(x, y) if seed % 2 else (x, y))
     strays = strays_of(label, *border, *straight, 3 + seed % 2)
-    assert_array_equal(
-        strays, oracles.strays(label, planes, kinds, offset, x, y, far, 3 + seed % 2)
-    )
+    assert_array_equal(strays, oracles.strays(label, planes, kinds, offset, x, y, 3 + seed % 2))
     assert_array_equal(strays_of(label, *border, *straight, 3 + seed % 2, 5), strays[:5])
     cost = np.minimum(oracles.costs(w, x, y, variance, planes, lateral, NULL), 8.0)
-    expected, paid = oracles.put_creases(
-        label, strays, cost, planes, kinds, offset, x, y,
-        of_table(slow, w, x, y), far, sure, price,
-    )  # fmt: skip
+    expected, paid = oracles.put_creases(label, strays, cost, planes, kinds, offset, x, y, price)
     marks = Marks(label, p > 0)
     marks.state[:] = 0
     creases.put_creases(
-        strays, marks.label, *border, planes, lateral, w, *straight, table, slow, RANGING,
-        sure, price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
+        strays, marks.label, *border, planes, lateral, w, *straight, table, RANGING,
+        price, np.inf, marks.state, np.empty((label.size, 2), np.int32),
     )  # fmt: skip
     assert_array_equal(marks.labels(), expected)
     return paid

@@ -2,11 +2,9 @@
 
 A border is a row (i, j, k): pixel (i, j) and the one to its right (k = 0) or below it (k = 1) are
 on different planes. label (H, W): 0 for no plane. Planes, w, p, x, y and variances by depth are
-those of `kernels.labels`. A line is a row (d0, d1, d2, slope, far): d0 + d1 x + d2 y is the
-distance in pixels to where planes a < b intersect, positive on a's side; slope: how fast their w
-part, per pixel; far: how many pixels from it those that change sides may be. crease (planes,
-planes): row of the line in which two planes meet, -1 where they do not. Unsigned indices spare the
-check for negative ones.
+those of `kernels.labels`. A line is a row (d0, d1, d2): d0 + d1 x + d2 y is the distance in pixels
+to where planes a < b intersect, positive on a's side. crease (planes, planes): row of the line in
+which two planes meet, -1 where they do not. Unsigned indices spare the check for negative ones.
 """
 
 from __future__ import annotations
@@ -63,23 +61,21 @@ def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, lines):  # type: ignore[no-untyped-def]
+def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
     """Find pairs of planes that meet in the image, and the lines in which they do.
 
     On either side of their border, on a convex edge each side's plane is the nearer of the two, on
     a concave one the farther; where one surface passes in front of the other, neither. They are
-    compared as far from it as a reading hardly tells them apart: where they differ by its standard
-    deviation, by `reach` (least, most) pixels, or less where there is no reading. `beyond` pixels
-    farther they may change sides. unit: pixels per unit of x and y. Writes crease and lines;
-    returns the number of lines.
+    compared `reach` pixels from it, or fewer where there is no reading: a border is hardly farther
+    from the line than that. unit: pixels per unit of x and y. Writes crease and lines; returns the
+    number of lines.
     """
-    height, width = np.uintp(label.shape[0]), np.uintp(label.shape[1])
-    least, widest = reach
+    height, width, most = np.uintp(label.shape[0]), np.uintp(label.shape[1]), np.uintp(reach)
     count, own = planes.shape[0], _1 if x.shape[0] > 1 else _0
-    votes, touching, apart = np.empty((3, count, count), np.int32)
+    votes, touching = np.empty((2, count, count), np.int32)
     for a in range(count):
         for b in range(count):
-            votes[a, b] = touching[a, b] = apart[a, b] = 0
+            votes[a, b] = touching[a, b] = 0
     for n in range(borders.shape[0]):
         i, j, down = np.uintp(borders[n, 0]), np.uintp(borders[n, 1]), np.uintp(borders[n, 2])
         right = _1 - down
@@ -87,11 +83,6 @@ def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, l
         here, there = label[i, j], label[row, column]
         s, t = planes[here], planes[there]
         d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
-        told = p[i, j] * (d1 * d1 + d2 * d2)
-        pixels = widest
-        if told * widest * widest > unit * unit:
-            pixels = max(least, int(unit / np.sqrt(told)))
-        most = np.uintp(pixels)
         back = min(most, i if down == _1 else j)
         while p[i - down * back, j - right * back] <= 0.0:
             back -= _1
@@ -105,7 +96,6 @@ def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, l
         far = -d0 - d1 * x[own * ib, jb] - d2 * y[ib, own * jb]
         a, b = min(here, there), max(here, there)
         touching[a, b] += 1
-        apart[a, b] = max(apart[a, b], pixels)
         if near > 0.0 and far > 0.0:
             votes[a, b] += 1
         elif near < 0.0 and far < 0.0:
@@ -117,11 +107,10 @@ def find_creases(borders, label, planes, p, x, y, reach, beyond, unit, crease, l
             if touching[a, b] >= _FEWEST and abs(votes[a, b]) > _MAJORITY * touching[a, b]:
                 s, t = planes[a], planes[b]
                 d1, d2 = s[1] - t[1], s[2] - t[2]
-                slope = np.sqrt(d1 * d1 + d2 * d2) / unit
+                slope = np.sqrt(d1 * d1 + d2 * d2) / unit  # of their difference, per pixel
                 scale = (1.0 if votes[a, b] > 0 else -1.0) / slope
                 line = lines[found]
-                line[0], line[1] = scale * (s[0] - t[0]), scale * d1
-                line[2], line[3], line[4] = scale * d2, slope, apart[a, b] + beyond
+                line[0], line[1], line[2] = scale * (s[0] - t[0]), scale * d1, scale * d2
                 crease[a, b] = crease[b, a] = found
                 found += 1
     return found
@@ -192,9 +181,9 @@ def crease_offsets(  # type: ignore[no-untyped-def]
 def find_strays(borders, label, crease, lines, offset, x, y, step, strays):  # type: ignore[no-untyped-def]
     """List pixels that lie on the other's side of a line in which their plane meets another.
 
-    All that are beside a border of the two, and of those that are not too far from the line one in
-    `step` rows and columns: a wall seen past a cupboard may touch its own plane nowhere. Writes
-    rows (i, j, label of the other) as far as there is room; returns how many.
+    All that are beside a border of the two, and of the others one in `step` rows and columns: a
+    wall seen past a cupboard may touch its own plane nowhere. Writes rows (i, j, label of the
+    other) as far as there is room; returns how many.
     """
     count, alike = crease.shape[0], x.shape[0] == 1
     found = 0
@@ -231,7 +220,7 @@ def find_strays(borders, label, crease, lines, offset, x, y, step, strays):  # t
                 number = crease[here, there]
                 place = _place(lines[number], offset[number], x, y, i, j, alike)
                 place *= 1.0 if there < here else -1.0
-                if 0.0 < place < lines[number, 4] and found < strays.shape[0]:
+                if place > 0.0 and found < strays.shape[0]:
                     strays[found, 0], strays[found, 1], strays[found, 2] = i, j, there
                     found += 1
     return found
@@ -239,21 +228,19 @@ def find_strays(borders, label, crease, lines, offset, x, y, step, strays):  # t
 
 @compiled
 def put_creases(  # type: ignore[no-untyped-def]
-    strays, label, crease, lines, offset, planes, lateral, w, x, y, variance, slow,
-    ranging, sure, price, most, state, part,
+    strays, label, crease, lines, offset, planes, lateral, w, x, y, variance, ranging,
+    price, apart, state, part,
 ):  # fmt: skip
     """Where two planes meet, make their line of intersection the border if that costs less.
 
-    A stray and all pixels of its plane that are connected with it on the other's side of the line,
-    not too far away, change sides together if it lowers the sum of
+    A stray and all pixels of its plane that are connected with it on the other's side of the line
+    change sides together, unless readings say `apart` nats against it, if it lowers the sum of
 
         (w - plane)^2 / (2 (variance + lateral)), `_MOST` at most,
-        + price * (borders between pixels that the line does not part),
+        + price * (borders between pixels that the line does not part).
 
-    and the sum is not `most` higher on the way; about a line that may be more than `sure` pixels
-    from the border, only if it lowers the sum over readings alone, too. label has a margin and is
-    changed in place; state: zeros of its shape; part: room for as many rows as pixels may change
-    sides together.
+    label has a margin and is changed in place; state: zeros of its shape; part: room for as many
+    rows as pixels may change sides together.
     """
     last, alike = variance.size - 1, x.shape[0] == 1
     own = _0 if alike else _1
@@ -265,16 +252,12 @@ def put_creases(  # type: ignore[no-untyped-def]
             continue
         number = crease[here, there]
         line, shift, side = lines[number], offset[number], 1.0 if there < here else -1.0
-        place = side * _place(line, shift, x, y, i - _1, j - _1, alike)
-        value = np.float64(w[i - _1, j - _1])
-        stretch = squared_stretch(ranging, x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)])
-        depth = min(int(ranging[0] / value * np.sqrt(stretch) + 0.5), last)
-        if place <= 0.0 or place >= line[4] or stretch * slow[depth] >= line[3] * line[3]:
+        if side * _place(line, shift, x, y, i - _1, j - _1, alike) <= 0.0:
             continue
         s, t, vs, vt = planes[here], planes[there], lateral[here], lateral[there]
         part[0, 0], part[0, 1], state[i, j] = i, j, _IN_PART
-        size, done, excess, readings = 1, 0, 0.0, 0.0
-        while done < size and excess < most:
+        size, done, excess, told = 1, 0, 0.0, 0.0
+        while done < size and told < apart:
             i, j = np.uintp(part[done, 0]), np.uintp(part[done, 1])
             done += 1
             value = np.float64(w[i - _1, j - _1])
@@ -283,24 +266,23 @@ def put_creases(  # type: ignore[no-untyped-def]
             depth = min(int(ranging[0] / value * np.sqrt(stretch) + 0.5), last)
             v = stretch * variance[depth]
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
-            told = min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
-            excess += told
-            readings += told
+            told += min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
             for down, right in ((_0, _1), (_0, ~_0), (_1, _0), (~_0, _0)):  # they wrap around
                 r, c = i + down, j + right
                 if label[r, c] == there:
                     excess -= price
                 elif label[r, c] == here and state[r, c] != _IN_PART:
                     place = side * _place(line, shift, x, y, r - _1, c - _1, alike)
-                    if 0.0 < place < line[4] and size < part.shape[0]:
+                    if place > 0.0 and size < part.shape[0]:
                         part[size, 0], part[size, 1], state[r, c] = r, c, _IN_PART
                         size += 1
                     elif place > 0.0:
                         excess += price
+        excess += told
         for m in range(size):
             i, j = np.uintp(part[m, 0]), np.uintp(part[m, 1])
             state[i, j] = tried
-            if excess < 0.0 and (readings < 0.0 or line[4] <= sure):
+            if excess < 0.0 and told < apart:
                 label[i, j], state[i, j] = there, 0
 
 

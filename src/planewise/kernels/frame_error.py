@@ -252,16 +252,16 @@ def bisect(square, own, added, share, reference, widest, least, low, high, steps
 
 
 @in_order
-def reading_variances(white, shared, drift, step, sizes, variance, slow):  # type: ignore[no-untyped-def]
-    """Variance of a reading about its plane by depth, and slow (L,), the part that readings share.
+def reading_variances(white, shared, drift, step, sizes, variance):  # type: ignore[no-untyped-def]
+    """Variance of a reading about its plane by depth: writes variance (L,).
 
     white, shared, drift, step (L,): `frame.ErrorTable`; sizes: of the white, the shared and the
-    drifting part. Writes variance (L,) and slow (L,).
+    drifting part.
     """
     new, common, wander = sizes
-    for k in range(slow.size):
-        slow[k] = common * (shared[k] + step[k]) + wander * drift[k]
-        variance[k] = new * (white[k] + step[k]) + slow[k]
+    for k in range(variance.size):
+        slow = common * (shared[k] + step[k]) + wander * drift[k]
+        variance[k] = new * (white[k] + step[k]) + slow
 
 
 @in_order

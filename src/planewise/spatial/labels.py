@@ -30,15 +30,13 @@ Labels = NDArray[np.uint16]
 _DIFFERING = 1.6  # nats per neighbouring pixel with another label
 _PIXEL_DRIFT = 1.5  # of the drift over 100 pixels: how far a reading may lie from its plane
 _SWEEPS = 6
-_CREASE_REACH = 5, 15  # pixels beside a border where the two planes are compared, at least and most
+_CREASE_REACH = 15  # pixels beside a border where the two planes are compared
 _CREASE_BAND = 4  # pixels about a border whose readings say where it lies
 _CREASE_SIGMA = 0.05  # pixels by which a border may leave the line of intersection
-_CREASE_APART = 50.0  # nats by which readings have to speak against that line for another one
-_CREASE_BEYOND = 3  # pixels farther from the line of intersection that may change sides
+_CREASE_APART = 50.0  # nats by which readings have to speak against that line for it to be none
 _CREASE_ROOM = 16  # pixels that may change sides together, times rows and columns
 _CREASE_STEP = 8  # rows and columns between pixels that may lie beyond it and touch no border
 _CREASE_PRICE = 2.4  # nats per pixel of a border elsewhere
-_CREASE_MOST = 50.0  # nats that pixels may cost on the way to the other side
 _OWN = 0.05  # of a plane's readings: what lies in cells wholly inside its label, at least ...
 _STRIP = 2.0 * SIDE  # ... or it is no wider than so many pixels, and none
 
@@ -92,13 +90,13 @@ def label_planes(
     workspace = workspace or Workspace()
     labels: Labels = workspace.kept(frame.w.shape, np.uint16)
     null = float(np.log(observation.range / observation.resolution))
-    variances, saved = _variances(frame, cells, workspace), np.empty(0)
+    variance, saved = _variances(frame, cells, workspace), np.empty(0)
     white = cells.error.white
     while True:
         marks = Marks.of(frame.w.shape, workspace)
         number = _numbers(cells, root, accepted, owner, frame.sectors)
         rows = planes.transpose(1, 0, 2).reshape(-1, planes.shape[2])
-        _label_pixels(frame, cells, number, rows, variances[0], null, marks, workspace)
+        _label_pixels(frame, cells, number, rows, variance, null, marks, workspace)
         label_loops.without_margin(marks.label, labels)
         rows, own = planes_of_units(frame, cells, labels, rows)
         left = own > _OWN * planes[0, :, COUNT]
@@ -115,9 +113,9 @@ def label_planes(
             frame, white, rows, labels, misfits, price, significance, workspace
         )
         if len(saved):
-            _look_again(frame, cells, rows, variances[0], null, marks, labels, pixels)
+            _look_again(frame, cells, rows, variance, null, marks, labels, pixels)
             label_loops.without_margin(marks.label, labels)
-    if _put_creases(frame, cells, rows, variances, marks, labels, workspace):
+    if _put_creases(frame, cells, rows, variance, marks, labels, workspace):
         label_loops.without_margin(marks.label, labels)
     return rows, labels, saved, owner
 
@@ -252,22 +250,21 @@ def _put_creases(
     frame: Frame,
     cells: Cells,
     planes: Array,
-    variances: Array,
+    variance: Array,
     marks: Marks,
     labels: Labels,
     workspace: Workspace,
 ) -> bool:
     """Move borders to where planes intersect, in `marks` only; whether there is such a place."""
-    borders, (variance, slow) = _borders(marks, workspace), variances
+    borders = _borders(marks, workspace)
     affine = planes_by_label(planes)
     crease = np.empty((len(affine), len(affine)), np.int32)
-    lines = np.empty((len(affine) * len(planes) // 2, 5))
+    lines = np.empty((len(affine) * len(planes) // 2, 3))
     coordinates, ranging = frame.sectors.coordinates, frame.table.ranging
     lateral = _lateral(cells, affine)
     found = crease_loops.find_creases(
-        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, _CREASE_BEYOND, UNIT,
-        crease, lines,
-    )  # fmt: skip
+        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
+    )
     if not found:
         return False
     offset = np.empty(found)
@@ -303,11 +300,9 @@ def _put_creases(
         frame.w,
         *coordinates,
         variance,
-        slow,
         ranging,
-        _CREASE_REACH[0] + _CREASE_BEYOND,
         _CREASE_PRICE,
-        _CREASE_MOST,
+        _CREASE_APART,
         marks.state,
         workspace.empty((_CREASE_ROOM * sum(frame.w.shape), 2), np.int32),
     )
@@ -319,7 +314,7 @@ def misfits(
 ) -> Array:
     """Half the squared residual in variances of some pixels' readings; infinite on no plane."""
     w, x, y = (image.reshape(-1)[pixels] for image in (frame.w, frame.x, frame.y))
-    label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)[0]
+    label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)
     planes = with_none(affine)
     t, lateral = planes[label], _lateral(cells, planes)[label]
     stretch = frame.sectors.squared_stretch(x, y)
@@ -376,7 +371,7 @@ def relabelled(
     for edge, end in ((0, left > 0), (-1, right < width)):
         state[:, edge] = label_loops.FIXED if end else state[:, edge]
     marks.state[inner] = state
-    variance = _variances(frame, cells)[0]
+    variance = _variances(frame, cells)
     _sweep(frame, cells, marks, w, x, y, with_none(affine), variance, null)
     out = labels.copy()
     label_loops.without_margin(marks.label, out[box])
@@ -384,18 +379,15 @@ def relabelled(
 
 
 def _variances(frame: Frame, cells: Cells, workspace: Workspace | None = None) -> Array:
-    """Variance of a reading about its plane by depth, and the part of it that readings share.
-
-    Shape (2, L).
-    """
+    """Variance of a reading about its plane by depth, shape (L,)."""
     table, error = frame.table, cells.error
     drift = error.local if error.walk else 0.0  # not what a frame shows of it by chance
-    both: Array = (workspace or Workspace()).empty((2, table.white.size))
+    variance: Array = (workspace or Workspace()).empty(table.white.size)
     sizes = error.white, error.near, _PIXEL_DRIFT * drift
     error_loops.reading_variances(
-        table.white, table.shared, table.drift, table.step, sizes, both[0], both[1]
+        table.white, table.shared, table.drift, table.step, sizes, variance
     )
-    return both
+    return variance
 
 
 def _lateral(cells: Cells, affine: Array) -> Array:
