@@ -9,6 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 UNIT = 100.0  # pixels per unit of x and y
+CLEAR = 4.0  # nats that a stray's own reading may say against changing sides
 BINS = 10  # places per pixel at which a crease may lie
 
 
@@ -230,11 +231,15 @@ def put_creases(label, strays, cost, planes, kinds, offset, x, y, price):
         ahead = crease_distance(planes, kinds, a, b, x, y) - offset[a, b]
         ahead *= 1 if there == a else -1
         wanted = (out == here) & (ahead > 0)
+        told = cost[there] - cost[here]
         if not wanted[i, j]:
+            continue
+        if told[i, j] > CLEAR:
+            tried[i, j] = there
             continue
         parts = ndimage.label(wanted)[0]
         part = parts == parts[i, j]
-        excess = (cost[there] - cost[here])[part].sum()
+        excess = told[part].sum()
         for one, other in ((places[:, 1:], places[:, :-1]), (places[1:], places[:-1])):
             for inner, outer in ((one, other), (other, one)):
                 at = part.flat[inner] & ~part.flat[outer]

@@ -23,6 +23,7 @@ _0, _1, _CHUNK = np.uintp(0), np.uintp(1), np.uintp(CHUNK)
 _FEWEST = 8  # pixels of border between planes that meet
 _MAJORITY = 0.4  # of them that must agree
 _MOST = 8.0  # nats that a reading may say against a plane
+_CLEAR = 4.0  # nats that a stray's own reading may say against changing sides
 
 
 @compiled
@@ -234,7 +235,8 @@ def put_creases(  # type: ignore[no-untyped-def]
     """Where two planes meet, make their line of intersection the border if that costs less.
 
     A stray and all pixels of its plane that are connected with it on the other's side of the line
-    change sides together, unless readings say `apart` nats against it, if it lowers the sum of
+    change sides together, unless readings say `apart` nats against it, or its own a few, if it
+    lowers the sum of
 
         (w - plane)^2 / (2 (variance + lateral)), `_MOST` at most,
         + price * (borders between pixels that the line does not part).
@@ -267,6 +269,9 @@ def put_creases(  # type: ignore[no-untyped-def]
             v = stretch * variance[depth]
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
             told += min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
+            if done == 1 and told > _CLEAR:
+                told = apart
+                break
             for down, right in ((_0, _1), (_0, ~_0), (_1, _0), (~_0, _0)):  # they wrap around
                 r, c = i + down, j + right
                 if label[r, c] == there:
