@@ -234,6 +234,18 @@ def boards(size, seed=1):
     return near[at] / (1 + a[at] * x + b[at] * y), row * shape[1] + column
 
 
+@pytest.mark.parametrize("seed", [0, 3, 4])
+@pytest.mark.parametrize("width", [3.4, 6.0])
+def test_walls_meet_in_their_line_where_the_error_is_smooth(corner, width, seed):
+    """A reading there says little, for its neighbours err as it does; the planes say more."""
+    z, truth = corner
+    sensor = pw.Sensor(noise=pw.noise.Polynomial(quadratic=0.005))
+    model = pw.detect_planes(1 / (1 / z + 0.005 * exact(z, seed).smooth(width)), CAMERA, sensor)
+    assert len(model) == 3
+    right = sum(np.bincount(truth[model.labels == plane]).max() for plane in (1, 2, 3))
+    assert right > 0.993 * truth.size
+
+
 @pytest.mark.parametrize("size", [60, 100])
 def test_clutter_is_not_taken_for_drift(size):
     """No three cells in a row that are far apart lie on one board."""
