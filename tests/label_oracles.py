@@ -127,24 +127,23 @@ def plane_value(t, x, y):
     return t[0] + t[1] * x + t[2] * y
 
 
-def crease_kinds(label, planes, p, x, y, reach):
+def crease_kinds(label, planes, x, y, reach):
     """Majority of the border's pixels, most of at least eight: nearer on its own side, or farther.
 
-    Votes are those of `reach` pixels to either side, or as far as there are readings.
+    Votes are those of the farthest pixels of both labels, `reach` of their border at most.
     """
-    height, width = label.shape
 
-    def reading(start, step):
-        """The farthest reading within reach of a pixel in a direction."""
+    def farthest(start, step):
+        """The farthest pixel of the same label within reach of one in a direction."""
         steps = np.array(start) + np.arange(reach, -1, -1)[:, None] * step
-        inside = (steps >= 0).all(1) & (steps < (height, width)).all(1)
-        return next(tuple(at) for at in steps[inside] if p[tuple(at)] > 0)
+        inside = (steps >= 0).all(1) & (steps < label.shape).all(1)
+        return next(tuple(at) for at in steps[inside] if label[tuple(at)] == label[tuple(start)])
 
     votes = {}
     for i, j, k, here, there in borders(label):
         step = np.array((k, 1 - k))
-        mine = reading((i, j), -step)
-        other = reading(np.add((i, j), step), step)
+        mine = farthest((i, j), -step)
+        other = farthest(np.add((i, j), step), step)
         nearer = [
             plane_value(planes[own], x[at], y[at]) > plane_value(planes[alien], x[at], y[at])
             for own, alien, at in ((here, there, mine), (there, here, other))

@@ -1,7 +1,7 @@
 """Loops over the borders between two planes: whether they meet, and where.
 
 A border is a row (i, j, k): pixel (i, j) and the one to its right (k = 0) or below it (k = 1) are
-on different planes. label (H, W): 0 for no plane. Planes, w, p, x, y and variances by depth are
+on different planes. label (H, W): 0 for no plane. Planes, w, x, y and variances by depth are
 those of `kernels.labels`. A line is a row (d0, d1, d2): d0 + d1 x + d2 y is the distance in pixels
 to where planes a < b intersect, positive on a's side. crease (planes, planes): row of the line in
 which two planes meet, -1 where they do not. Unsigned indices spare the check for negative ones.
@@ -62,14 +62,14 @@ def find_borders(label, seen, margin, borders):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
+def find_creases(borders, label, planes, x, y, reach, unit, crease, lines):  # type: ignore[no-untyped-def]
     """Find pairs of planes that meet in the image, and the lines in which they do.
 
     On either side of their border, on a convex edge each side's plane is the nearer of the two, on
     a concave one the farther; where one surface passes in front of the other, neither. They are
-    compared `reach` pixels from it, or fewer where there is no reading: a border is hardly farther
-    from the line than that. unit: pixels per unit of x and y. Writes crease and lines; returns the
-    number of lines.
+    compared `reach` pixels from it, or at the farthest pixel within that has their label: a border
+    is hardly farther from the line. unit: pixels per unit of x and y. Writes crease and lines;
+    returns the number of lines.
     """
     height, width, most = np.uintp(label.shape[0]), np.uintp(label.shape[1]), np.uintp(reach)
     count, own = planes.shape[0], _1 if x.shape[0] > 1 else _0
@@ -85,10 +85,10 @@ def find_creases(borders, label, planes, p, x, y, reach, unit, crease, lines):  
         s, t = planes[here], planes[there]
         d0, d1, d2 = s[0] - t[0], s[1] - t[1], s[2] - t[2]
         back = min(most, i if down == _1 else j)
-        while p[i - down * back, j - right * back] <= 0.0:
+        while label[i - down * back, j - right * back] != here:
             back -= _1
         on = min(most, height - _1 - row if down == _1 else width - _1 - column)
-        while p[row + down * on, column + right * on] <= 0.0:
+        while label[row + down * on, column + right * on] != there:
             on -= _1
         # Differences of the two planes on this side and on the other.
         ia, ja = i - down * back, j - right * back

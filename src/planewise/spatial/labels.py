@@ -263,7 +263,7 @@ def _put_creases(
     coordinates, ranging = frame.sectors.coordinates, frame.table.ranging
     lateral = _lateral(cells, affine)
     found = crease_loops.find_creases(
-        borders, labels, affine, frame.p, *coordinates, _CREASE_REACH, UNIT, crease, lines
+        borders, labels, affine, *coordinates, _CREASE_REACH, UNIT, crease, lines
     )
     if not found:
         return False
