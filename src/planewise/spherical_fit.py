@@ -11,6 +11,7 @@ from planewise.spherical import SphericalCamera
 _ROUNDS = 3  # of columns given what rows are off them, and rows given columns
 _TELLS = 0.2  # cosine of elevation above which a point tells the azimuth of its column
 _STAGGERED = 0.05  # columns: what rows are off them by less is none
+_ENOUGH = 2_000_000  # pixels that tell how a sensor is tilted
 
 
 def fit_axes(points: NDArray[np.floating], there: NDArray[np.bool_]) -> Array:
@@ -29,7 +30,9 @@ def fit_axes(points: NDArray[np.floating], there: NDArray[np.bool_]) -> Array:
     ndarray, shape (3, 3)
         Forward, left and up, as rows; up is not below the frame's horizon.
     """
-    directions = np.where(there[..., None], points, 1.0)
+    some = slice(None, None, 1 + there.size // _ENOUGH)
+    there = there[:, some]
+    directions = np.where(there[..., None], points[:, some], 1.0).astype(np.float64)
     directions /= np.abs(directions).max(axis=2, keepdims=True)  # squares do not overflow
     directions *= there[..., None] / np.linalg.norm(directions, axis=2, keepdims=True)
     count, total = np.maximum(there.sum(axis=1), 1), directions.sum(axis=1)
@@ -71,8 +74,10 @@ def fit_spherical(
     ValueError
         If no such camera has rows or columns of these angles.
     """
-    turn = np.eye(3) if axes is None else axes
-    x, y, z = np.moveaxis(np.where(there[..., None], points, 0.0) @ turn.T, -1, 0)
+    turned = np.where(there[..., None], points, 0.0)
+    if axes is not None:
+        turned = turned @ axes.T
+    x, y, z = np.moveaxis(turned, -1, 0)
     level = np.degrees(np.arctan2(z, np.hypot(x, y)))
     around = np.degrees(np.arctan2(y, x))
     elevation = _filled(_medians(level, there))
@@ -91,7 +96,7 @@ def fit_spherical(
         elevation=_within(elevation).tolist(),
         azimuth=azimuth.tolist(),
         azimuth_offset=offset.tolist() if staggered else (),
-        turn=turn.tolist(),
+        turn=() if axes is None else axes.tolist(),
     )
     across, down = np.degrees(camera.pixel_size)
     beside = _wrapped(around - azimuth - offset[:, None]) * np.cos(np.radians(level)) / across
