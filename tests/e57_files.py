@@ -26,7 +26,9 @@ def spherical_e57(path, scans):
                 structure(node, "translation", **dict(zip("xyz", pose[1], strict=True)))
             kinds, buffers = libe57.StructureNode(image), libe57.VectorSourceDestBuffer()
             for name, column in data.items():
-                if name == "sphericalAzimuth":
+                if column.dtype == np.uint8:  # nothing but zeros, which take no bits
+                    kind = libe57.IntegerNode(image, 0, 0, 0)
+                elif name == "sphericalAzimuth":
                     kind = libe57.ScaledIntegerNode(image, 0, -4_000_000, 4_000_000, 1e-6, 0.0)
                 elif column.dtype == np.int8:
                     kind = libe57.IntegerNode(image, 0, 0, 2)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import planewise as pw
 from planewise.errors import PlanewiseError
+from planewise.files.cloud import open_cloud
 from planewise.files.depth import read_depth
 from planewise.files.scans import gridded, upright
 from tests.command import run
@@ -150,6 +151,16 @@ def test_what_is_no_image_is_refused(tmp_path, scene, points, monkeypatch):
         read_depth(path)
 
 
+def test_points_that_have_not_a_bit_each_are_refused(tmp_path):
+    path, names = tmp_path / "scan.e57", ("Range", "Azimuth", "Elevation")
+    nothing = np.zeros(200_000, np.uint8)
+    spherical = {f"spherical{name}": nothing for name in names}
+    spherical_e57(path, [(spherical | {"rowIndex": nothing, "columnIndex": nothing}, None)])
+    for read in (open_cloud, read_depth):
+        with pytest.raises(PlanewiseError, match="claims 200,000 points, which cannot be in a fi"):
+            read(path)
+
+
 def test_the_nearest_of_several_points_counts():
     points = np.array([[3.0, 0, 1], [2, 0, 1], [4, 0, 1], [5, 1, 0]])
     places = np.array([[4.0, 4], [4, 4], [4, 4], [5, 6]])
@@ -165,7 +176,13 @@ def test_the_nearest_of_several_points_counts():
 
 def test_images_of_cameras_stay_as_they_are():
     camera = pw.PinholeCamera(fx=50.0, fy=50.0, cx=31.5, cy=23.5)
-    points = 2.0 * camera.rays((48, 64))
-    assert upright(points, None)[0] is points
-    alone = np.array([[[1.0, 0, -1]]])  # without neighbours nothing says which way up
-    assert_array_equal(upright(alone, None)[0], alone)
+    image = pw.image_of_points(2.0 * camera.rays((48, 64)))
+    assert upright(image, None) == (image, None)
+
+
+def test_an_image_that_is_upright_stays(scene, points):
+    image = pw.image_of_points(points)
+    same, rgb = upright(image, scene.rgb)
+    assert same.camera == image.camera
+    assert_array_equal(same.depth, image.depth)
+    assert_array_equal(rgb, scene.rgb)

@@ -267,11 +267,8 @@ class SphericalCamera:
         elevation = np.radians(angles.between(np.array(self.elevation), row))
         if self.azimuth_offset:
             azimuth = azimuth + np.interp(row, np.arange(self.shape[0]), self.azimuth_offset)
-        azimuth, flat = np.radians(azimuth), np.cos(elevation)
-        rays = np.stack(
-            (flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)), axis=-1
-        )
-        return rays @ self.axes if self.turn else rays
+        rays = self._directions(np.radians(azimuth), elevation)
+        return np.ascontiguousarray(np.moveaxis(rays, 0, -1))
 
     def points(self, depth: ArrayLike, *, depth_scale: float | None = None) -> Array:
         """Points of a range image.
@@ -390,6 +387,12 @@ class SphericalCamera:
         """Azimuth of the columns without jumps of 360."""
         return np.unwrap(self.azimuth, period=360.0)
 
+    def _directions(self, azimuth: Array, elevation: Array) -> Array:
+        """Unit vectors of angles in radians, shape (3, ...)."""
+        flat = np.cos(elevation)
+        rays = np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)))
+        return np.tensordot(self.axes.T, rays, 1) if self.turn else rays
+
     def _angles(self) -> tuple[Array, Array]:
         """Azimuth and elevation of all pixels in radians, shape (H, W)."""
         offset = np.array(self.azimuth_offset or np.zeros(len(self.elevation)))
@@ -401,11 +404,7 @@ class SphericalCamera:
 
 @lru_cache(maxsize=RIG)
 def _ray_rows(camera: SphericalCamera) -> Array:
-    azimuth, elevation = camera._angles()
-    flat = np.cos(elevation)
-    rows = np.stack((flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)))
-    rows = rows.reshape(3, -1)
-    rows = camera.axes.T @ rows if camera.turn else rows
+    rows = camera._directions(*camera._angles()).reshape(3, -1)
     rows.flags.writeable = False
     return rows
 

@@ -40,7 +40,7 @@ def fit_axes(points: NDArray[np.floating], there: NDArray[np.bool_]) -> Array:
     scatter = flat.T @ flat - (total / count[:, None]).T @ total
     up = np.linalg.eigh(scatter)[1][:, 0]
     up *= np.copysign(1.0, up[2])
-    nearest = np.eye(3)[0 if abs(up[0]) < abs(up[1]) or abs(up[2]) > abs(up[0]) else 1]
+    nearest = np.eye(3)[1 if np.abs(up).argmax() == 0 else 0]
     forward = nearest - (nearest @ up) * up
     forward /= np.linalg.norm(forward)
     return np.stack((forward, np.cross(up, forward), up))

@@ -141,7 +141,8 @@ def detect(
         if rgb is not None and not rgb.exists():
             raise PlanewiseError(f"rgb: there is no file {rgb}")
         known_camera = None if camera is None else read_camera(camera)
-        known_sensor = sensor_of(sensor, camera, noise, max_depth, resolution)
+        named_sensor = preset_of(camera) if sensor is None else sensor
+        known_sensor = sensor_of(named_sensor, camera, noise, max_depth, resolution)
 
         from planewise.options import Options
 
@@ -167,7 +168,7 @@ def detect(
             outlines=outlines,
             partition=regions,
             scan=scan,
-            as_far=max_depth is None and sensor is None and preset_of(camera) is None,
+            as_far=named_sensor is None and max_depth is None,
             read=(camera, sensor),
         )
         if depth.is_dir():

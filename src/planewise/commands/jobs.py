@@ -159,10 +159,9 @@ class Job:
 
     def _sensor(self, frame: DepthFile) -> Sensor:
         """The sensor of a frame."""
-        scanned = isinstance(frame.camera, SphericalCamera)
-        farthest = float(frame.depth.max(initial=0.0, where=np.isfinite(frame.depth)))
-        if not (self.as_far and scanned and farthest > self.sensor.min_depth):
+        if not (self.as_far and isinstance(frame.camera, SphericalCamera)):
             return self.sensor
+        farthest = float(frame.depth.max(initial=0.0, where=np.isfinite(frame.depth)))
         return replace(self.sensor, max_depth=farthest)
 
     def _write_outlines(

@@ -31,6 +31,8 @@ from planewise.foreign_warnings import without_warnings
 if TYPE_CHECKING:
     from PIL.Image import Image as PILImage
 
+    from planewise.organised import PointImage
+
 MAX_PIXELS = 50_000_000
 """Largest image that is read; no depth camera comes near, a file made to exhaust memory does."""
 
@@ -109,7 +111,7 @@ def read_depth(path: str | Path, *, scan: int | None = None) -> DepthFile:
         raise PlanewiseError(f"depth: {path.name} is of no known kind; expected one of {known}")
     with naming(f"depth: {path.name}"):
         if kind in _SCANS:
-            return _read_scan(path, scan)
+            return _read_scan(path, kind, scan)
         if scan is not None:
             raise PlanewiseError(
                 f"holds no scans to choose from; those that do: {', '.join(_SCANS)}"
@@ -384,22 +386,25 @@ def _read_pcd(path: Path) -> DepthFile:
     check_size(pixels)
     (cloud,) = file.blocks(pixels)
     rgb = None if cloud.colour is None else cloud.colour.reshape(*file.shape, 3)
-    return _of_points(cloud.coordinates.reshape(*file.shape, 3), rgb)
+    image = _image_of(cloud.coordinates.reshape(*file.shape, 3))
+    return DepthFile(depth=image.depth, camera=image.camera, rgb=rgb)
 
 
-def _read_scan(path: Path, scan: int | None) -> DepthFile:
-    scanner = import_module(f"planewise.files.{_SCANS[path.suffix.lower()]}")
-    return _of_points(*scanner.grid_of(path, scan))
+def _read_scan(path: Path, kind: str, scan: int | None) -> DepthFile:
+    from planewise.files.scans import upright
+
+    points, rgb = import_module(_SCANS[kind]).grid_of(path, scan)
+    image, rgb = upright(_image_of(points), rgb)
+    return DepthFile(depth=image.depth, camera=image.camera, rgb=rgb)
 
 
-def _of_points(points: NDArray[np.floating], rgb: NDArray[np.uint8] | None) -> DepthFile:
+def _image_of(points: NDArray[np.floating]) -> PointImage:
     from planewise.organised import image_of_points  # depth images are read sooner without
 
     try:
-        image = image_of_points(points)
+        return image_of_points(points)
     except ValueError as error:
         raise PlanewiseError(f"is no depth image; {error}") from None
-    return DepthFile(depth=image.depth, camera=image.camera, rgb=rgb)
 
 
 _IMAGES: dict[str, Callable[[Path], DepthFile]] = {
@@ -413,4 +418,4 @@ _IMAGES: dict[str, Callable[[Path], DepthFile]] = {
 }
 # Clouds lie beside the depth images they were made of, and would be frames once more.
 _READERS = {**_IMAGES, ".pcd": _read_pcd}
-_SCANS = {".ptx": "ptx", ".e57": "e57"}
+_SCANS = {".ptx": "planewise.files.ptx", ".e57": "planewise.files.e57"}

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError, needs
-from planewise.files.scans import Grid, chosen_scan, gridded, upright
+from planewise.files.scans import Grid, chosen_scan, gridded
 from planewise.point_cloud import BLOCK, Array, CloudFile, PointCloud, offset_near
 
 _CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
@@ -38,6 +38,13 @@ def _reader(path: Path) -> Iterator[Any]:
     with path.open("rb") as stream:
         _check_xml(_xml(stream))
     with pye57.E57(str(path)) as reader:
+        counts = [reader.get_header(k).point_count for k in range(reader.scan_count)]
+        if not counts:
+            raise PlanewiseError("holds no scans")
+        if sum(counts) > 8 * path.stat().st_size:  # not a bit for each
+            raise PlanewiseError(
+                f"claims {sum(counts):,} points, which cannot be in a file of its size"
+            )
         yield reader
 
 
@@ -102,11 +109,7 @@ def open_e57(path: Path) -> CloudFile:
     """
     with _reader(path) as reader:
         headers = [reader.get_header(k) for k in range(reader.scan_count)]
-        if not headers:
-            raise PlanewiseError("holds no scans")
         count = sum(header.point_count for header in headers)
-        if count > 8 * path.stat().st_size:  # not a bit for each
-            raise PlanewiseError(f"claims {count:,} points, which cannot be in a file of its size")
         marks = any(_mark(header.point_fields) for header in headers)
         places = np.array([_pose(header)[1] for header in headers])
         if not np.isfinite(places).all():
@@ -176,7 +179,7 @@ def _scan(reader: Any, scan: int, size: int, offset: Array) -> Iterator[PointClo
 
 
 def grid_of(path: Path, scan: int | None) -> Grid:
-    """Image of a scan in its own frame, upright; NaN where there is no point.
+    """Image of a scan in its own frame; NaN where there is no point.
 
     Of several points in one row and column, as of several returns, the nearest counts.
 
@@ -195,7 +198,7 @@ def grid_of(path: Path, scan: int | None) -> Grid:
                 "points' takes it"
             )
         limit = _limit(header)
-        points, colours, places = [], [], []  # 35 bytes a point
+        points, colours, places = [], [], []  # 31 bytes a point
         for table in _tables(reader, scan, BLOCK, _INDEX):
             points.append(_local(table).astype(np.float32))  # 1 um at 10 m
             if (colour := _colour(table, limit)) is not None:
@@ -204,13 +207,13 @@ def grid_of(path: Path, scan: int | None) -> Grid:
     if not sum(map(len, points)):
         raise PlanewiseError(f"has no valid points in scan {scan}")
     coloured = np.concatenate(colours) if colours else None
-    return upright(*gridded(np.concatenate(points), coloured, np.concatenate(places)))
+    return gridded(np.concatenate(points), coloured, np.concatenate(places))
 
 
 def _tables(
     reader: Any, scan: int, size: int, index: tuple[str, ...] = ()
 ) -> Iterator[dict[str, Array]]:
-    """What is said of the valid points of a scan, in blocks."""
+    """What is said of the valid points of a scan, in blocks that last until the next."""
     header = reader.get_header(scan)
     fields = header.point_fields
     names = next((each for each in (_CARTESIAN, _SPHERICAL) if set(each) <= set(fields)), None)

@@ -16,7 +16,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_of
 from planewise.files.cloud_records import check_length, is_number, read_words
 from planewise.files.depth import check_size
-from planewise.files.scans import Grid, chosen_scan, upright
+from planewise.files.scans import Grid, chosen_scan
 from planewise.point_cloud import Array, CloudFile, PointCloud, offset_near
 from planewise.wording import counted
 
@@ -93,7 +93,7 @@ def _columns(table: Array, scan: Scan) -> dict[str, NDArray[Any]]:
 
 
 def grid_of(path: Path, scan: int | None) -> Grid:
-    """Image of a scan in its own frame, upright; 0, 0, 0 where there is no point.
+    """Image of a scan in its own frame; 0, 0, 0 where there is no point.
 
     Scanners turn upwards along a column, as a rule, and those of the file are in that order.
 
@@ -111,8 +111,7 @@ def grid_of(path: Path, scan: int | None) -> Grid:
     def grid(values: NDArray[Kind]) -> NDArray[Kind]:
         return values.reshape(*chosen.shape, 3).swapaxes(0, 1)[::-1]
 
-    colour = None if cloud.colour is None else grid(cloud.colour)
-    return upright(grid(cloud.coordinates), colour)
+    return grid(cloud.coordinates), None if cloud.colour is None else grid(cloud.colour)
 
 
 def tables_of(path: Path, scan: Scan, size: int) -> Iterator[Array]:

@@ -1,16 +1,17 @@
-"""Scans of a file as images: which of them, points in their rows and columns, the right way up."""
+"""Scans of a file as images: which of them, points in rows and columns, the right way up."""
 
 from __future__ import annotations
 
-from typing import TypeVar
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.errors import PlanewiseError
 from planewise.files.depth import check_size
+from planewise.organised import PointImage
+from planewise.spherical import SphericalCamera
 
-Kind = TypeVar("Kind", bound=np.generic)
 Grid = tuple[NDArray[np.floating], NDArray[np.uint8] | None]
 """Points (rows, columns, 3) and their colours, if they have any."""
 
@@ -23,8 +24,6 @@ def chosen_scan(scan: int | None, count: int) -> int:
     PlanewiseError
         If there is no such scan, or nothing says which of several.
     """
-    if count == 0:
-        raise PlanewiseError("holds no scans")
     if scan is None and count > 1:
         raise PlanewiseError(
             f"holds {count} scans, each an image of its own: --scan says which, 0 to {count - 1}; "
@@ -63,28 +62,24 @@ def gridded(
     return grid, picture
 
 
-def upright(points: NDArray[np.floating], colour: NDArray[np.uint8] | None) -> Grid:
-    """Turn the image of a scan about z: the highest row first, columns from left to right.
+def upright(
+    image: PointImage, rgb: NDArray[np.uint8] | None
+) -> tuple[PointImage, NDArray[np.uint8] | None]:
+    """Turn the image of a scan, and its picture: the highest row first, columns left to right.
 
-    Formats leave to scanners where rows begin, and which way these turn. An image whose points are
-    all before it, z > 0, is that of a camera and stays.
+    Formats leave to scanners where rows begin, and which way these turn. Images of cameras stay.
     """
-    x, y, z = np.moveaxis(points, -1, 0)
-    if not np.any(z < 0):
-        return points, colour
-    there = points.any(axis=-1)  # NaN stay
-    up = np.where(there, np.arctan2(z, np.hypot(x, y)), np.nan)
-    around = np.where(there, np.arctan2(y, x), np.nan)
-    rising = _median(np.diff(up, axis=0)) > 0
-    turning = _median((np.diff(around, axis=1) + np.pi) % (2 * np.pi) - np.pi) > 0
-    way = np.s_[:: -1 if rising else 1, :: -1 if turning else 1]
-
-    def turned(image: NDArray[Kind]) -> NDArray[Kind]:
-        return np.ascontiguousarray(image[way])
-
-    return turned(points), None if colour is None else turned(colour)
-
-
-def _median(steps: NDArray[np.floating]) -> float:
-    known = steps[np.isfinite(steps)]
-    return float(np.median(known)) if known.size else 0.0
+    camera = image.camera
+    if not isinstance(camera, SphericalCamera):
+        return image, rgb
+    down = 1 if camera.elevation[0] > camera.elevation[-1] else -1
+    along = 1 if camera.azimuth[0] > camera.azimuth[-1] else -1  # without jumps of 360
+    turned = replace(
+        camera,
+        elevation=camera.elevation[::down],
+        azimuth=camera.azimuth[::along],
+        azimuth_offset=camera.azimuth_offset[::down],
+    )
+    way = np.s_[::down, ::along]
+    picture = None if rgb is None else rgb[way].copy()
+    return PointImage(depth=image.depth[way].copy(), camera=turned), picture
