@@ -100,6 +100,8 @@ _Z, _Y = (0, 0, 1), (0, 1, 0)
 SURFACES: dict[str, Callable[[Array], Array]] = {
     "ball of 1 m": lambda rays: sphere((0, 0, 2.5), 1.0, rays),
     "ball of 1.5 m": lambda rays: sphere((0, 0, 3.0), 1.5, rays),
+    "ball of 1 m, nothing behind": lambda rays: sphere((0, 0, 3.0), 1.0, rays),
+    "ball of 0.15 m, nothing behind": lambda rays: sphere((0, 0, 0.65), 0.15, rays),
     "pipe": lambda rays: cylinder((1, 0.2, 0.1), (0, 0, 2.0), 0.5, rays),
     "tank": lambda rays: cylinder(_Y, (0, 0, 4.0), 2.0, rays),
     "silo": lambda rays: cylinder(_Y, (0, 0, 10.0), 4.0, rays),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks import curved_frames
 from benchmarks.covariance import scatter
 from benchmarks.simulated import random_walk
 from numpy.testing import assert_allclose
@@ -131,23 +132,74 @@ def test_the_lens_of_a_camera_is_no_drift(bent):
 
 
 @pytest.mark.parametrize("lag", [1, 2, 4])
-@pytest.mark.parametrize("weights", [(-0.5, 1.0, -0.5), (-0.5, 1.5, -1.5, 0.5)])
-def test_cells_in_a_row_on_a_random_walk(lag, weights):
-    side, count = 2 * SIDE / UNIT, len(weights)
-    squares = [square(side, k * lag * side) for k in range(count)]
-    contrast = np.repeat(np.array(weights) / POINTS**2, POINTS**2)[None]
-    planes, rows = np.zeros((10, count)), np.empty((3, 8))
+def test_cells_in_a_row_on_a_random_walk(lag):
+    side, weights = 2 * SIDE / UNIT, np.array([-0.5, 1.0, -0.5])
+    squares = [square(side, k * lag * side) for k in range(3)]
+    contrast = np.repeat(weights / POINTS**2, POINTS**2)[None]
+    planes, rows, ends = np.zeros((10, 3)), np.empty((3, 8)), np.empty(8, np.int64)
     planes[0] = [points[:, 0].mean() for points in squares]
-    planes[2] = np.random.default_rng(lag).normal(size=count)
+    planes[2] = np.random.default_rng(lag).normal(size=3)
     planes[6] = 1.0
-    grid = np.full((1, (count - 1) * lag + 1), -1, np.int32)
-    grid[0, ::lag] = range(count)
-    one = np.ones(count)
-    assert kernels.cells_in_a_row(grid, planes, one, one, lag, count == 4, *rows) == 1
-    assert_allclose(rows[0, 0], np.dot(weights, planes[2]) ** 2)
+    grid = np.full((1, 2 * lag + 1), -1, np.int32)
+    grid[0, ::lag] = range(3)
+    one = np.ones(3)
+    assert kernels.cells_in_a_row(grid, planes, one, one, lag, *rows, ends) == (1, 1)
+    assert_allclose(rows[0, 0], weights @ planes[2])
     assert_allclose(rows[1, 0], np.square(weights).sum())
     expected = walk_covariance(np.vstack(squares), contrast)[0, 0]
     assert_allclose(rows[2, 0], expected, rtol=0.02 if lag > 1 else 0.07)
+    assert ends[0] == 1
+
+
+@pytest.mark.parametrize("shape", [(80, 107), (7, 50), (5, 5), (3, 1), (30, 53)])
+def test_cells_in_a_row_square_by_square(shape):
+    """As often as there are three, each once, and as many squares as were told."""
+    rng, lag = np.random.default_rng(0), 2
+    grid = np.arange(math.prod(shape), dtype=np.int32).reshape(shape)
+    grid[rng.random(shape) < 0.1] = -1
+    planes = rng.normal(size=(10, grid.size)) ** 2 + 0.1
+    row, column = np.indices(shape).reshape(2, -1)
+    planes[0], planes[1] = column * 2 * SIDE / UNIT, row * 2 * SIDE / UNIT
+    one, rows = np.ones(grid.size), np.empty((3, 2 * grid.size))
+    ends = np.empty(2 * neighbouring._squares(shape), np.int64)
+    n, squares = kernels.cells_in_a_row(grid, planes, one, one, lag, *rows, ends)
+    off = []
+    for three in (grid, grid.T):
+        a, b, c = three[:, : -2 * lag], three[:, lag:-lag], three[:, 2 * lag :]
+        there = (a >= 0) & (b >= 0) & (c >= 0)
+        w = planes[2]
+        off += (w[b] - 0.5 * w[a] - 0.5 * w[c])[there].tolist()
+    assert squares <= len(ends)
+    assert n == len(off) == (ends[squares - 1] if squares else 0)
+    assert (np.diff(ends[:squares], prepend=0) >= 0).all()
+    assert_allclose(np.sort(rows[0, :n]), np.sort(off), atol=1e-12)
+
+
+def test_what_bends_alike_all_over_a_square():
+    rng, factor, widest = np.random.default_rng(0), 0.7, 9.0
+    ends = np.array([0, 40, 40, 41, 100])
+    off, own, slow = rng.normal(0, 2, 100), rng.uniform(0.5, 2, 100), rng.uniform(0, 1, 100)
+    alike = excess = 0.0
+    for square in np.split(np.arange(100), ends):
+        square = square[off[square] ** 2 <= widest * (own + factor * slow)[square]]
+        if len(square):
+            alike += len(square) * off[square].mean() ** 2 - own[square].mean()
+            excess += (off[square] ** 2 - own[square]).sum()
+    assert len(off[off**2 > widest * (own + factor * slow)]) > 2
+    assert_allclose(kernels.bent_alike(off, own, slow, ends, factor, widest), (alike, excess))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("radius", "nearest", "sigma"), [(0.15, 0.5, 0.004), (1.0, 2.0, 0.008)])
+def test_a_ball_alone_is_no_plane(radius, nearest, sigma, seed):
+    """Cells in a row take its bend for drift, and by that it was two or three planes."""
+    rays = curved_frames.rays()
+    depth = curved_frames.sphere((0, 0, nearest + radius), radius, rays)
+    there = np.isfinite(depth)
+    depth[there] += np.random.default_rng(seed).normal(0, sigma, there.sum())
+    sensor = pw.Sensor(noise=sigma, max_depth=10, resolution=1e-3)
+    model = pw.detect_planes(np.where(there, depth, 0), curved_frames.CAMERA, sensor)
+    assert len(model) == 0
 
 
 def test_what_lies_across_edges_is_not_taken_for_drift():

@@ -18,6 +18,7 @@ from planewise.kernels.walk import PLANE_BEND, PLANE_OFFSET
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
+SQUARE = 24  # cells to a side of squares in which curved surfaces bend alike
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
 _ASIDE = 0.1 / UNIT  # from the line of a row: nearer is none
 
@@ -130,61 +131,77 @@ def _offset_variances(planes, inflation):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def cells_in_a_row(grid, planes, inflation, drift, lag, four, square, own, slow):  # type: ignore[no-untyped-def]
-    """How far cells in a row, `lag` cells apart, are from a line, or four of them from a parabola.
+def cells_in_a_row(grid, planes, inflation, drift, lag, off, own, slow, ends):  # type: ignore[no-untyped-def]
+    """How far cells in a row, `lag` cells apart, are from a line: s = w_2 - t w_1 - (1 - t) w_3.
 
-    Of three it is s_2 = w_2 - t w_1 - (1 - t) w_3, of four s_2 - s_3. Writes its square, the
-    variance by the cells' own errors, and that by the drift, along rows and then along columns;
-    returns how many there are. Where cells of a row are not in one line, as those of a distorted
-    image are not, the slope across is taken off. Of a random walk, D |r| the variance of a
-    difference, the s and the s_2 - s_3 of means over squares have the variances
+    Writes it, its variance by the cells' own errors, and that by the drift, along rows and along
+    columns, one square of `SQUARE` cells to a side after another, and where each of these ends;
+    returns how many there are, and how many squares. Where cells of a row are not in one line, as
+    those of a distorted image are not, the slope across is taken off. Of a random walk, D |r| the
+    variance of a difference, the s of means over squares has the variance
 
-        D (d(r) - d(2 r) / 4 - 3 d(0) / 4),    D (15 d(r) - 6 d(2 r) + d(3 r) - 10 d(0)) / 4,
+        D (d(r) - d(2 r) / 4 - 3 d(0) / 4),
 
     d(r) = r + side^2 / (12 r), d(0) = 0.52 side the mean distance of points of two squares.
     """
     rows, columns = grid.shape
     side = 2.0 * SIDE / UNIT
     white = _offset_variances(planes, inflation)
-    found, last = 0, 2 * lag if four else lag
+    found = squares = 0
     for axis in range(2):
         down, across = (lag, 0) if axis else (0, lag)
-        behind, right = (last, 0) if axis else (0, last)
         position, other = planes[axis], planes[1 - axis]
         slope, uncertain = planes[4 - axis], planes[9 - 2 * axis]
-        for i in range(down, rows - behind):
-            for j in range(across, columns - right):
-                a, b, c = grid[i - down, j - across], grid[i, j], grid[i + down, j + across]
-                d = grid[i + behind, j + right]
-                if a < 0 or b < 0 or c < 0 or d < 0:
-                    continue
-                scale = 1.0 / (position[c] - position[a])  # the one division
-                reach, t = abs(position[c] - position[a]), (position[c] - position[b]) * scale
-                two, three = 1.0, 1 - t
-                wide = side * side / 12.0 * abs(scale)
-                near, far = 0.5 * reach + 2.0 * wide, reach + wide
-                off, variance, walk = 0.0, 0.0, near - 0.25 * far - 0.75 * MEAN_DISTANCE * side
-                if four:
-                    u = (position[d] - position[c]) / (position[d] - position[b])
-                    two, three = 1 + u, three + 1
-                    off = (1 - u) * planes[2, d]
-                    variance = (1 - u) * (1 - u) * white[d]
-                    farther = 1.5 * reach + wide / 1.5
-                    walk = 3.75 * near - 1.5 * far + 0.25 * farther - 2.5 * MEAN_DISTANCE * side
-                off += two * planes[2, b] - t * planes[2, a] - three * planes[2, c]
-                aside = two * other[b] - t * other[a] - three * other[c]
-                if four:
-                    aside += (1 - u) * other[d]
-                if abs(aside) > _ASIDE:
-                    off -= slope[b] * aside
-                    variance += aside * aside * inflation[b] * uncertain[b]
-                square[found] = off * off
-                own[found] = variance + (
-                    two * two * white[b] + t * t * white[a] + three * three * white[c]
-                )
-                slow[found] = drift[b] * walk
-                found += 1
-    return found
+        for top in range(down, rows - down, SQUARE):
+            for left in range(across, columns - across, SQUARE):
+                for i in range(top, min(top + SQUARE, rows - down)):
+                    for j in range(left, min(left + SQUARE, columns - across)):
+                        a, b = grid[i - down, j - across], grid[i, j]
+                        c = grid[i + down, j + across]
+                        if a < 0 or b < 0 or c < 0:
+                            continue
+                        scale = 1.0 / (position[c] - position[a])  # the one division
+                        reach = abs(position[c] - position[a])
+                        t = (position[c] - position[b]) * scale
+                        wide = side * side / 12.0 * abs(scale)
+                        apart = planes[2, b] - t * planes[2, a] - (1 - t) * planes[2, c]
+                        variance = white[b] + t * t * white[a] + (1 - t) * (1 - t) * white[c]
+                        aside = other[b] - t * other[a] - (1 - t) * other[c]
+                        if abs(aside) > _ASIDE:
+                            apart -= slope[b] * aside
+                            variance += aside * aside * inflation[b] * uncertain[b]
+                        walk = 0.5 * reach + 2.0 * wide - 0.25 * (reach + wide)
+                        off[found], own[found] = apart, variance
+                        slow[found] = drift[b] * (walk - 0.75 * MEAN_DISTANCE * side)
+                        found += 1
+                ends[squares] = found
+                squares += 1
+    return found, squares
+
+
+@in_order
+def bent_alike(off, own, slow, ends, factor, widest):  # type: ignore[no-untyped-def]
+    """How far cells in a row are off a line by a bend that is the same all over a square of cells.
+
+    off, own, slow (n,), ends (squares,): `cells_in_a_row`. Of those that are not off by more than
+    `widest` times the variance own + factor slow, what the cells' own errors make of it taken off:
+    the squared mean of each square of cells, as often as there are any, added up; and all squared.
+    """
+    alike = excess = 0.0
+    start = 0
+    for k in range(ends.size):
+        total = noise = 0.0
+        count = 0
+        for n in range(start, ends[k]):
+            if off[n] * off[n] <= widest * (own[n] + factor * slow[n]):
+                total += off[n]
+                noise += own[n]
+                excess += off[n] * off[n] - own[n]
+                count += 1
+        if count:
+            alike += (total * total - noise) / count
+        start = ends[k]
+    return alike, excess
 
 
 @in_order

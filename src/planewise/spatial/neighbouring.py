@@ -33,7 +33,7 @@ _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
 _CURVED = 0.2  # depth against its radius: no camera bends a plane so much
 _SOON = 0.4  # of V(24 px), V(12 px): 0.5 of an error over 14 px, 0.3 of one over 20 px
-_LESS = 0.5  # of the drift of three cells in a row: four show no less of a walk
+_ALIKE = 0.5  # of what cells in a row are off a line: of a walk next to nothing bends alike
 _MORE = 1.5  # times the drift of the shortest distance: more is no walk
 _RELIEF = 2.0  # times it: more is none of an error that is smooth over 20 pixels, either
 _UNTOLD = 2.25  # times its described variance: more from one cell to the next but one is no error
@@ -54,39 +54,36 @@ def drift_factor(
     lag: int = _LAG,
     every: int = 1,
 ) -> float | None:
-    """Drift against its description, as a variance: from three and four cells in a row.
+    """Drift against its description, as a variance: from three cells in a row.
 
     None if it is open, infinite if none explains them.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
     drift adds. Its median among those within three standard deviations is that of chi^2: what lies
-    across an edge is left out, not taken for drift. A curved surface shows in it as well, but not
-    in how much it changes from one cell to the next, as drift does: where that tells of much less
-    drift, and surfaces bend more than distortion does, it is right. grid holds whole cells only, -1
-    elsewhere; one of `every` rows and columns counts; focal: pixels.
+    across an edge is left out, not taken for drift. A curved surface shows in it as well, but bends
+    alike all over a part of the image, as a random walk does not: where most of it is alike, and
+    bends more than distortion does, there is no drift. grid holds whole cells only, -1 elsewhere;
+    one of `every` rows and columns counts; focal: pixels.
     """
     some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
-    of_cells = some, planes, inflation, drift, lag // every
     fewest = _FEWEST_TRIPLES if lag == _LAG else FEWEST
     with workspace.stage():
         rows = workspace.empty((3, 2 * some.size), np.float32)
-
-        def told_by(four: bool) -> float | None:
-            n = kernels.cells_in_a_row(*of_cells, four, *rows)
-            square, own, slow = rows[:, :n]
-            if n < fewest or not slow.max():
-                return None
-            return _bisect(square, own, slow, 0.5 / _WITHIN, _WIDEST)
-
-        factor = told_by(False)
+        squares = workspace.empty(2 * _squares(some.shape), np.int64)
+        of_cells = some, planes, inflation, drift, lag // every
+        n, found = kernels.cells_in_a_row(*of_cells, *rows, squares)
+        off, own, slow = rows[:, :n]
+        if n < fewest or not slow.max():
+            return None
+        factor = _bisect(off * off, own, slow, 0.5 / _WITHIN, _WIDEST)
         if not factor or factor == math.inf:
             return factor
         r = lag * _CELL
         bend = 2 * math.sqrt(factor * float(drift.mean()) * _of_three(r)) / (r * UNIT / focal) ** 2
         if bend > _CURVED * planes[2, : len(drift)].mean():
-            of_four = told_by(True)
-            if of_four is not None and of_four < _LESS * factor:
-                return of_four
+            alike, excess = kernels.bent_alike(off, own, slow, squares[:found], factor, _WIDEST)
+            if 0.0 < _ALIKE * excess < alike:
+                return 0.0
     return factor
 
 
@@ -178,6 +175,11 @@ def walk_of(
         of_three, told = [nearby], [nearest * nearby]
     walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
     return Walk(walk, least, told[0], of_three[0], soon)
+
+
+def _squares(shape: tuple[int, ...]) -> int:
+    """Squares of a grid of such a shape, at most."""
+    return math.prod(-(-n // kernels.SQUARE) for n in shape)
 
 
 def _of_three(r: float) -> float:
