@@ -50,6 +50,31 @@ def test_gaps_between_readings_that_hardly_meet_are_no_steps(camera, step, told)
     assert_allclose(steps, step if told else 0, atol=0.1 * RESOLUTION)
 
 
+@pytest.mark.parametrize("far", [2_000.0, 65_504.0])
+def test_levels_that_are_coarse_for_a_far_reading_are_no_steps(camera, far):
+    """One pixel of the sky says nothing of the others."""
+    z = np.random.default_rng(0).normal(2, SIGMA, (48, 64))
+    sensor = pw.Sensor(max_depth=1e5, resolution=RESOLUTION, noise=pw.noise.constant(SIGMA))
+    model = pw.detect_planes(z, camera, sensor)
+    z[5, 5] = far
+    seen = pw.observe(z, camera, sensor)
+    assert 1 / seen.image.per_metre > RESOLUTION
+    assert not seen.image.steps().any()
+    assert not seen.image.without(z > 2).steps().any()
+    with_it = pw.detect_planes(z, camera, sensor)
+    assert_allclose(with_it.planes[0].coefficients, model.planes[0].coefficients, atol=1e-4)
+    assert_allclose(with_it.settings["frame_error"]["seen"], 1, atol=0.25)
+
+
+def test_infinity_in_half_precision_is_no_reading_however_far_the_sensor_sees(camera):
+    z = np.random.default_rng(0).normal(2, 0.005, (48, 64)).astype(np.float16)
+    z[0, 0] = np.inf
+    for limit in (5e4, 1e5):
+        seen = pw.observe(z, camera, pw.Sensor(max_depth=limit, noise=0.005))
+        assert seen.count == z.size - 1
+        assert len(pw.detect_planes(z, camera, pw.Sensor(max_depth=limit, noise=0.005))) == 1
+
+
 @pytest.mark.parametrize(("low", "high"), [(1, 65_535), (700, 9_000), (9_000, 700), (70_000, 9)])
 def test_which_levels_occur_and_how_often(low, high):
     raw = np.random.default_rng(0).integers(0, 65_536, (150, 170)).astype(np.uint16)

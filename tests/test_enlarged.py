@@ -186,6 +186,34 @@ def test_only_the_spatial_objective_without_a_partition_looks(room):
     assert own_pixels(ranges, lidar) is None
 
 
+@pytest.mark.parametrize("marker", [65_535, 20_000, 3])
+@pytest.mark.parametrize("how", [repeated, interpolated])
+def test_readings_out_of_range_are_none_whatever_marks_them(room, how, marker):
+    shape = (240, 320)
+    depth = np.rint(how(room.depth.astype(np.float64), shape)).astype(np.uint16)
+    sensor = replace(room.sensor, min_depth=0.01)
+    models = []
+    for mark in (0, marker):
+        depth[:30] = mark
+        camera = camera_of(room.camera, SIZE, shape)
+        models.append(pw.detect_planes(depth, camera, sensor, depth_scale=0.001))
+        metres = np.where(depth, 0.001 * depth, np.nan).astype(np.float32)
+        models.append(pw.detect_planes(metres, camera, sensor))
+    assert [model.settings.get("own_size") for model in models] == 4 * [list(SIZE)]
+    for one, other in zip(models[:2], models[2:], strict=True):
+        assert one.information == other.information
+        assert_array_equal(one.labels, other.labels)
+
+
+def test_any_array_is_looked_at(room):
+    shape = (240, 320)
+    depth, camera = repeated(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    wanted = pw.detect_planes(depth, camera, room.sensor)
+    assert wanted.settings["own_size"] == list(SIZE)
+    for given in (depth.tolist(), np.ma.masked_equal(depth, 0), depth.view(np.memmap)):
+        assert pw.detect_planes(given, camera, room.sensor).information == wanted.information
+
+
 @pytest.mark.parametrize("how", [repeated, interpolated])
 def test_every_door_looks(room, how):
     shape = (240, 320)

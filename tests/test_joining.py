@@ -113,12 +113,31 @@ def test_surfaces_that_do_not_touch_stay_apart():
 
 
 def test_what_saves_most_is_joined_first():
-    inf = np.inf
-    assert_array_equal(_parts(np.full((3, 3), inf)), [0, 1, 2])
-    # 1 and 2 are both part of 0; what 1 saved on 2 does not count once it is gone.
-    more = np.array([[inf, 5.0, inf], [-9.0, inf, -4.0], [-3.0, 2.0, inf]])
-    assert_array_equal(_parts(more), [0, 0, 0])
+    assert_array_equal(_parts(3, np.empty(0, int), np.empty(0, int), np.empty(0)), [0, 1, 2])
+    # 1 and 2 are both part of 0; what is not shorter there stays.
+    one = np.array([1, 2, 3]), np.array([0, 0, 0]), np.array([-9.0, -3.0, 0.0])
+    assert_array_equal(_parts(4, *one), [0, 0, 0, 3])
+    # 2 would save on 1 what it saved, which is gone by then.
+    gone = np.array([2, 1]), np.array([1, 0]), np.array([-1.0, -2.0])
+    assert_array_equal(_parts(3, *gone), [0, 0, 2])
     # Part of what is part of another.
-    chain = np.array([[inf, -2.0, inf], [inf, inf, -1.0], [inf, inf, inf]])
-    assert_array_equal(_parts(chain), [2, 2, 2])
-    assert _parts(np.empty((0, 0))).size == 0
+    chain = np.array([0, 1]), np.array([1, 2]), np.array([-2.0, -1.0])
+    assert_array_equal(_parts(3, *chain), [2, 2, 2])
+
+
+def test_planes_that_become_parts_are_found_as_in_a_table_of_all_pairs():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        planes = int(rng.integers(1, 12))
+        small = np.flatnonzero(rng.random(planes) < 0.7)
+        large = (small + rng.integers(1, planes, len(small))) % planes if planes > 1 else small
+        small, large = (small, large) if planes > 1 else (small[:0], large[:0])
+        more = rng.integers(-5, 3, len(small)).astype(float) + rng.random(len(small))
+        table = np.full((planes, planes), np.inf)
+        table[small, large] = more
+        expected = np.arange(planes)
+        while table.min() < 0.0:
+            a, b = np.unravel_index(table.argmin(), table.shape)
+            expected[expected == a] = b
+            table[a] = table[:, a] = np.inf
+        assert_array_equal(_parts(planes, small, large, more), expected)

@@ -54,6 +54,9 @@ class DepthImage:
         Readings, and values that are not missing, outside the sensor's range or not.
     unit : float, optional
         Metres per unit of an image that came in integers.
+    coarse : bool
+        Whether levels are farther apart than the sensor's resolution, for there are no more of
+        them: then gaps between them are no steps of its readings.
     """
 
     values: NDArray[Any]
@@ -66,6 +69,7 @@ class DepthImage:
     count: int
     present: int
     unit: float | None = None
+    coarse: bool = False
 
     @classmethod
     def of(
@@ -89,28 +93,28 @@ class DepthImage:
             if image.dtype.kind == "i" and (image < 0).any():
                 raise _negative(image)
             if image.dtype.itemsize <= 2 or image.max() <= _MOST_UNITS:
-                low = max(1, math.ceil(sensor.min_depth / scale - 1e-9))
-                high = min(math.floor(sensor.max_depth / scale + 1e-9), _MOST_UNITS)
+                low, high = _limits_in_units(sensor, scale)
+                high = min(high, _MOST_UNITS)
                 values = np.ascontiguousarray(image, np.uint16)
                 return cls._of_levels(values, scale, low, high)._unclipped(sensor.max_depth)
             image, unit = image * scale, scale
         elif depth_scale is not None:
             raise ValueError("depth_scale is for integer depth; floating-point depth is in metres")
-        dtype = np.float32 if image.dtype == np.float32 else np.float64
-        rounding = _ROUNDED * float(np.finfo(dtype).eps)
-        nearest = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
-        deepest, farthest = sensor.max_depth, sensor.max_depth * (1.0 + rounding)
+        image = np.ascontiguousarray(image, _precision(image))
+        nearest, farthest = map(float, _limits_in_metres(sensor, image))
+        deepest = sensor.max_depth
         if deepest > _MOST_LEVELS * sensor.resolution:
             # Levels of all that the sensor may see would be coarser than what it tells apart.
             deepest = farthest = float(np.max(image, where=image <= farthest, initial=nearest))
         grid = max(_GRID * sensor.resolution, deepest / _MOST_LEVELS)
         return cls._of_metres(
-            np.ascontiguousarray(image, dtype),
-            float(dtype(nearest)),  # NumPy compares in single precision, loops in double
-            float(dtype(farthest)),
+            image,
+            nearest,
+            farthest,
             1.0 / grid,
             workspace or Workspace(),
             unit,
+            coarse=grid > sensor.resolution,
         )._unclipped(sensor.max_depth)
 
     @classmethod
@@ -144,6 +148,8 @@ class DepthImage:
         per_metre: float,
         workspace: Workspace,
         unit: float | None,
+        *,
+        coarse: bool,
     ) -> DepthImage:
         from planewise.kernels import images as kernels
 
@@ -166,6 +172,7 @@ class DepthImage:
             count=count,
             present=present,
             unit=unit,
+            coarse=coarse,
         )
 
     @cached_property
@@ -189,7 +196,8 @@ class DepthImage:
         values = np.where(pixels, self.values.dtype.type(0), self.values)
         if values.dtype == np.uint16:
             return self._of_levels(values, self.scale, int(self.low), int(self.high))
-        return self._of_metres(values, self.low, self.high, self.per_metre, Workspace(), self.unit)
+        limits, work = (self.low, self.high, self.per_metre), Workspace()
+        return self._of_metres(values, *limits, work, self.unit, coarse=self.coarse)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -204,7 +212,7 @@ class DepthImage:
 
     def steps(self) -> Array:
         """Quantisation step at every level in metres; 0 where readings are too few to tell."""
-        if self.count < _TELLING * self.levels.size:
+        if self.coarse or self.count < _TELLING * self.levels.size:
             return np.zeros(self.levels.size)  # gaps are between readings, not between steps
         return reading_steps(self.levels) / self.per_metre
 
@@ -259,6 +267,43 @@ def reading_steps(levels: NDArray[np.integer]) -> Array:
     kernels.running_medians(levels[1:] - levels[:-1], _WINDOW // 2, steps[:-1])
     steps[-1] = steps[-2]
     return steps
+
+
+def within_range(depth: NDArray[Any], sensor: Sensor, depth_scale: float | None) -> NDArray[Any]:
+    """A depth image with 0 in place of what its sensor cannot have read; itself where it can.
+
+    So what marks missing readings is looked past, be it 65535 or 100 m.
+    """
+    if depth.dtype.kind == "f":
+        low, high = _limits_in_metres(sensor, depth)
+    elif depth.dtype.kind in "iu":
+        low, high = _limits_in_units(sensor, checked_scale(depth_scale) or sensor.resolution)
+    else:
+        return depth
+    most = np.fmax.reduce(depth, axis=None, initial=0)  # not NaN
+    if most <= high and sensor.min_depth == 0:
+        return depth
+    with np.errstate(invalid="ignore"):
+        return np.where((depth >= low) & (depth <= high), depth, depth.dtype.type(0))
+
+
+def _limits_in_units(sensor: Sensor, scale: float) -> tuple[int, int]:
+    """Smallest and largest reading of a sensor in units of so many metres."""
+    nearest, farthest = sensor.min_depth / scale, sensor.max_depth / scale
+    return max(1, math.ceil(nearest - 1e-9)), math.floor(farthest + 1e-9)
+
+
+def _limits_in_metres(sensor: Sensor, image: NDArray[Any]) -> tuple[Any, Any]:
+    """The same in metres, in the precision of an image, in which readings may be rounded."""
+    precision = _precision(image)
+    rounding = _ROUNDED * float(np.finfo(precision).eps)
+    nearest = max(sensor.min_depth, _LEAST_DEPTH) * (1.0 - rounding)
+    return precision(nearest), precision(sensor.max_depth * (1.0 + rounding))
+
+
+def _precision(image: NDArray[Any]) -> type[np.float32 | np.float64]:
+    """Of readings in metres: NumPy compares in that of an image, loops in double."""
+    return np.float32 if image.dtype == np.float32 else np.float64
 
 
 def _checked(depth: ArrayLike) -> NDArray[Any]:

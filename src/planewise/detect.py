@@ -9,8 +9,9 @@ from typing import Any, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
-from planewise.arguments import checked_points, checked_scale
+from planewise.arguments import checked_points, checked_scale, unmasked
 from planewise.camera import Camera
+from planewise.depth_image import within_range
 from planewise.enlarged import as_enlarged, own_pixels
 from planewise.misread import misread
 from planewise.model import PlaneModel
@@ -146,7 +147,8 @@ def observe_and_find(
 
     with stage("observe"):
         if options.objective == SPATIAL and options.partition is None:
-            own = own_pixels(depth, camera)
+            depth = unmasked("depth", depth)
+            own = own_pixels(within_range(depth, checked_sensor(sensor), depth_scale), camera)
         if own is not None:
             seen = observed(own.depth, own.camera)
             own = own if own.tells(seen) else None

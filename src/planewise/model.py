@@ -159,7 +159,7 @@ class Curve:
     chosen : int
         Number of planes at the minimum; of the default search among models in which every plane
         describes its own readings in fewer nats than no plane would: Phi may be lower in others
-        (`moves`).
+        (`moves`). With `max_planes` that many at most: Phi may be lower with fewer.
     reason : str
         Why the search stopped.
     moves : tuple of Move

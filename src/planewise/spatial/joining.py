@@ -56,9 +56,7 @@ def joined(
     longer = theirs.data(by_plane[nearest[near]].reshape(-1, 3)).worth - worth[near]
     if longer.min() >= price:
         return groups, found, None
-    more = np.full((planes, planes), np.inf)
-    more[near, nearest[near]] = longer - price
-    part = _parts(more)
+    part = _parts(planes, near, nearest[near], longer - price)
     stays = part == np.arange(planes)
     alive, part = stays.nonzero()[0], (stays.cumsum() - 1)[part]
     place = np.zeros(len(groups.readings), np.uint16)
@@ -96,11 +94,17 @@ def _groups_of(groups: Groups, chosen: NDArray[np.intp]) -> Groups:
     )
 
 
-def _parts(more: Array) -> NDArray[np.intp]:
-    """Plane that each becomes part of, itself unless `more` nats are fewer than none."""
-    part = np.arange(len(more))
-    while more.size and more.min() < 0.0:
-        small, large = np.unravel_index(more.argmin(), more.shape)
-        part[part == small] = large
-        more[small] = more[:, small] = np.inf
+def _parts(
+    planes: int, small: NDArray[np.intp], large: NDArray[np.intp], more: Array
+) -> NDArray[np.intp]:
+    """Plane that each becomes part of, the small ones of the large ones that `more` nats favour.
+
+    Those that save most come first, and none becomes part of what is part of another by then.
+    """
+    part = np.arange(planes)
+    for k in np.argsort(more, kind="stable").tolist():
+        if more[k] >= 0.0:
+            break
+        if part[large[k]] == large[k]:
+            part[part == small[k]] = large[k]
     return part
