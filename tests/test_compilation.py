@@ -284,18 +284,18 @@ def test_loops_that_tell_what_is_compiled_are_needed_by_one_search_alone():
         "spatial": {*package.glob("spatial/*.py")},
         "cloud": {*package.glob("clouds/*.py"), *package.glob("kernels/cloud_*.py")},
     }
-    for loops, its_own in modules.items():
-        name, _ = compilation._TELLING[loops].split(".")
-        users = {
-            path
-            for path in package.glob("**/*.py")
+    imported = {
+        path: {
+            name
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
             if isinstance(node, ast.ImportFrom)
-            and (
-                node.module == f"planewise.kernels.{name}"
-                or (node.module == "planewise.kernels" and name in {n.name for n in node.names})
-            )
+            for name in (node.module, *(f"{node.module}.{each.name}" for each in node.names))
         }
+        for path in package.glob("**/*.py")
+    }
+    for loops, its_own in modules.items():
+        name, _ = compilation._TELLING[loops].split(".")
+        users = {path for path, names in imported.items() if f"planewise.kernels.{name}" in names}
         assert users & its_own
         assert users.isdisjoint(set().union(*modules.values()) - its_own)
 

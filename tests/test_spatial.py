@@ -208,10 +208,11 @@ def test_planes_can_be_cut_by_significance():
 def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
     """And table legs: most of what they are too dear for where error drifts is right."""
 
+    rooms = [scenes.room(seed, every_face=True) for seed in range(4)]
+
     def means():
         rows = []
-        for seed in range(4):
-            room = scenes.room(seed, every_face=True)
+        for room in rooms:
             model = pw.detect_planes(room.depth, room.camera, room.sensor)
             assert all(plane.significance > 0 for plane in model.planes)
             rows.append(evaluate(model.labels, room.labels).row())
@@ -232,10 +233,11 @@ def facets_of(model, room):
 def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeypatch):
     """Small ones meet others in edges that single cells do not tell from a surface that goes on."""
 
+    rooms = [scenes.room(seed, sigma=0.0005, every_face=True) for seed in (200, 202, 206)]
+
     def found():
         recall, facets = [], 0
-        for seed in (200, 202, 206):
-            room = scenes.room(seed, sigma=0.0005, every_face=True)
+        for room in rooms:
             model = pw.detect_planes(room.depth, room.camera, room.sensor)
             assert all(plane.significance > 0 for plane in model.planes)
             facets += facets_of(model, room)

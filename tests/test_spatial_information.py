@@ -231,11 +231,11 @@ def test_memory_may_be_reused(scene):
         for part in (labels, np.where(labels == 2, 1, labels), labels)
         for dtype in (np.int32, np.uint16)
     ]
-    held = workspace.nbytes
+    held = workspace._held
     assert (books[0].curve == books[1].curve).all()
     assert (books[0].curve == books[-1].curve).all()
     ledger(frame, cells, affine, labels, 8, 0.001, size, workspace)
-    assert workspace.nbytes == held
+    assert workspace._held == held
 
 
 def test_the_ledger_is_exact_in_sectors():

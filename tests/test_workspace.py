@@ -33,7 +33,7 @@ def test_memory_is_handed_out_again():
     workspace = Workspace()
     with workspace.frame():
         first = take(workspace)
-    assert workspace.nbytes == 0
+    assert workspace._held == 0
     with workspace.frame():
         second = take(workspace)
     with workspace.frame():
@@ -43,7 +43,7 @@ def test_memory_is_handed_out_again():
         assert a.ctypes.data % 64 == 0
     assert np.shares_memory(second[1][0][0], second[1][1][0])
     assert not np.shares_memory(first[0][0], second[0][0])
-    assert workspace.nbytes < 2000
+    assert workspace._held < 2000
 
 
 def test_what_does_not_fit_is_allocated():
@@ -55,7 +55,7 @@ def test_what_does_not_fit_is_allocated():
         assert large.shape == (1000,)
         assert not np.shares_memory(small, large)
     with workspace.frame():
-        assert workspace.nbytes >= 8080
+        assert workspace._held >= 8080
 
 
 def test_a_detector_repeats_itself_whatever_it_saw_before():

@@ -165,8 +165,6 @@ def _checked(name: str, nats: Array, observation: Observation) -> Array:
 PAPER = Objective()
 """Uniform mask code, independent error, uniform null."""
 
-OBJECTIVES = {"paper": PAPER}
-
 SPATIAL = "spatial"
 """Name of the spatial objective, whose parts are not separable: see `spatial.information`."""
 
@@ -181,7 +179,6 @@ def as_objective(objective: Objective | str) -> Objective:
     """
     if isinstance(objective, Objective):
         return objective
-    if not isinstance(objective, str) or objective not in OBJECTIVES:
-        known = ", ".join(map(repr, (*OBJECTIVES, SPATIAL)))
-        raise ValueError(f"objective must be {known} or an Objective, got {objective!r}")
-    return OBJECTIVES[objective]
+    if not isinstance(objective, str) or objective != "paper":
+        raise ValueError(f"objective must be 'paper', 'spatial' or an Objective, got {objective!r}")
+    return PAPER

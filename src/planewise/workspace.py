@@ -70,13 +70,13 @@ class Workspace:
         shape, dtype
             As of `numpy.empty`; dtype a class such as `numpy.int32`.
         """
-        kind, start = _KINDS[dtype], self._kept
+        kind, start = np.dtype(dtype), self._kept
         self._kept += _size(shape, kind.itemsize)
         return self._part(start, shape, kind)
 
     def empty(self, shape: int | tuple[int, ...], dtype: Type = np.float64) -> NDArray[Any]:
         """Return an array that lasts as long as the stage, with arbitrary content."""
-        kind = _KINDS[dtype]
+        kind = np.dtype(dtype)
         self._lent += _size(shape, kind.itemsize)
         return self._part(self._held - self._lent, shape, kind)
 
@@ -85,11 +85,6 @@ class Workspace:
         out = self.empty(array.shape, array.dtype)
         out[...] = array
         return out
-
-    @property
-    def nbytes(self) -> int:
-        """Memory held."""
-        return self._held
 
     def _part(self, start: int, shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> NDArray[Any]:
         used = self._kept + self._lent
@@ -112,17 +107,6 @@ class _Stage:
 
     def __exit__(self, *_: object) -> None:
         self.workspace._lent = self.lent
-
-
-class _Kinds(dict[Type, np.dtype[Any]]):
-    """What NumPy makes of a class, which it would look up for every array."""
-
-    def __missing__(self, kind: Type) -> np.dtype[Any]:
-        self[kind] = np.dtype(kind)
-        return self[kind]
-
-
-_KINDS = _Kinds()
 
 
 def _size(shape: int | tuple[int, ...], item: int) -> int:

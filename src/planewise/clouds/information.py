@@ -26,7 +26,6 @@ from planewise.kernels.cloud_rows import ROW, WEIGHT, XX, ZZ
 from planewise.ranks import ranks
 
 Array = NDArray[np.float64]
-Labels = NDArray[np.uint16]
 
 _LEAST_PART = 2_000  # groups that are worth a thread
 

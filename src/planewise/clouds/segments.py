@@ -106,12 +106,8 @@ def segments_of(
     planes, owner, total = joined_through_gaps(
         rows, worth, accepted, _PLANE_COST * cost, significance, apart.wander, range
     )
-    if len(planes) > MAX_PLANES:
-        keep = np.sort(np.argsort(-total, kind="stable")[:MAX_PLANES])
-        place = np.full(len(planes) + 1, -1)
-        place[keep] = np.arange(len(keep))
-        planes, owner, total = planes[keep], place[owner], total[keep]
-    return CloudSegments(planes, owner[of_cell], total, int(curved.sum()))
+    found = CloudSegments(planes, owner[of_cell], total, int(curved.sum()))
+    return found.without(np.argsort(-total, kind="stable")[MAX_PLANES:])
 
 
 def merged_cells(

@@ -25,7 +25,6 @@ def describe(
     gains: Array,
     square: Array,
     workers: int = 1,
-    **told: list[float],
 ) -> list[Plane]:
     """Planes with the statistics of their readings, in the order of their labels.
 
@@ -43,8 +42,6 @@ def describe(
         What each reading saves, in nats, and its squared residual, in square metres.
     workers : int
         Threads.
-    **told
-        What else is known of each plane, by the names of `Plane`.
     """
     parts = part_count(observation.count)
     sums = np.empty((parts, len(rows), 4 + observation.dimension))
@@ -67,14 +64,14 @@ def describe(
     )
     total = sums.sum(axis=0)
     if not isinstance(observation, RayObservation):
-        return planes_of(rows, covariances, total, None, told)
+        return planes_of(rows, covariances, total, None, {})
     box = np.hstack((boxes[..., :2].min(axis=0), boxes[..., 2:].max(axis=0)))
     if observation.camera.wraps:
         index, width = where
         there = np.zeros((len(rows) + 1, width), np.bool_)
         there.reshape(-1)[labels.astype(np.intp) * width + index % width] = True
         box = boxes_around(box, there[1:])
-    return planes_of(rows, covariances, total, box, told)
+    return planes_of(rows, covariances, total, box, {})
 
 
 def _across(rows: Array, labels: NDArray[np.integer], direction: Array, ranges: Array) -> Array:

@@ -15,8 +15,6 @@ from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
 from planewise.threads import beside, halves
 
-Array = NDArray[np.float64]
-
 
 def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     """Give a plane's readings to a better plane wherever that lowers Phi (paper, sec. III-C).

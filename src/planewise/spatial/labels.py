@@ -310,11 +310,11 @@ def _put_creases(
 
 
 def misfits(
-    frame: Frame, cells: Cells, affine: Array, labels: Labels, pixels: NDArray[np.intp]
+    frame: Frame, cells: Cells, affine: Array, label: NDArray[np.integer], pixels: NDArray[np.intp]
 ) -> Array:
-    """Half the squared residual in variances of some pixels' readings; infinite on no plane."""
+    """Half the squared residual in variances of pixels of such a label; infinite on no plane."""
     w, x, y = (image.reshape(-1)[pixels] for image in (frame.w, frame.x, frame.y))
-    label, by_depth = labels.reshape(-1)[pixels], _variances(frame, cells)
+    by_depth = _variances(frame, cells)
     planes = with_none(affine)
     t, lateral = planes[label], _lateral(cells, planes)[label]
     stretch = frame.sectors.squared_stretch(x, y)

@@ -73,7 +73,7 @@ def with_regions(
     sizes = np.bincount(region)
     for number in np.argsort(-sizes, kind="stable")[: np.count_nonzero(sizes)]:
         inside = region == number
-        off = misfits(frame, cells, now.affine, now.found.labels, at) > _UNEXPLAINED
+        off = misfits(frame, cells, now.affine, now.found.labels.reshape(-1)[at], at) > _UNEXPLAINED
         for pixels, plane, worth in mover.planes_in(inside & off, ~off, significance):
             trials = [mover.added(now, pixels, plane, worth)]
             if len(now.affine):
@@ -144,10 +144,9 @@ class _Mover:
 
     def given(self, now: SpatialSolution, pixels: Pixels) -> SpatialSolution:
         """The pixels to the plane that explains them best."""
-        labels = now.found.labels
         costs = [
             np.minimum(
-                misfits(self.frame, self.cells, now.affine, np.full_like(labels, j), pixels),
+                misfits(self.frame, self.cells, now.affine, np.full(pixels.shape, j), pixels),
                 self._null,
             ).sum()
             for j in range(1, len(now.affine) + 1)

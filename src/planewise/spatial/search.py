@@ -181,7 +181,13 @@ def segment(
     left = len(rows) // frame.sectors.count - len(saved)
     total = np.bincount(owner + 1, worth, left + 1)[1:]  # -1 is no plane
     worth = np.concatenate((total, saved))
-    return _segmentation(rows, labels, worth, frame.sectors, left_out)
+    return Segmentation(
+        information=information_matrices(rows[:: frame.sectors.count]),
+        labels=labels,
+        significance=worth,
+        affine=affine_planes(rows),
+        left_out=left_out,
+    )
 
 
 def planes_within(
@@ -361,19 +367,6 @@ def _most_significant(
     """The planes that save most, and owners with -1 for the others' segments, too."""
     total = np.bincount(owner + 1, worth, planes.shape[1] + 1)[1:]
     return kept_planes(planes, owner, np.sort(np.argsort(-total, kind="stable")[:most]))
-
-
-def _segmentation(
-    planes: Array, labels: Labels, worth: Array, sectors: Sectors, left_out: float
-) -> Segmentation:
-    """Planes w = t . (1, x, y) of segment rows (N K, 13), with what is said of them."""
-    return Segmentation(
-        information=information_matrices(planes[:: sectors.count]),
-        labels=labels,
-        significance=worth,
-        affine=affine_planes(planes),
-        left_out=left_out,
-    )
 
 
 def _nothing(shape: tuple[int, ...], left_out: float = 0.0) -> Segmentation:

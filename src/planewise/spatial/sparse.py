@@ -27,7 +27,7 @@ def is_sparse(frame: Frame, readings: int) -> bool:
         or not _FEWEST <= readings < (_MOST / _CELL**2 + 1) / 2 * frame.p.size
     ):
         return False
-    return usual_count(cell_counts(frame.p > 0, _CELL)) <= _MOST
+    return usual_share(frame) <= _MOST / _CELL**2
 
 
 def usual_share(frame: Frame) -> float:
