@@ -685,6 +685,23 @@ def test_las_copies_keep_every_field(tmp_path, points, colour, ending, version, 
     assert_array_equal(read_cloud(tmp_path / f"c{ending}").labels, labels[::-1])
 
 
+def test_las_copies_keep_scaled_fields_as_they_are_stored(tmp_path, points, colour):
+    """Scaled to floats and back, numbers are rounded, or no longer fit."""
+    data = las_file(tmp_path / "a.las", points, colour)
+    time = np.arange(10**18, 10**18 + 500, dtype=np.uint64)
+    place = np.arange(-750, 750, dtype=np.int16).reshape(500, 3)
+    data.add_extra_dim(laspy.ExtraBytesParams("time", "u8", scales=[1e-9], offsets=[0.0]))
+    data.add_extra_dim(
+        laspy.ExtraBytesParams("place", "3i2", scales=[0.01] * 3, offsets=[0.0, 0.0, 1000.0])
+    )
+    data.points.array["time"], data.points.array["place"] = time, place
+    data.write(tmp_path / "a.las")
+    copy_with_planes(tmp_path / "a.las", tmp_path / "b.las", np.ones(500, np.uint16))
+    after = laspy.read(tmp_path / "b.las").points.array
+    assert_array_equal(after["time"], time)
+    assert_array_equal(after["place"], place)
+
+
 def test_the_order_of_a_copc_file_is_not_copied(tmp_path, points, colour):
     source, target = tmp_path / "a.copc.laz", tmp_path / "b.laz"
     before = las_file(source, points + UTM, colour)

@@ -189,9 +189,10 @@ def copy_with_planes(
             done = 0
             for rows in reader.chunk_iterator(size):
                 out = laspy.ScaleAwarePointRecord.zeros(len(rows), header=header)
-                for name in rows.point_format.dimension_names:
+                # As stored: scaled numbers would be rounded, or not fit, on their way back.
+                for name in rows.array.dtype.names:
                     if name != "plane":
-                        out[name] = rows[name]
+                        out.array[name] = rows.array[name]
                 out["plane"] = labels[done : done + len(rows)]
                 writer.write_points(out)
                 done += len(rows)
