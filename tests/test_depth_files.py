@@ -183,6 +183,18 @@ def test_damaged_files_are_refused(tmp_path, name, damage, capfd):
     refused(path, "d\\.")
 
 
+@pytest.mark.parametrize("read", [read_depth, read_colour, read_labels])
+def test_a_png_whose_checksum_is_wrong_is_refused(tmp_path, read):
+    """Its decoder would give another number there, and no error."""
+    path = tmp_path / "d.png"
+    Image.fromarray(DEPTH).save(path, compress_level=0)
+    data = bytearray(path.read_bytes())
+    data[len(data) // 2] ^= 4
+    path.write_bytes(data)
+    with pytest.raises(PlanewiseError, match=r"d\.png cannot be read.*checksum"):
+        read(path)
+
+
 def test_several_images_in_a_file_are_refused(tmp_path):
     first, second = Image.fromarray(DEPTH), Image.fromarray(DEPTH + 1)
     first.save(tmp_path / "d.tiff", save_all=True, append_images=[second])

@@ -193,15 +193,19 @@ def opened_picture(
     """Open a picture of these formats, of no more than `MAX_PIXELS`.
 
     Pillow warns of tags that are damaged, with its own lines of code, and reads on; the picture is
-    what counts.
+    what counts. Checksums of a PNG's pixels it passes over, unless asked.
     """
     with needs("pillow", purpose):
         from PIL import Image
     with (
         without_warnings(UserWarning, Image.DecompressionBombWarning),
-        Image.open(source, formats=formats) as image,
+        ExitStack() as stack,
     ):
+        image = stack.enter_context(Image.open(source, formats=formats))
         check_size(image.width * image.height)
+        if image.format == "PNG":
+            image.verify()  # and then it has to be opened once more
+            image = stack.enter_context(Image.open(source, formats=formats))
         yield image
 
 
