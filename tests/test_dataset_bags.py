@@ -1,10 +1,12 @@
 """Bags of ROS 1 and 2 and MCAP files, written by another program, and what damages them."""
 
 import builtins
+import errno
 import os
 import pickle
 import signal
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -386,6 +388,38 @@ def test_several_threads_read_one_bag(tmp_path):
     with ThreadPoolExecutor(4) as pool:
         for n, seen in zip(numbers, pool.map(dataset.__getitem__, numbers), strict=True):
             assert_array_equal(seen.depth, units(FRAMES[n], 0.001))
+
+
+def test_few_of_many_bags_stay_open(tmp_path, monkeypatch):
+    """A process may have a thousand files open; a collection may have more bags."""
+    monkeypatch.setattr("planewise.datasets.bags._MOST_OPEN", 2)
+    path = write_bag(tmp_path / "run", "bag", everything)
+    first, *others = (datasets.open(path) for _ in range(5))
+
+    def opened():
+        return sum(each.topic._bag is not None for each in (first, *others))
+
+    with first.topic._lock:  # as if a thread were reading
+        first.topic._afresh(0)
+        for dataset in others:
+            assert_array_equal(dataset[1].depth, units(FRAMES[1], 0.001))
+        assert first.topic._bag is not None
+    for dataset in (*others, first):
+        assert_array_equal(dataset[2].depth, units(FRAMES[2], 0.001))
+        assert opened() == 2
+    assert first.topic._bag is not None
+
+
+def test_a_file_that_cannot_be_opened_is_not_called_damaged(tmp_path, monkeypatch):
+    path = write_bag(tmp_path / "run", "bag", everything)
+    dataset = datasets.open(path)
+
+    def full(self, *mode):
+        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE), str(self))
+
+    monkeypatch.setattr(Path, "open", full)
+    with pytest.raises(PlanewiseError, match=r"frame 000000: cannot be read \(Too many open files"):
+        dataset[0]
 
 
 def test_damaged_clouds_and_images_are_told(tmp_path):

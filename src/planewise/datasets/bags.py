@@ -12,7 +12,7 @@ import threading
 import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
-from itertools import chain
+from itertools import chain, count
 from pathlib import Path
 from struct import iter_unpack, unpack
 from typing import Any
@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from planewise.datasets.paths import LARGEST_TEXT, inside
 from planewise.errors import PlanewiseError, in_one_line, needs
-from planewise.forks import in_child
+from planewise.forks import in_child, lock_of_module
 
 LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""
@@ -41,6 +41,7 @@ _READ = (  # messages, and what they are made of
     "builtin_interfaces/msg/Time",
 )
 _FORWARD = 16  # messages that are passed over rather than looked for
+_MOST_OPEN = 8  # bags that stay open; a process may have some hundred files
 
 
 def is_bag(path: Path) -> bool:
@@ -158,6 +159,18 @@ class Bag:
 
 
 _topics: weakref.WeakSet[Topic] = weakref.WeakSet()
+_LOCK = lock_of_module()  # of the set
+_clock = count()
+
+
+def _close_some() -> None:
+    """Close the bags that were read least recently, so that one more may be opened."""
+    with _LOCK:
+        opened = [each for each in _topics if each._bag is not None]
+        for topic in sorted(opened, key=lambda each: each._used)[: 1 - _MOST_OPEN]:
+            if topic._lock.acquire(blocking=False):  # else a thread is reading it
+                topic._close()
+                topic._lock.release()
 
 
 def _open_anew() -> None:
@@ -186,11 +199,13 @@ class Topic:
     _stream: Iterator[tuple[int, bytes]] | None = None
     _next: int = 0
     _storage: int = 0
+    _used: int = 0  # when, by the clock
 
     def __init__(self, path: Path, name: str, index: NDArray[np.int64]) -> None:
         self.path, self.name, self.index = path, name, index
         self._forget()
-        _topics.add(self)
+        with _LOCK:
+            _topics.add(self)
 
     def __reduce__(self) -> tuple[type[Topic], tuple[Path, str, NDArray[np.int64]]]:
         """As it was made, for other processes."""
@@ -205,6 +220,7 @@ class Topic:
     def message(self, number: int) -> Any:
         """Read a message; may raise anything if it is damaged."""
         with self._lock:
+            self._used = next(_clock)
             try:
                 data = self._forward(number)
             except Exception:  # what lies between may be damaged: go there directly
@@ -222,6 +238,7 @@ class Topic:
 
     def _afresh(self, number: int) -> bytes:
         if self._bag is None:
+            _close_some()
             self._bag = Bag(self.path)
         time, self._storage = self.index[number].tolist()
         self._next = self._before(number)
@@ -339,6 +356,7 @@ def _bounded(decoder: Any, data: bytes, size: int) -> bytes:
 def _check_files(path: Path) -> None:
     """Refuse links out of the folder of a bag, and bags that unpack into a second file."""
     if not path.is_dir():
+        path.open("rb").close()  # what the system refuses is no damage
         return
     for each in path.iterdir():
         inside(path, each.name)
