@@ -364,18 +364,20 @@ def test_exr_with_channels_that_say_nothing_of_depth(tmp_path):
         read_depth(tmp_path / "two.exr")
 
 
-def write_tiff(path, image):
-    """One uncompressed strip behind the tags, for what Pillow does not write."""
+def write_tiff(path, image, order="<", packed=False):
+    """One strip behind the tags, for what Pillow does not write."""
+    data = image.astype(image.dtype.newbyteorder(order)).tobytes()
+    data = zlib.compress(data) if packed else data
     kinds = {"i": {339: 2}, "f": {339: 3}}  # unsigned integers need no such tag
     signs = kinds.get(image.dtype.kind, {})
     (height, width), start = image.shape, 8 + 2 + (8 + len(signs)) * 12 + 4
     tags = {
-        256: width, 257: height, 258: 8 * image.itemsize, 259: 1, 262: 1, 273: start,
-        278: height, 279: image.nbytes, **signs,
+        256: width, 257: height, 258: 8 * image.itemsize, 259: 8 if packed else 1, 262: 1,
+        273: start, 278: height, 279: len(data), **signs,
     }  # fmt: skip
-    body = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
-    head = b"II*\0" + struct.pack("<IH", 8, len(tags)) + body + struct.pack("<I", 0)
-    path.write_bytes(head + image.tobytes())
+    body = b"".join(struct.pack(f"{order}HHII", tag, 4, 1, value) for tag, value in tags.items())
+    head = struct.pack(f"{order}HIH", 42, 8, len(tags)) + body + struct.pack(f"{order}I", 0)
+    path.write_bytes({"<": b"II", ">": b"MM"}[order] + head + data)
 
 
 def test_tiffs_that_are_not_read_are_told_from_damaged_ones(tmp_path):
@@ -442,6 +444,18 @@ def test_tiffs_of_32_bits(tmp_path, kind):
     found = read_depth(tmp_path / "depth.tif").depth
     assert found.dtype == kind
     assert np.array_equal(found, units)
+
+
+@pytest.mark.parametrize("kind", [np.uint16, np.int16, np.int32, np.float32])
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("packed", [False, True])
+def test_tiffs_of_both_byte_orders(tmp_path, kind, order, packed):
+    """Of packed ones Pillow swaps some, which are in the machine's order already."""
+    image = DEPTH.astype(kind)
+    write_tiff(tmp_path / "depth.tif", image, order, packed)
+    assert_array_equal(read_depth(tmp_path / "depth.tif").depth, image)
+    if kind != np.float32:
+        assert_array_equal(read_labels(tmp_path / "depth.tif").labels, image)
 
 
 def test_a_picture_of_another_size_is_left_out_and_told(tmp_path, caplog):

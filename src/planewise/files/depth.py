@@ -236,13 +236,23 @@ def _readings(image: PILImage) -> NDArray[Any]:
         raise PlanewiseError(_COLOUR)
     if getattr(image, "n_frames", 1) > 1:
         raise PlanewiseError("holds several images; export one frame a file")
-    image.load()
-    depth = np.asarray(image)
+    depth = numbers_of_picture(image)
     # Pillow has no unsigned integers of 32 bits, which those of a TIFF are if it is silent.
     tags = getattr(image, "tag_v2", None)
     if depth.dtype == np.int32 and tags is not None and tags.get(_SAMPLES, (1,)) == (1,):
         depth = depth.view(np.uint32)
-    return depth.astype(depth.dtype.newbyteorder("="))
+    return depth
+
+
+def numbers_of_picture(image: PILImage) -> NDArray[Any]:
+    """Numbers of a picture of one channel, in the machine's byte order."""
+    # What libtiff unpacks is in that order; Pillow takes some of it for that of the file.
+    codec, _, _, form = next(iter(getattr(image, "tile", ())), ("", None, 0, ""))
+    swapped = re.fullmatch(r"[IF];(\d+)B[SF]", form[0]) if codec == "libtiff" else None
+    numbers = np.asarray(image)
+    if swapped:
+        numbers = numbers.astype(f"{numbers.dtype.kind}{int(swapped[1]) // 8}").byteswap()
+    return numbers.astype(numbers.dtype.newbyteorder("="))
 
 
 def _read_pgm(path: Path) -> DepthFile:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planewise.arguments import is_finite
 from planewise.errors import PlanewiseError, naming
-from planewise.files.depth import natural_order, opened_picture, read_array
+from planewise.files.depth import natural_order, numbers_of_picture, opened_picture, read_array
 from planewise.files.result_names import LABELS, PARAMETERS
 
 _KEYS = ("labels", "gt", "plane_instance")
@@ -132,8 +132,7 @@ def _read_picture(path: Path) -> NDArray[Any]:
         if len(image.getbands()) > 1 and image.mode != "LA":
             raise PlanewiseError("is a colour picture; labels are numbers in one channel")
         # Of an indexed picture the indices, not the colours; of a transparent one the grey.
-        labels = np.asarray(image.getchannel(0) if image.mode == "LA" else image)
-    return labels.astype(labels.dtype.newbyteorder("="))
+        return numbers_of_picture(image.getchannel(0) if image.mode == "LA" else image)
 
 
 def _read_archive(path: Path) -> LabelFile:
