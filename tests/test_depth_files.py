@@ -115,10 +115,30 @@ def test_exr(tmp_path, channel):
     assert np.array_equal(read_depth(tmp_path / "depth.exr").depth, METRES)
 
 
-def test_exr_may_be_a_window_of_a_larger_picture(tmp_path):
-    corners = [np.array(each, np.int32) for each in ((90_000, 90_000), (90_015, 90_011))]
-    write_exr(tmp_path / "depth.exr", {"Z": METRES}, dataWindow=tuple(corners))
-    assert np.array_equal(read_depth(tmp_path / "depth.exr").depth, METRES)
+@pytest.mark.parametrize(
+    ("x", "y"), [(0, 0), (4, 2), (-3, 5), (5, -4), (-20, 3), (3, -20), (25, 0), (0, 40)]
+)
+def test_exr_may_be_a_window_of_a_larger_picture(tmp_path, x, y):
+    """Or reach beyond it; its camera is that of the picture."""
+    corners = np.array(((0, 0), (24, 19), (x, y), (x + 15, y + 11)), np.int32) + 90_000
+    windows = {"displayWindow": tuple(corners[:2]), "dataWindow": tuple(corners[2:])}
+    write_exr(tmp_path / "depth.exr", {"Z": METRES}, **windows)
+    wide = np.zeros((20 + 80, 25 + 80), np.float32)
+    wide[40 + y : 52 + y, 40 + x : 56 + x] = METRES
+    assert_array_equal(read_depth(tmp_path / "depth.exr").depth, wide[40:60, 40:65])
+
+
+def test_the_picture_of_an_exr_counts_before_it_is_made(tmp_path):
+    first = np.array((0, 0), np.int32)
+    write_exr(tmp_path / "a.exr", {"Z": METRES}, displayWindow=(first, first + 99_999))
+    refused(tmp_path / "a.exr", "claims 10,000,000,000 values")
+
+
+def test_a_damaged_exr_is_called_so(tmp_path):
+    write_exr(tmp_path / "d.exr", {"Z": METRES})
+    data = (tmp_path / "d.exr").read_bytes()
+    (tmp_path / "d.exr").write_bytes(data[: len(data) - 50])
+    refused(tmp_path / "d.exr", "d.exr is damaged or cut short: its pixels cannot be unpacked")
 
 
 def test_exr_in_colour_is_read_only_with_a_depth_channel(tmp_path):
@@ -297,7 +317,8 @@ def test_the_channels_of_an_exr_count_before_they_are_unpacked(tmp_path, monkeyp
     import OpenEXR
 
     path = tmp_path / "a.exr"
-    monkeypatch.setattr(depth_files, "MAX_PIXELS", METRES.size)
+    for module in ("depth", "exr"):
+        monkeypatch.setattr(f"planewise.files.{module}.MAX_PIXELS", METRES.size)
     write_exr(path, {"Z": METRES, "a": METRES, "b": METRES, "c": METRES})
     assert np.array_equal(read_depth(path).depth, METRES)
     write_exr(path, {"Z": METRES, "a": METRES, "b": METRES, "c": METRES, "d": METRES})

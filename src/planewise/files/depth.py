@@ -39,15 +39,13 @@ MAX_PIXELS = 50_000_000
 _LOG = logging.getLogger("planewise")
 _BESIDE = {"depth_scale", "K", "rgb", "gt"}  # what an archive may hold beside its depth
 _FEW = 16  # numbers of a scale or of intrinsics, at most
-_IMAGES_OF_EXR = 4  # largest images that a file may hold as channels, of which one is used
 _TIFF = b"II*\0", b"MM\0*", b"II+\0", b"MM\0+"  # how its files begin
-_EXR = b"\x76\x2f\x31\x01"
 _SAMPLES = 339  # its tag that says whether numbers are signed
 _EIGHT_BIT = (
     "holds 8 bits per reading: 256 steps cannot carry depth to the millimetre; "
     "export the depth as 16-bit integers or as floating-point metres"
 )
-_COLOUR = (
+COLOUR = (
     "is a colour picture, not depth: a depth image has one channel; "
     "export the raw readings, not a rendering of them"
 )
@@ -164,7 +162,7 @@ def _check_array(depth: NDArray[Any]) -> NDArray[Any]:
     if depth.ndim == 3 and depth.shape[2] == 1:
         depth = depth[:, :, 0]
     if depth.ndim == 3 and depth.shape[2] in (3, 4):
-        raise PlanewiseError(_COLOUR)
+        raise PlanewiseError(COLOUR)
     if depth.ndim != 2:
         raise PlanewiseError(f"must hold an image of shape (H, W), got shape {depth.shape}")
     if depth.dtype.kind in "biu" and depth.dtype.itemsize == 1:
@@ -233,7 +231,7 @@ def _readings(image: PILImage) -> NDArray[Any]:
     if image.mode in ("1", "L", "P"):
         raise PlanewiseError(_EIGHT_BIT)
     if len(image.getbands()) > 1:
-        raise PlanewiseError(_COLOUR)
+        raise PlanewiseError(COLOUR)
     if getattr(image, "n_frames", 1) > 1:
         raise PlanewiseError("holds several images; export one frame a file")
     depth = numbers_of_picture(image)
@@ -358,34 +356,9 @@ def _contents(
 
 
 def _read_exr(path: Path) -> DepthFile:
-    with needs("openexr", "reading .exr files"):
-        import OpenEXR  # type: ignore[import-not-found, unused-ignore]
-    if _beginning(path) != _EXR:
-        raise PlanewiseError("is not an OpenEXR file")
-    with OpenEXR.File(str(path), separate_channels=True, header_only=True) as header:
-        sizes = []
-        for number, _ in enumerate(header.parts):
-            part = header.header(number)
-            if part["type"] not in (OpenEXR.scanlineimage, OpenEXR.tiledimage):
-                raise PlanewiseError("is a deep OpenEXR file, with any number of samples a pixel")
-            low, high = part["dataWindow"]
-            pixels = int(np.prod(high.astype(np.int64) - low.astype(np.int64) + 1))
-            check_size(pixels)
-            sizes.append(pixels * len(part["channels"]))
-        # All are unpacked, for the library cannot leave one out.
-        check_size(sum(sizes), _IMAGES_OF_EXR * MAX_PIXELS)
-    with OpenEXR.File(str(path), separate_channels=True) as image:
-        channels = image.channels()
-        names = [each for each in ("Z", "depth") if each in channels]
-        names = names[:1] or [each for each in channels if each not in ("A", "alpha")]
-        if {"R", "G", "B"} <= set(names):
-            raise PlanewiseError(_COLOUR)
-        if len(names) != 1:
-            found = ", ".join(channels)
-            raise PlanewiseError(f"must hold a channel 'Z' or 'depth', or one only; it has {found}")
-        (name,) = names
-        depth = np.asarray(channels[name].pixels)
-    return DepthFile(depth=_check_array(depth.astype(np.float32)))
+    from planewise.files.exr import depth_channel
+
+    return DepthFile(depth=_check_array(depth_channel(path)))
 
 
 def _read_pcd(path: Path) -> DepthFile:
