@@ -342,6 +342,17 @@ def test_a_collection_does_not_follow_links_out_of_it(tmp_path):
     assert all("lies outside the dataset" in message for message in bad)
 
 
+def test_links_in_a_circle_cost_themselves_only(tmp_path):
+    root = files.write_generic(tmp_path / "scans" / "a")
+    depth = min((root / "depth").iterdir())
+    for path in (depth, tmp_path / "scans" / "b"):
+        path.unlink(missing_ok=True)
+        path.symlink_to(path.name)
+    bad, good = messages_of(datasets.open(tmp_path / "scans"))
+    assert good == COUNT - 1
+    assert any("a, frame view 0: depth" in message for message in bad)
+
+
 def test_a_damaged_first_archive_does_not_hide_the_others(tmp_path):
     for n, each in enumerate(FRAMES):
         write_archive(tmp_path / f"{n}.npz", each, CAMERA)

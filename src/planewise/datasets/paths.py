@@ -29,10 +29,14 @@ def inside(root: Path, name: str | Path) -> Path:
     Raises
     ------
     PlanewiseError
-        If it is absolute, climbs out by ``..``, or passes a link that leads out.
+        If it is absolute, climbs out by ``..``, or passes a link that leads out, or in a circle.
     """
     path = root / name
-    if not path.resolve().is_relative_to(root.resolve()):
+    try:
+        leads_to = path.resolve()
+    except (RuntimeError, OSError):  # which of them, and whether, depends on Python
+        raise PlanewiseError(f"{name} is a link that leads in a circle; remove it") from None
+    if not leads_to.is_relative_to(root.resolve()):
         raise PlanewiseError(f"{name} lies outside the dataset, or is a link out of it; not read")
     return path
 
