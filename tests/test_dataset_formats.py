@@ -474,6 +474,17 @@ def test_sweeps_of_points(tmp_path):
         wide["000001"]
 
 
+def test_sweeps_of_nuscenes_have_five_columns(tmp_path):
+    path = tmp_path / "samples/LIDAR_TOP/n015__LIDAR_TOP__1532402927647951.pcd.bin"
+    path.parent.mkdir(parents=True)
+    rows = np.random.default_rng(0).normal(size=(100, 5)).astype("<f4")
+    rows.tofile(path)
+    seen = datasets.open(tmp_path)[0]
+    assert_array_equal(seen.points, rows[:, :3])
+    assert_array_equal(seen.intensity, rows[:, 3])
+    assert len(datasets.open(path.parent, columns=4)[0].points) == 125
+
+
 def test_times_of_raw_drives_are_dates(tmp_path):
     place = tmp_path / "drive/velodyne_points/data"
     place.mkdir(parents=True)

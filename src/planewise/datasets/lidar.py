@@ -1,7 +1,9 @@
 """Folders of LiDAR sweeps as KITTI has them: raw float32, x, y, z and reflectance of each point.
 
+nuScenes has the ring of each point besides.
+
 Geiger, Lenz, Urtasun, "Are we ready for autonomous driving? The KITTI vision benchmark suite",
-CVPR 2012.
+CVPR 2012. Caesar et al., "nuScenes: A multimodal dataset for autonomous driving", CVPR 2020.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.depth import check_size
 
 _PLACES = ("", "velodyne", "velodyne_points/data")
+_NUSCENES = ".pcd.bin"  # how its names end
 _TIMES = ("times.txt", "timestamps.txt", "velodyne_points/timestamps.txt")
 
 
@@ -31,16 +34,17 @@ class LidarFolder(PointDataset):
     ----------
     folder : path
         Such as ``sequences/00`` of the odometry set, or a ``..._sync`` drive of the raw data.
-    columns : int
-        Numbers of each point, x, y, z and intensity first: 4, or 5 with nuScenes.
+    columns : int, optional
+        Numbers of each point, x, y, z and intensity first. ``None`` means 5 for sweeps
+        ``*.pcd.bin``, which are nuScenes', and 4 for others.
     """
 
     kind: ClassVar[str] = "lidar"
-    holds: ClassVar[str] = "a folder of .bin sweeps, or with velodyne/ (KITTI)"
+    holds: ClassVar[str] = "a folder of .bin sweeps, or with velodyne/ (KITTI, nuScenes)"
 
-    def __init__(self, folder: str | Path, *, columns: int = 4) -> None:
+    def __init__(self, folder: str | Path, *, columns: int | None = None) -> None:
         self.folder = Path(folder)
-        if columns < 3:
+        if columns is not None and columns < 3:
             raise PlanewiseError(f"columns must be at least 3 (x, y, z), got {columns}")
         self.columns = columns
         self._place = next((place for place in _PLACES if _sweeps(self.folder / place)), "")
@@ -57,18 +61,19 @@ class LidarFolder(PointDataset):
 
     def _read(self, frame: str) -> PointFrame:
         path = inside(self.folder, f"{self._place}/{self._names[frame]}".lstrip("/"))
-        row, size = 4 * self.columns, path.stat().st_size
+        columns = self.columns or (5 if path.name.lower().endswith(_NUSCENES) else 4)
+        row, size = 4 * columns, path.stat().st_size
         if size % row:
             raise PlanewiseError(
                 f"{path.name} is cut short or has other columns: its {size:,} bytes are no "
                 f"multiple of {row}"
             )
         check_size(size // row)
-        rows = np.fromfile(path, "<f4").reshape(-1, self.columns)
+        rows = np.fromfile(path, "<f4").reshape(-1, columns)
         return PointFrame(
             id=frame,
             points=np.ascontiguousarray(rows[:, :3], np.float32),
-            intensity=rows[:, 3].astype(np.float32) if self.columns > 3 else None,
+            intensity=rows[:, 3].astype(np.float32) if columns > 3 else None,
             timestamp=self._time.get(frame),
         )
 
