@@ -410,13 +410,16 @@ def test_integer_depth_without_unit_is_refused_with_the_frame(tmp_path):
 
 
 def test_depth_in_metres_needs_no_unit(tmp_path):
-    root = files.write_generic(tmp_path / "data")
+    root = files.write_generic(tmp_path / "data", depth_scale=None)
     for n in range(COUNT):
         (root / f"depth/view {n}.png").unlink()
         np.save(root / f"depth/{n}.npy", FRAMES[n]["raw"].astype(np.float32))
-    seen = datasets.open(root)[2]
-    assert seen.depth_scale is None
-    assert_allclose(seen.depth, FRAMES[2]["raw"], rtol=1e-6)
+    for scale in (None, 1):
+        seen = datasets.open(root, depth_scale=scale)[2]
+        assert seen.depth_scale is None
+        assert_allclose(seen.depth, FRAMES[2]["raw"], rtol=1e-6)
+    with pytest.raises(PlanewiseError, match="frame 2: depth_scale is for integer depth; floating"):
+        datasets.open(root, depth_scale=0.001)[2]
 
 
 def test_the_rendered_distances_become_depth(tmp_path):

@@ -103,10 +103,12 @@ def test_npz_with_one_array_of_any_name_and_a_matrix(tmp_path):
     np.savez(tmp_path / "one.npz", anything=METRES)
     assert np.array_equal(read_depth(tmp_path / "one.npz").depth, METRES)
     matrix = np.array(((500.0, 0, 8), (0, 501, 6), (0, 0, 1)))
-    np.savez(tmp_path / "k.npz", depth=METRES, K=matrix, depth_scale=0.001)
+    np.savez(tmp_path / "k.npz", depth=METRES, K=matrix, depth_scale=1)
     frame = read_depth(tmp_path / "k.npz")
     assert frame.camera.fy == 501
     assert frame.depth_scale is None  # metres have no unit to be told
+    np.savez(tmp_path / "k.npz", depth=METRES * 1000, depth_scale=0.001)
+    refused(tmp_path / "k.npz", "depth_scale is for integer depth; floating-point depth is in")
 
 
 @pytest.mark.parametrize("channel", ["Z", "depth", "Y"])

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar
 
+from numpy.typing import NDArray
+
 from planewise import sensors
 from planewise.arguments import checked_scale, shown
 from planewise.camera import PinholeCamera
@@ -13,6 +15,7 @@ from planewise.datasets.paths import inside
 from planewise.datasets.picture_folder import PictureFolder, depth_and_colour
 from planewise.errors import PlanewiseError, SetupError
 from planewise.files.camera import read_camera
+from planewise.files.depth import unit_of
 from planewise.files.named_values import read_mapping
 from planewise.sensor import Sensor
 
@@ -62,6 +65,11 @@ class GenericFolder(PictureFolder):
             read_camera(str(path)) if camera is None else camera,
             scale,
         )
+
+    def _depth(self, path: Path) -> NDArray[Any]:
+        depth = super()._depth(path)
+        unit_of(depth, self.depth_scale)  # other kinds have one of their own, which nobody stated
+        return depth
 
     @classmethod
     def recognises(cls, path: Path) -> bool:

@@ -295,9 +295,8 @@ def _read_npz(path: Path) -> DepthFile:
             raise PlanewiseError(f"must hold an array named 'depth', or one only; it holds {names}")
         name = "depth" if "depth" in members else next(iter(members))
         depth = _check_array(read_array(opened(name)))
-        scale = None  # metres have no unit to be told
-        if "depth_scale" in members and depth.dtype.kind != "f":
-            scale = _scale_of(few("depth_scale"))
+        stated = _scale_of(few("depth_scale")) if "depth_scale" in members else None
+        scale = unit_of(depth, stated)
         camera = _camera_of(few("K")) if "K" in members else None
         rgb = _rgb_of(opened("rgb"), depth.shape, path) if "rgb" in members else None
     return DepthFile(depth=depth, depth_scale=scale, camera=camera, rgb=rgb)
@@ -313,6 +312,21 @@ def _rgb_of(stream: IO[bytes], pixels: tuple[int, ...], path: Path) -> NDArray[n
         f"{path.name}: rgb has shape {shape} and type {dtype}, which is no picture of its pixels: "
         "left out"
     )
+    return None
+
+
+def unit_of(depth: NDArray[Any], stated: float | None) -> float | None:
+    """Metres per unit of integer depth, as stated; ``None`` of floats, whose unit is the metre.
+
+    Raises
+    ------
+    PlanewiseError
+        If another one is stated of floats.
+    """
+    if depth.dtype.kind != "f":
+        return stated
+    if stated not in (None, 1):
+        raise PlanewiseError("depth_scale is for integer depth; floating-point depth is in metres")
     return None
 
 
