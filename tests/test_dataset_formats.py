@@ -17,6 +17,7 @@ from planewise import datasets
 from planewise.batch import open_source
 from planewise.datasets import hypersim
 from planewise.datasets.association import nearest
+from planewise.datasets.collection import Collection
 from planewise.datasets.frames import Dataset
 from planewise.errors import PlanewiseError
 
@@ -236,6 +237,7 @@ def test_a_quaternion_turns_as_it_should():
     turned = rigid(np.array([1.0, 2.0, 3.0, 0.0, 0.0, 2 * half, 2 * half]))  # 90 degrees about z
     assert_allclose(turned @ (1, 0, 0, 1), (1, 3, 3, 1), atol=1e-12)
     assert rigid(np.zeros(7)) is None
+    assert rigid(np.array([1.0, np.nan, 3.0, 0.0, 0.0, 0.0, 1.0])) is None
 
 
 def test_nearest_in_time():
@@ -498,6 +500,26 @@ def test_times_of_raw_drives_are_dates(tmp_path):
     first, second = datasets.open(tmp_path / "drive")
     assert first.timestamp == pytest.approx(1317042145.951199, abs=1e-5)
     assert second.timestamp - first.timestamp == pytest.approx(0.103862, abs=1e-5)
+
+
+def test_a_frame_of_a_collection_is_found_without_a_look_at_all_parts(tmp_path):
+    """There may be thousands of them, with hundred frames each."""
+
+    class Parts(dict):
+        looks = 0
+
+        def items(self):
+            self.looks += 1
+            return super().items()
+
+    part = datasets.open(files.write_generic(tmp_path / "a"))
+    both = Collection("both", {"a": part, "b": part, "c": "is damaged"})
+    both.parts = Parts(both.parts)
+    assert all(each in both for each in both.ids)
+    assert "a" not in both
+    with pytest.raises(PlanewiseError, match="both, frame c: is damaged"):
+        both["c"]
+    assert both.parts.looks == 0
 
 
 def test_many_sequences_are_one_collection(tmp_path):

@@ -51,9 +51,9 @@ class _Joined(Frames[Frame]):
     def __contains__(self, frame: object) -> bool:
         if len(self.ids) < self._count:  # only some were chosen
             return super().__contains__(frame)
-        return isinstance(frame, str) and (
-            frame in self._broken() or self._place(frame) is not None
-        )
+        if not isinstance(frame, str):
+            return False
+        return isinstance(self.parts.get(frame), str) or self._place(frame) is not None
 
     def without_pictures(self) -> Self:
         """Return the same frames, whose pictures are not read."""
@@ -76,12 +76,9 @@ class _Joined(Frames[Frame]):
     def _read(self, frame: str) -> Frame:
         place = self._place(frame)
         if place is None:
-            raise PlanewiseError(self._broken()[frame])
+            raise PlanewiseError(self.parts[frame])  # what is wrong with a part
         part, each = place
         return replace(part[each], id=frame)
-
-    def _broken(self) -> dict[str, str]:
-        return {name: part for name, part in self.parts.items() if isinstance(part, str)}
 
     def _place(self, frame: str) -> tuple[Frames[Frame], str] | None:
         """Part and id of a frame; no table is kept of them, for there may be millions."""

@@ -124,9 +124,9 @@ def _timed_pose(words: list[str]) -> tuple[float, NDArray[np.float64]] | None:
 
 
 def rigid(row: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Pose of a place and a quaternion (x, y, z, w); ``None`` where the quaternion is zero."""
+    """Pose of a place and a quaternion (x, y, z, w); ``None`` if that is zero, or one is NaN."""
     length = np.linalg.norm(row[3:])
-    if not 0 < length < np.inf:
+    if not (0 < length < np.inf and np.isfinite(row).all()):
         return None
     x, y, z, w = row[3:] / length
     pose = np.eye(4)
