@@ -538,6 +538,21 @@ def test_many_sequences_are_one_collection(tmp_path):
     assert_array_equal(pickle.loads(pickle.dumps(dataset[3:]))[0].depth, dataset[3].depth)
 
 
+def test_files_of_other_things_are_no_datasets(tmp_path):
+    """Maps and features lie beside sequences, in formats that hold anything."""
+    import sqlite3
+
+    import h5py
+
+    files.write_generic(tmp_path / "a")
+    with sqlite3.connect(tmp_path / "rtabmap.db") as database:
+        database.execute("CREATE TABLE Node (id INTEGER)")
+    database.close()
+    with h5py.File(tmp_path / "features.h5", "w") as file:
+        file["keypoints"] = np.zeros((3, 2))
+    assert datasets.open(tmp_path).ids == tuple(f"a--view {n}" for n in range(COUNT))
+
+
 def test_a_part_that_cannot_be_opened_is_one_frame_that_cannot_be_read(tmp_path):
     files.write_sens(tmp_path / "a.sens")
     files.write_sens(tmp_path / "b.sens")

@@ -28,7 +28,8 @@ LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""
 
 _METADATA = "metadata.yaml"
-_MAGIC = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0")
+_MAGIC = (b"#ROSBAG V2.0", b"\x89MCAP0\r\n")
+_SQLITE = b"SQLite format 3\0"
 _WHOLE = re.compile(r"compression_mode:\s*[\"']?file", re.IGNORECASE)
 _READ = (  # messages, and what they are made of
     "sensor_msgs/msg/Image",
@@ -45,13 +46,17 @@ _MOST_OPEN = 8  # bags that stay open; a process may have some hundred files
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a file begins like a bag, or a folder has the metadata of one."""
+    """Whether a file begins like a bag, or a folder has the metadata of one.
+
+    SQLite, which holds anything, has to be called ``.db3``.
+    """
     if path.is_dir():
         return (path / _METADATA).is_file()
     if not path.is_file():
         return False
     with path.open("rb") as stream:
-        return stream.read(16).startswith(_MAGIC)
+        start = stream.read(16)
+    return start.startswith(_MAGIC) or (start == _SQLITE and path.suffix == ".db3")
 
 
 class Bag:

@@ -155,8 +155,14 @@ class NyuLabelled(Dataset):
 
     @classmethod
     def recognises(cls, path: Path) -> bool:
-        """Whether it is an HDF5 file, as MATLAB writes them since version 7.3."""
-        return is_hdf5(path)
+        """Whether it is an HDF5 file, as MATLAB writes them since version 7.3, with depths."""
+        if not is_hdf5(path):
+            return False
+        try:
+            with opened(path) as file:
+                return "depths" in file
+        except Exception:  # damaged, or h5py is missing: that is told when it is opened
+            return True
 
     def _read(self, frame: str) -> DatasetFrame:
         row = int(frame) - 1
