@@ -363,6 +363,35 @@ def test_colours_after_many_dark_points_are_no_brighter_for_it(tmp_path):
     assert_array_equal(open_cloud(tmp_path / "a.npz").read().colour[10_000:], 100)
 
 
+def test_colours_that_were_rounded_to_a_little_above_1_are_shares_of_it(tmp_path):
+    colour = np.array([[0.0, 0.5, 1 + 1e-7], [np.inf, 0.2, 0.0]])
+    np.savez(tmp_path / "a.npz", points=np.eye(3)[:2], rgb=colour)
+    assert_array_equal(read_cloud(tmp_path / "a.npz").colour, [[0, 128, 255], [255, 51, 0]])
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "value", "stated"),
+    [
+        ("a.ply", "uchar", "300", "uint8"),
+        ("a.ply", "uint", "-1", "uint32"),
+        ("a.ply", "float", "1e300", "float32"),
+        ("a.pcd", "U", "1e20", "uint32"),
+        ("a.pcd", "U", "nan", "uint32"),
+        ("a.pcd", "F", "1e300", "float32"),
+    ],
+)
+def test_text_that_its_header_cannot_hold_is_refused(tmp_path, name, kind, value, stated):
+    heads = {
+        "a.ply": f"ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\n"
+        f"property float z\nproperty {kind} rgb\nend_header\n",
+        "a.pcd": f"VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F {kind}\nCOUNT 1 1 1 1\n"
+        "WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA ascii\n",
+    }
+    (tmp_path / name).write_text(f"{heads[name]}0 0 0 0\n1 0 0 {value}\n")
+    with pytest.raises(PlanewiseError, match=f"has rgb .*, where its header states {stated}"):
+        read_cloud(tmp_path / name)
+
+
 def test_whole_numbers_are_no_shares_of_full_colour(tmp_path):
     """However dark; of 16 bits the nearest of 8."""
     for colour, expected in (([1, 0, 1], [1, 0, 1]), ([65_535, 1000, 0], [255, 4, 0])):

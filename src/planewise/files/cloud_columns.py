@@ -20,6 +20,8 @@ LOOK = 10_000
 COLOUR = ("red", "green", "blue")
 """As most files name it, those that are written among them."""
 
+_ROUNDING = 1e-4  # of colours as shares, which may come out above 1
+
 _POSITION = ("x", "y", "z")
 _COLOURS = (
     COLOUR,
@@ -138,7 +140,7 @@ def full_colour(*colours: Column) -> float | None:
     largest = max((float(each.max()) for each in known if each.size), default=0.0)
     if largest <= 0:
         return None
-    if largest <= 1 and all(each.dtype.kind == "f" for each in colours):
+    if largest <= 1 + _ROUNDING and all(each.dtype.kind == "f" for each in colours):
         return 1.0
     return 255.0 if largest <= 255 else 65535.0
 
@@ -148,8 +150,8 @@ def eight_bits(colour: Column, full: float | None = None) -> NDArray[np.uint8]:
     if colour.dtype == np.uint8:
         return colour
     full = max(full or 0.0, full_colour(colour) or 0.0) or 255.0
-    scaled = np.nan_to_num(colour.astype(np.float64)) * (255.0 / full)
-    return np.asarray(scaled.clip(0, 255).round().astype(np.uint8))
+    bounded = np.nan_to_num(colour.astype(np.float64)).clip(0, full)
+    return np.asarray((bounded * (255.0 / full)).round().astype(np.uint8))
 
 
 def _lower(columns: Mapping[str, Column]) -> dict[str, Column]:

@@ -206,6 +206,18 @@ def _loaded(lines: list[str], delimiter: str | None) -> NDArray[np.float64]:
     return np.empty((0, 0))
 
 
+def as_stated(numbers: NDArray[np.float64], kind: str, name: str) -> Table:
+    """Numbers of text, of the type that the header states; one that it cannot hold is refused."""
+    limits = np.finfo(kind) if "f" in kind else np.iinfo(kind)
+    held = (numbers >= limits.min) & (numbers <= limits.max)
+    wrong = ~held if isinstance(limits, np.iinfo) else ~held & np.isfinite(numbers)
+    if wrong.any():
+        raise PlanewiseError(
+            f"has {name} {numbers[wrong][0]:g}, where its header states {np.dtype(kind).name}"
+        )
+    return numbers.astype(kind)
+
+
 def is_number(word: str) -> bool:
     """Whether a word is a number, NaN and infinity included; Python's own 1_000 is none."""
     try:

@@ -16,6 +16,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import COLOUR, cloud_file, positions
 from planewise.files.cloud_records import (
     LONGEST_HEADER,
+    as_stated,
     check_end,
     check_last,
     check_length,
@@ -104,7 +105,7 @@ def _ascii(path: Path, header: _Header, size: int) -> Iterator[Mapping[str, NDAr
                     column = table[:, first[k]]
                     if name in ("rgb", "rgba") and header.counts[k] == 1:
                         # Three bytes, written as the number that their bits are.
-                        rows[f"{k} {name}"] = column
+                        rows[f"{k} {name}"] = as_stated(column, header.kinds[k], name)
                     elif header.counts[k] == 1:
                         out[name] = column
                 packed = [name for name in header.fields if name in ("rgb", "rgba")]

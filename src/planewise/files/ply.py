@@ -18,6 +18,7 @@ from planewise.errors import PlanewiseError
 from planewise.files.cloud_columns import cloud_file, positions
 from planewise.files.cloud_records import (
     LONGEST_HEADER,
+    as_stated,
     check_end,
     check_last,
     check_length,
@@ -116,12 +117,12 @@ def _ascii(path: Path, header: _Header, vertex: _Element, before: int, after: in
 
     def tables(size: int) -> Iterator[dict[str, NDArray[Any]]]:
         for table in words(size):
-            columns = {
-                name: table[:, k].astype(kind) if np.isfinite(table[:, k]).all() else table[:, k]
-                for k, (name, kind) in enumerate(vertex.fields.items())
-            }
-            # The file has decimals, which float64 keeps better whatever the header says.
-            yield columns | {name: table[:, k] for k, name in enumerate(names) if k in at}
+            columns = dict(zip(names, table.T, strict=True))
+            # The file has decimals, which float64 keeps better whatever the header says of x, y, z.
+            for k, (name, kind) in enumerate(vertex.fields.items()):
+                if k not in at and np.isfinite(columns[name]).all():
+                    columns[name] = as_stated(columns[name], kind, name)
+            yield columns
 
     return cloud_file(path, vertex.count, tables)
 
