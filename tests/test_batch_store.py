@@ -10,6 +10,8 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 from io import BytesIO
@@ -27,7 +29,7 @@ from planewise import scenes
 from planewise.batch import Batch, LocalEngine, Recipe, Selection, Store, open_source, store_writer
 from planewise.batch.columns import FRAMES, PLANES
 from planewise.batch.frame_names import safe_name
-from planewise.batch.frame_work import FrameWork
+from planewise.batch.frame_work import FrameWork, failure
 from planewise.batch.journal import Journal, line_of, read_records
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.lock import locked
@@ -546,6 +548,60 @@ def test_a_shard_leaves_what_failed_to_another_of_as_many(changing):
         fill(replace(whole, selection=Selection(shard=(part, 2)), retry_failed=True))
     store = Store(whole.store)
     assert (len(store.frames), store.failed) == (COUNT, (bad.stem,))
+
+
+@pytest.fixture
+def mended(changing):
+    """Batch of frames of which two failed, the fourth and the fifth, and could be done now."""
+    folder, whole = changing
+    bad = [folder / f"{frame}.png" for frame in Store(whole.store).ids[3:5]]
+    good = [path.read_bytes() for path in bad]
+    shutil.rmtree(whole.store)
+    for path in bad:
+        path.write_bytes(b"none")
+    fill(whole)
+    for path, data in zip(bad, good, strict=True):
+        path.write_bytes(data)
+    return whole
+
+
+@pytest.mark.parametrize(
+    ("selection", "left"),
+    [
+        (Selection(limit=2), ["00003", "00004"]),
+        (Selection(limit=4), ["00004"]),
+        (Selection(shard=(1, 2)), ["00003"]),
+    ],
+)
+def test_failures_that_are_not_tried_again_stay(mended, selection, left):
+    fill(replace(mended, selection=selection, retry_failed=True))
+    store = Store(mended.store)
+    assert [frame for _, frame, _ in store.failures()] == left
+    assert len(store.frames) == COUNT
+
+
+def test_failures_of_a_journal_that_are_not_tried_again_stay(tmp_path):
+    segment = Segment(tmp_path, "all-000001")
+    records = [failure(number, frame, "no").record for number, frame in enumerate("abc")]
+    segment.journal.parent.mkdir()
+    segment.journal.write_bytes(b"".join(map(line_of, records)))
+    segment.forget_failed({"b"}, Staging(tmp_path / "staging"))
+    assert read_records(segment.journal) == [records[0], records[2]]
+
+
+def test_shards_that_try_again_at_one_time_do_not_bring_failures_back(mended, monkeypatch):
+    def slow(*arguments):
+        table = read_table(*arguments)
+        time.sleep(0.1)  # so that what one shard publishes, the other has not read
+        return table
+
+    monkeypatch.setattr("planewise.batch.segments.read_table", slow)
+    parts = [Selection(shard=(part, 2)) for part in (1, 2)]
+    with ThreadPoolExecutor(2) as pool:
+        batches = [replace(mended, selection=part, retry_failed=True) for part in parts]
+        list(pool.map(fill, batches))
+    store = Store(mended.store)
+    assert (store.failed, len(store.frames)) == ((), COUNT)
 
 
 def test_no_room_for_another_journal_is_said_to_be_that(frames, tmp_path, monkeypatch):

@@ -21,6 +21,7 @@ from planewise.batch.staging import refuse_links
 from planewise.errors import PlanewiseError
 
 _WHOLE = ".lock"
+_REWRITING = ".lock-rewriting"
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 
 
@@ -67,9 +68,16 @@ def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def rewriting(store: Path) -> Iterator[None]:
+    """Have rows of other writers for oneself, once no other shard rewrites them."""
+    with _lock(store / _REWRITING, store, wait=True):
+        yield
+
+
 def lock_files(store: Path) -> list[Path]:
     """Files of the locks of a store; who removes them holds it, and has left nothing to hold."""
-    return [store / _WHOLE, *_shard_files(store)]
+    return sorted(store.glob(f"{_WHOLE}*"))
 
 
 def _shard_files(store: Path) -> list[Path]:
@@ -81,7 +89,7 @@ def _shard_file(shard: tuple[int, int]) -> str:
 
 
 @contextmanager
-def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
+def _lock(path: Path, store: Path, *, shared: bool = False, wait: bool = False) -> Iterator[None]:
     try:
         import fcntl
     except ImportError:
@@ -92,7 +100,8 @@ def _lock(path: Path, store: Path, shared: bool = False) -> Iterator[None]:
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
     try:
         try:
-            fcntl.flock(handle, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
+            kind = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+            fcntl.flock(handle, kind if wait else kind | fcntl.LOCK_NB)
         except BlockingIOError:
             raise PlanewiseError(f"store: {store} is in use by {_holder(path)}") from None
         except OSError as error:

@@ -18,7 +18,7 @@ from planewise.batch.engine import Engine
 from planewise.batch.frame_names import label_path
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, identity
 from planewise.batch.label_png import has_its_end
-from planewise.batch.lock import beside, lock_files, locked, writer_name
+from planewise.batch.lock import beside, lock_files, locked, rewriting, writer_name
 from planewise.batch.segments import FOLDERS, Segment, segments_of
 from planewise.batch.source import Selection, Source
 from planewise.batch.staging import Staging
@@ -258,11 +258,15 @@ class Batch:
         if alone:
             for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
                 shutil.rmtree(left)  # by a shard that was killed
+        again: set[str] = set()
+        if self.retry_failed:
+            again.update(frame for _, frame in self.selection.of(self.source.ids))
         for segment in segments_of(folder):
             # Of other shards only those of as many may be under way.
             mine = segment.writer == own
-            if self.retry_failed and (mine or not beside(segment.writer, self.selection.shard)):
-                segment.forget_failed(staging)
+            if again and (mine or not beside(segment.writer, self.selection.shard)):
+                with rewriting(folder):
+                    segment.forget_failed(again, staging)
             if alone and not mine:
                 segment.seal(staging)
 

@@ -9,8 +9,9 @@ journal counts and nothing else of it. So it is never both, whenever a process i
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -112,20 +113,24 @@ class Segment:
         self.journal.unlink(missing_ok=True)
         sync_folder(self.journal.parent)
 
-    def forget_failed(self, staging: Staging) -> None:
-        """Drop frames that failed, which have no planes; then they are frames still to do."""
+    def forget_failed(self, again: Collection[str], staging: Staging) -> None:
+        """Drop those of these frames that failed, which have no planes; they are to do then."""
+
+        def stays(frame: str, status: str) -> bool:
+            return status != FAILED or frame not in again
+
         if self.frames_file.exists():
             frames = read_table(self.frames_file, FRAMES)
-            kept = frames.filter(arrow().compute.not_equal(frames["status"], FAILED))
+            columns = (frames[name].to_pylist() for name in ("frame", "status"))
+            kept = frames.filter(arrow().array(list(map(stays, *columns))))
             if len(kept) < len(frames):
                 staging.publish(parquet_of(kept), self.frames_file)
             return
         records = read_records(self.journal)
-        kept_records = [
-            record for record in records if json.loads(record)["frame"]["status"] != FAILED
-        ]
-        if len(kept_records) < len(records):
-            staging.publish(b"".join(map(line_of, kept_records)), self.journal)
+        rows = (json.loads(record)["frame"] for record in records)
+        stay = [stays(row["frame"], row["status"]) for row in rows]
+        if not all(stay):
+            staging.publish(b"".join(map(line_of, compress(records, stay))), self.journal)
 
 
 def segments_of(store: Path) -> list[Segment]:
