@@ -632,6 +632,18 @@ def test_folders_are_made_to_last_once(frames, tmp_path, monkeypatch):
     assert synced.count(tmp_path / "store" / "labels") > 1  # each time that files come into it
 
 
+def test_frames_of_shards_are_read_by_turns_from_one_reading(frames, tmp_path, monkeypatch):
+    whole = batch_of(frames[0], tmp_path / "store", frames[1])
+    for part in (1, 2, 3):
+        fill(replace(whole, selection=Selection(shard=(part, 3))))
+    store, tables = Store(whole.store), Segment.tables
+    assert len(store) == COUNT
+    read = []
+    monkeypatch.setattr(Segment, "tables", lambda each: read.append(each.name) or tables(each))
+    assert [store[each].id for each in store.ids] == list(store.ids)
+    assert read == ["1-of-3-000001", "2-of-3-000001", "3-of-3-000001"]
+
+
 def test_what_is_no_store_is_refused(full, tmp_path):
     for text, word in (
         (None, "no store"),

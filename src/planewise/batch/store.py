@@ -79,6 +79,15 @@ class StoredFrame:
         return labels
 
 
+@dataclass(frozen=True)
+class _Content:
+    """Frames of a segment that are done, with the places of their first planes."""
+
+    segment: Segment
+    rows: dict[str, tuple[dict[str, Any], int]]
+    planes: pa.Table
+
+
 class Store:
     """Labels and planes of many frames, as ``planewise batch`` writes them.
 
@@ -104,7 +113,8 @@ class Store:
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
         self.info = read_info(self.path)
-        self._read: dict[str, dict[str, StoredFrame]] = {}  # the last segment asked for
+        # Of each writer the last segment asked for: neighbours are of different shards.
+        self._read: dict[str, _Content] = {}
 
     @cached_property
     def _statuses(self) -> dict[str, tuple[str, str]]:
@@ -163,7 +173,9 @@ class Store:
         That is the order of the source where one run has done them; shards lie one after another.
         """
         for segment in segments_of(self.path):
-            yield from self._frames_of(segment)
+            content = _content_of(segment)
+            for frame in content.rows:
+                yield self._frame(content, frame)
 
     def __getitem__(self, frame: str) -> StoredFrame:
         """Read one frame.
@@ -177,10 +189,11 @@ class Store:
             others = f"it has {counted(len(self), 'other')}"
             held = "it failed" if frame in self._statuses else others
             raise PlanewiseError(f"store: {self.path} does not hold the frame {frame!r}; {held}")
-        name = self._statuses[frame][1]
-        if name not in self._read:
-            self._read = {name: {f.id: f for f in self._frames_of(Segment(self.path, name))}}
-        return self._read[name][frame]
+        segment = Segment(self.path, self._statuses[frame][1])
+        content = self._read.get(segment.writer)
+        if content is None or content.segment != segment:
+            content = self._read[segment.writer] = _content_of(segment)
+        return self._frame(content, frame)
 
     def labels(self, frame: str) -> NDArray[np.uint16]:
         """Label image of a frame, shape (H, W): 0 for no plane, j for the j-th best.
@@ -207,22 +220,10 @@ class Store:
         empty = schema_of(columns).empty_table()
         return arrow().concat_tables([empty, *parts])
 
-    def _frames_of(self, segment: Segment) -> Iterator[StoredFrame]:
-        frames, planes = segment.tables()
-        compute = arrow().compute
-        counts = frames.filter(compute.equal(frames["status"], DONE))["planes"]
-        of_frames = compute.sum(counts).as_py() or 0
-        if of_frames != len(planes) or (compute.min(counts).as_py() or 0) < 0:
-            held = f"it holds {counted(len(planes), 'plane')} in place of {of_frames:,}"
-            raise PlanewiseError(
-                f"store: {segment.planes_file} is damaged: {held}; {segment.remedy}"
-            )
-        first = 0  # planes lie in the order of their frames
-        for row in frames.to_pylist():
-            if row["status"] == DONE:
-                found = planes.slice(first, row["planes"])
-                first += row["planes"]
-                yield StoredFrame(id=row["frame"], row=row, plane_table=found, store=self)
+    def _frame(self, content: _Content, frame: str) -> StoredFrame:
+        row, first = content.rows[frame]
+        found = content.planes.slice(first, row["planes"])
+        return StoredFrame(id=frame, row=row, plane_table=found, store=self)
 
     def read_label_file(self, frame: str) -> NDArray[np.uint16]:
         """Read the label image of a frame that has one."""
@@ -240,3 +241,20 @@ class Store:
     def label_file(self, frame: str) -> Path:
         """Path of a frame's label image, where the store has such files."""
         return self.path / label_path(frame)
+
+
+def _content_of(segment: Segment) -> _Content:
+    frames, planes = segment.tables()
+    compute = arrow().compute
+    counts = frames.filter(compute.equal(frames["status"], DONE))["planes"]
+    of_frames = compute.sum(counts).as_py() or 0
+    if of_frames != len(planes) or (compute.min(counts).as_py() or 0) < 0:
+        held = f"it holds {counted(len(planes), 'plane')} in place of {of_frames:,}"
+        raise PlanewiseError(f"store: {segment.planes_file} is damaged: {held}; {segment.remedy}")
+    rows = {}
+    first = 0  # planes lie in the order of their frames
+    for row in frames.to_pylist():
+        if row["status"] == DONE:
+            rows[row["frame"]] = row, first
+            first += row["planes"]
+    return _Content(segment, rows, planes)
