@@ -75,7 +75,7 @@ def test_a_store_of_failures_gives_way_to_other_options(frames, store):
 def test_a_store_that_is_being_filled_does_not_give_way(frames, store):
     arguments = ("batch", frames, "-o", store, "--sensor", "kinect-v1", "--limit", 1)
     assert run(*arguments, "--camera", "nyu")[0] == 2
-    with locked(store, (1, 2)):
+    with locked(store, "1-of-2"):
         code, _, errors = run(*arguments, *CAMERA[:2], "--shard", "2/2")
     assert (code, "made with other options" in errors) == (2, True)
     assert len(Store(store).failed) == 1

@@ -197,18 +197,20 @@ def test_a_store_in_use_is_refused(tmp_path):
         pass
 
 
-def test_shards_of_one_number_share_a_store(tmp_path):
+def test_shards_of_one_cut_share_a_store(tmp_path):
     with locked(tmp_path):
         pass
-    with locked(tmp_path, (1, 3)), locked(tmp_path, (2, 3)):
+    with locked(tmp_path, "1-of-3"), locked(tmp_path, "2-of-3"):
         with pytest.raises(PlanewiseError, match="runs of its shards"), locked(tmp_path):
             pass
-        for other in ((1, 3), (1, 1), (1, 2)):
+        for other in ("1-of-3", "all", "1-of-2", "2-of-3-every-2"):
             with pytest.raises(PlanewiseError, match="in use by"), locked(tmp_path, other):
                 pass
-    with locked(tmp_path), pytest.raises(PlanewiseError), locked(tmp_path, (1, 3)):
+    with locked(tmp_path), pytest.raises(PlanewiseError), locked(tmp_path, "1-of-3"):
         pass
-    with locked(tmp_path, (1, 2)):
+    with locked(tmp_path, "1-of-2"):
+        pass
+    with locked(tmp_path, "1-of-3-every-2"), locked(tmp_path, "2-of-3-every-2"):
         pass
 
 
@@ -537,6 +539,23 @@ def test_other_shards_try_again_what_failed(changing):
     store = Store(whole.store)
     assert (len(store), store.failed, list(store.failures())) == (COUNT, (), [])
     assert len(store.frames) == len(list(store)) == COUNT
+
+
+def test_shards_of_what_every_leaves_write_no_frame_twice(changing):
+    """The third frame is of the first half of all, and of the second half of one in two."""
+    folder, whole = changing
+    bad = folder / f"{Store(whole.store).ids[2]}.png"
+    good = bad.read_bytes()
+    bad.write_bytes(b"none")
+    shutil.rmtree(whole.store)
+    fill(replace(whole, selection=Selection(shard=(1, 2))))
+    bad.write_bytes(good)
+    again = Selection(shard=(2, 2), every=2)
+    with locked(whole.store, "1-of-2"), pytest.raises(PlanewiseError, match="in use by"):
+        fill(replace(whole, selection=again))
+    fill(replace(whole, selection=again, retry_failed=True))
+    store = Store(whole.store)
+    assert (len(store), len(store.frames), store.failed) == (COUNT // 2, COUNT // 2, ())
 
 
 def test_a_shard_leaves_what_failed_to_another_of_as_many(changing):

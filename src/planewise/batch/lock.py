@@ -2,7 +2,7 @@
 
 The locks are the system's (`flock`), which lets go of them however a process ends; the files only
 say who has them. A run of all frames holds the store alone. A run of shard i of n shares it with
-the other shards of the same n.
+the other shards of the same n and the same `every`: those of others may have frames in common.
 """
 
 from __future__ import annotations
@@ -20,32 +20,37 @@ from planewise.batch.segments import FOLDERS
 from planewise.batch.staging import refuse_links
 from planewise.errors import PlanewiseError
 
+ALL = "all"
+"""Name of who writes a whole store."""
+
 _WHOLE = ".lock"
 _REWRITING = ".lock-rewriting"
 _NO_LOCKS = (errno.ENOSYS, errno.EOPNOTSUPP, errno.ENOTSUP, errno.EINVAL)
 
 
-def writer_name(shard: tuple[int, int]) -> str:
-    """Name of a writer, by which its files differ from those of others."""
+def writer_name(shard: tuple[int, int], every: int = 1) -> str:
+    """Name of who writes a shard (i, n), by which its files differ from those of others."""
     part, parts = shard
-    return "all" if parts == 1 else f"{part}-of-{parts}"
+    if parts == 1:
+        return ALL
+    return f"{part}-of-{parts}" + (f"-every-{every}" if every > 1 else "")
 
 
-def beside(name: str, shard: tuple[int, int]) -> bool:
-    """Whether a writer's name, or one that ends in it, is of a shard of as many as this one."""
-    return name.endswith(f"-of-{shard[1]}")
+def beside(name: str, writer: str) -> bool:
+    """Whether a writer's name, or one that ends in it, is of a shard of the same cut."""
+    return name.partition("-of-")[2] == writer.partition("-of-")[2]
 
 
 @contextmanager
-def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
+def locked(store: Path, writer: str = ALL) -> Iterator[None]:
     """Hold a store, or a shard of it.
 
     Parameters
     ----------
     store : Path
         Its folder, which exists.
-    shard : tuple of int
-        (i, n); n = 1 is all of it.
+    writer : str
+        Name of who writes.
 
     Raises
     ------
@@ -56,13 +61,13 @@ def locked(store: Path, shard: tuple[int, int] = (1, 1)) -> Iterator[None]:
     folders = [store / name for name in FOLDERS]
     refuse_links([*folders, *store.glob(f"{_WHOLE}*"), *store.glob("journal/*")])
     with ExitStack() as held:
-        if shard[1] == 1:
+        if writer == ALL:
             held.enter_context(_lock(store / _WHOLE, store))
         else:
             held.enter_context(_lock(store / _WHOLE, store, shared=True))
-            held.enter_context(_lock(store / _shard_file(shard), store))
-            for other in _shard_files(store):
-                if not beside(other.name, shard):
+            held.enter_context(_lock(store / f"{_WHOLE}-{writer}", store))
+            for other in store.glob(f"{_WHOLE}-*-of-*"):
+                if not beside(other.name, writer):
                     with _lock(other, store, shared=True):
                         pass
         yield
@@ -78,14 +83,6 @@ def rewriting(store: Path) -> Iterator[None]:
 def lock_files(store: Path) -> list[Path]:
     """Files of the locks of a store; who removes them holds it, and has left nothing to hold."""
     return sorted(store.glob(f"{_WHOLE}*"))
-
-
-def _shard_files(store: Path) -> list[Path]:
-    return sorted(store.glob(f"{_WHOLE}-*-of-*"))
-
-
-def _shard_file(shard: tuple[int, int]) -> str:
-    return f"{_WHOLE}-{writer_name(shard)}"
 
 
 @contextmanager

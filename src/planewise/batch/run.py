@@ -18,7 +18,7 @@ from planewise.batch.engine import Engine
 from planewise.batch.frame_names import label_path
 from planewise.batch.frame_work import FrameWork, Outcome, Recipe, identity
 from planewise.batch.label_png import has_its_end
-from planewise.batch.lock import beside, lock_files, locked, rewriting, writer_name
+from planewise.batch.lock import ALL, beside, lock_files, locked, rewriting, writer_name
 from planewise.batch.segments import FOLDERS, Segment, segments_of
 from planewise.batch.source import Selection, Source
 from planewise.batch.staging import Staging
@@ -182,11 +182,11 @@ class Batch:
     @contextmanager
     def _held(self, folder: Path, engine: Engine) -> Iterator[Run]:
         """Lock the store in its folder, and give the run."""
-        writer = writer_name(self.selection.shard)
-        with locked(folder, self.selection.shard):
+        writer = writer_name(self.selection.shard, self.selection.every)
+        with locked(folder, writer):
             staging = Staging(folder / f"{_UNFINISHED}{writer}")
             try:
-                self._begin(folder, staging)
+                self._begin(folder, writer, staging)
                 # Once more, now that nobody else can change it.
                 plan = self._plan(readings=False, labels=True)
                 stored = Store(folder)
@@ -248,26 +248,25 @@ class Batch:
                         f"that {self.store} was made from; give a new folder"
                     )
 
-    def _begin(self, folder: Path, staging: Staging) -> None:
+    def _begin(self, folder: Path, writer: str, staging: Staging) -> None:
         for name in FOLDERS:
             (folder / name).mkdir(exist_ok=True)
         if not (folder / STORE_FILE).exists():
             text = json.dumps(info_of(self.source, self.recipe), indent=2, allow_nan=False)
             staging.publish(text.encode() + b"\n", folder / STORE_FILE)
-        own, alone = writer_name(self.selection.shard), self.selection.shard[1] == 1
-        if alone:
+        if writer == ALL:
             for left in set(folder.glob(f"{_UNFINISHED}*")) - {staging.folder}:
                 shutil.rmtree(left)  # by a shard that was killed
         again: set[str] = set()
         if self.retry_failed:
             again.update(frame for _, frame in self.selection.of(self.source.ids))
         for segment in segments_of(folder):
-            # Of other shards only those of as many may be under way.
-            mine = segment.writer == own
-            if again and (mine or not beside(segment.writer, self.selection.shard)):
+            # Of other shards only those of the same cut may be under way.
+            mine = segment.writer == writer
+            if again and (mine or not beside(segment.writer, writer)):
                 with rewriting(folder):
                     segment.forget_failed(again, staging)
-            if alone and not mine:
+            if writer == ALL and not mine:
                 segment.seal(staging)
 
 
