@@ -251,6 +251,20 @@ def test_damaged_frames_are_recorded_and_tried_again_when_asked(frames, store):
     assert "0 of 1 frame done" in text
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere every name is text")
+@pytest.mark.usefixtures("here")
+def test_a_failure_in_a_folder_whose_name_is_not_utf_8_is_kept(frames, store):
+    """Its reason names the folder, and a store holds text."""
+    (frames / "00003.png").unlink()
+    (frames / "00003.png").symlink_to("nowhere.png")
+    folder = frames.rename(os.fsdecode(bytes(frames) + b"\xff"))
+    code, _, errors = run("batch", folder, "-o", store, *CAMERA)
+    assert (code, "frame 00003" in errors) == (0, True)
+    ((number, frame, reason),) = Store(store).failures()
+    assert (number, frame) == (3, "00003")
+    assert r"frames\udcff" in reason
+
+
 @pytest.mark.parametrize("left", ["nothing", "an empty folder"])
 def test_a_source_that_vanishes_ends_the_run_and_fails_no_frame(
     frames, store, tmp_path, monkeypatch, left

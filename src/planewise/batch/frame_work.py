@@ -236,6 +236,7 @@ class FrameWork:
 
 def failure(number: int, frame: str, reason: str) -> Outcome:
     """Outcome of a frame that could not be done."""
+    reason = reason.encode("utf-8", "backslashreplace").decode()  # it may name a file of any bytes
     row = {"frame": frame, "number": number, "status": FAILED, "reason": reason}
     record = _as_json({"frame": row, "planes": []})
     return Outcome(number=number, frame=frame, record=record, reason=reason)
