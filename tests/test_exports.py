@@ -11,6 +11,8 @@ import pyarrow as pa
 import pytest
 from PIL import Image
 
+import planewise as pw
+from planewise import scenes
 from planewise.batch import Store
 from planewise.batch.label_png import png_of_labels
 from planewise.batch.open_source import open_source
@@ -19,6 +21,7 @@ from planewise.errors import PlanewiseError
 from planewise.exports import FORMATS, CocoExport, NpzExport, PngExport, export
 from planewise.exports.planercnn import _colours, _scene_of, nearest_points
 from planewise.files.coco_rle import decode_mask
+from planewise.files.depth import DepthFile
 from planewise.files.labels import read_labels
 from tests import dataset_files
 from tests.batch_sources import Renamed
@@ -69,8 +72,16 @@ def test_coco_masks_are_those_of_the_labels(store, tmp_path):
             assert np.array_equal(mask, frame.labels == label)
 
 
-def test_boxes_of_a_panorama_hold_their_masks(tmp_path):
-    store = make_store(Sweeps(), tmp_path / "store")
+class _Panoramas(Sweeps):
+    def __getitem__(self, frame):
+        room = scenes.panorama(2, camera=pw.SphericalCamera.panorama(128))
+        return DepthFile(depth=room.depth, camera=room.camera)
+
+
+@pytest.mark.parametrize("source", [Sweeps(), _Panoramas()])
+def test_boxes_of_a_panorama_hold_their_masks(source, tmp_path):
+    """Those across its seam, too, of which some have no pixel in the first column."""
+    store = make_store(source, tmp_path / "store")
     assert not all_of(store, CocoExport, tmp_path / "out")
     found = json.loads((tmp_path / "out" / "annotations.json").read_text())["annotations"]
     height, width = store["sweep"].labels.shape

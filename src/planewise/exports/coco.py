@@ -95,8 +95,9 @@ class CocoExport(Form):
             if not pixels[label]:
                 continue
             top, left, bottom, right = (row[each] for each in ("top", "left", "bottom", "right"))
-            if right > width:  # across the end of a panorama, where it has the first column, too
-                left, right = 0, width
+            if right > width:  # across the end of a panorama
+                columns = np.flatnonzero((labels == label + 1).any(axis=0))
+                left, right = int(columns[0]), int(columns[-1]) + 1
             annotation = {
                 "category_id": _PLANE["id"],
                 "iscrowd": 0,
