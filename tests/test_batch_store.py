@@ -690,6 +690,19 @@ def test_a_store_is_paired_with_the_truth(full, tmp_path):
     assert np.array_equal(read.planes, full["00003"].planes)
 
 
+def test_a_true_image_is_of_one_frame(frames, tmp_path):
+    recipe = Recipe(sensor=pw.sensors.KINECT_V1, options=pw.Options(), camera=frames[1])
+    path, truth = tmp_path / "store", tmp_path / "truth"
+    fill(Batch(source=Renamed(frames[0], ("a b", "a%20b")), store=path, recipe=recipe))
+    truth.mkdir()
+    np.save(truth / "a%20b.npy", np.zeros((60, 80), int))
+    with pytest.raises(PlanewiseError, match=r"of the frame 'a b' .* or of 'a%20b'; name"):
+        pair_store(path, truth)
+    np.save(truth / "a b.npy", np.zeros((60, 80), int))
+    paired = pair_store(path, truth).paired
+    assert [(frame, file.stem) for frame, _, file in paired] == [("a b", "a b"), ("a%20b",) * 2]
+
+
 def test_truth_of_another_size_names_the_frame_of_the_store(full, tmp_path):
     frame = full.ids[0]
     np.save(tmp_path / f"{frame}.npy", np.zeros((3, 3), int))

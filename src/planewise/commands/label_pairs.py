@@ -138,7 +138,8 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     Raises
     ------
     PlanewiseError
-        If `truth` is no folder, a table of the store is damaged, or no frame is in both.
+        If `truth` is no folder, a table of the store is damaged, a label image has the id of one
+        frame and the file name of another, or no frame is in both.
     """
     if not truth.is_dir():
         raise PlanewiseError(
@@ -151,7 +152,14 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
     for _ in store:  # so that a damaged table is told once, and not with each of its frames
         pass
     names = {each: each if each in true else safe_name(each, "") for each in store.ids}
-    known = set(names.values())
+    frames: dict[str, str] = {}
+    for each, name in names.items():
+        other = frames.setdefault(name, each)
+        if other != each and name in true:
+            raise PlanewiseError(
+                f"truth: {true[name]} may be that of the frame {other!r} of the store, or of "
+                f"{each!r}; name label images by the ids of their frames"
+            )
     pairs = Pairs(
         paired=tuple(
             (each, StoredLabels(store, each), true[name])
@@ -159,7 +167,7 @@ def pair_store(folder: Path, truth: Path) -> Pairs:
             if name in true
         ),
         only_predicted=tuple(each for each, name in names.items() if name not in true),
-        only_true=tuple(each for each in true if each not in known),
+        only_true=tuple(each for each in true if each not in frames),
     )
     if not pairs.paired:
         raise PlanewiseError(
