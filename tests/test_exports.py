@@ -347,6 +347,8 @@ def test_a_scene_has_one_camera(made, tmp_path):
     moved = replace(other, row={**other.row, "cx": other.row["cx"] + 1})
     with pytest.raises(PlanewiseError, match="frame room 1: it has another camera than its scene"):
         form.add(moved, source[other])
+    with pytest.raises(PlanewiseError, match=r"room 1: .* or a picture of another size"):
+        form.add(other, replace(source[other], rgb=np.zeros((120, 160, 3), np.uint8)))
     form.add(other, source[other])
     form.close()
 
@@ -360,7 +362,8 @@ def test_a_scene_states_its_camera_and_depth_in_millimetres(made, tmp_path, monk
     depth[0, :5] = 1.2344, 1.2346, 65.535, 70.0, np.nan
     monkeypatch.setattr("planewise.exports.planercnn.metres", lambda *_: depth)
     form = FORMATS["planercnn"](tmp_path, store, ["room 0"])
-    form.add(frame, StoredSource(store)[frame])
+    seen = StoredSource(store)[frame]
+    form.add(frame, replace(seen, rgb=np.zeros((120, 200, 3), np.uint8)))
     form.close()
     with Image.open(tmp_path / "scans/frames/frames/depth/0.png") as image:
         assert np.asarray(image)[0, :5].tolist() == [1234, 1235, 65_535, 0, 0]
@@ -368,7 +371,7 @@ def test_a_scene_states_its_camera_and_depth_in_millimetres(made, tmp_path, monk
     height, width = depth.shape
     assert dict(line.split(" = ") for line in lines) == {
         "fx_depth": "101.0", "fy_depth": "102.0", "mx_depth": "31.0", "my_depth": "22.5",
-        "colorWidth": str(width), "colorHeight": str(height), "numColorFrames": "1",
+        "colorWidth": "200", "colorHeight": "120", "numColorFrames": "1",
         "depthWidth": str(width), "depthHeight": str(height), "numDepthFrames": "1",
     }  # fmt: skip
 
@@ -407,7 +410,13 @@ def test_frames_of_a_scene_may_come_in_any_order(made, tmp_path):
 
 @pytest.mark.parametrize(
     ("frame", "scene"),
-    [("a--b/c", "a"), ("a/b/c", "a%2Fb"), ("a", "whole"), ("two words--c", "two%20words")],
+    [
+        ("a--b/c", "a"),
+        ("a/b/c", "a%2Fb"),
+        ("a", "whole"),
+        ("two words--c", "two%20words"),
+        ("color.jpg--c", "%63olor%2Ejpg"),  # what its reader replaces in paths
+    ],
 )
 def test_a_scene_is_the_folder_of_its_frames(frame, scene):
     assert _scene_of(frame, "whole") == scene

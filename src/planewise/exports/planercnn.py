@@ -24,7 +24,6 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +48,10 @@ _FARTHEST = 65_535  # millimetres that 16 bits hold; what is beyond is no readin
 _STEP = 100  # of colours, from plane to plane
 _UNANNOTATED = 41  # class of planes of no known object
 _JPEG_QUALITY = 95
-_CAMERA = ("fx", "fy", "cx", "cy", "width", "height")
+_CAMERA = {  # columns of frames by what a scene calls them
+    "depthWidth": "width", "depthHeight": "height", "fx_depth": "fx", "fy_depth": "fy",
+    "mx_depth": "cx", "my_depth": "cy",
+}  # fmt: skip
 _FILES = (
     "frames/color/{}.jpg",
     "frames/depth/{}.png",
@@ -64,7 +66,7 @@ class _Scene:
 
     name: str
     expected: int
-    camera: tuple[float, ...] | None = None
+    camera: dict[str, float] | None = None
     handled: int = 0
     written: list[int] = field(default_factory=list)
     planes: list[Array] = field(default_factory=list)
@@ -104,7 +106,7 @@ class PlaneRcnnExport(Form):
         self._check(scene, frame, seen)
         depth = np.nan_to_num(np.round(1000 * metres(frame, seen)))
         depth[depth > _FARTHEST] = 0
-        scene.camera = scene.camera or _camera(frame)
+        scene.camera = scene.camera or _camera(frame, seen)
         known = _pose(seen)
         pose = np.eye(4) if known is None else known  # then the world is the camera's own
         colour_file, depth_file, pose_file, labels_file = (
@@ -152,8 +154,11 @@ class PlaneRcnnExport(Form):
             raise PlanewiseError(f"frame {frame.id}: the source has no picture of it")
         if frame.row["fx"] is None:
             raise PlanewiseError(f"frame {frame.id}: its readings are no depth of a pinhole camera")
-        if scene.camera not in (None, _camera(frame)):
-            raise PlanewiseError(f"frame {frame.id}: it has another camera than its scene")
+        if scene.camera not in (None, _camera(frame, seen)):
+            raise PlanewiseError(
+                f"frame {frame.id}: it has another camera than its scene, or a picture of "
+                "another size"
+            )
         if scene.count + len(frame.planes) > _MOST_PLANES:
             raise PlanewiseError(f"frame {frame.id}: its scene has too many planes")
 
@@ -171,13 +176,8 @@ class PlaneRcnnExport(Form):
         info = np.empty(len(planes), object)  # of lists, whose lengths may differ
         info[:] = [[(number, _UNANNOTATED, _UNANNOTATED)] for number in range(len(planes))]
         np.save(self.path(f"{at}/annotation/plane_info.npy"), info, allow_pickle=True)
-        fx, fy, cx, cy, width, height = scene.camera
         count = len(scene.written)
-        sizes = {"colorWidth": width, "colorHeight": height, "depthWidth": width}
-        lines: dict[str, Any] = {
-            **sizes, "depthHeight": height, "fx_depth": fx, "fy_depth": fy, "mx_depth": cx,
-            "my_depth": cy, "numColorFrames": count, "numDepthFrames": count,
-        }  # fmt: skip
+        lines = scene.camera | {"numColorFrames": count, "numDepthFrames": count}
         text = "".join(f"{key} = {value}\n" for key, value in lines.items())
         self.path(f"{at}/{scene.name}.txt").write_text(text, encoding="ascii")
         self._names.append(scene.name)
@@ -218,11 +218,17 @@ def _scene_of(frame: str, dataset: str) -> str:
     part, between, _ = frame.rpartition(BETWEEN)
     if not between:
         part, between, _ = frame.rpartition("/")
-    return safe_name(part if between else dataset, "").replace("/", "%2F")
+    name = safe_name(part if between else dataset, "").replace("/", "%2F")
+    # The reader replaces these wherever they are in the path of a picture.
+    return name.replace("color", "%63olor").replace(".jpg", "%2Ejpg")
 
 
-def _camera(frame: StoredFrame) -> tuple[float, ...]:
-    return tuple(frame.row[each] for each in _CAMERA)
+def _camera(frame: StoredFrame, seen: SourceFrame) -> dict[str, float]:
+    """Sizes and intrinsics, which all frames of a scene have in common."""
+    assert seen.rgb is not None
+    height, width, _ = seen.rgb.shape
+    of_depth = {name: frame.row[column] for name, column in _CAMERA.items()}
+    return {"colorWidth": width, "colorHeight": height} | of_depth
 
 
 def _pose(seen: SourceFrame) -> Array | None:
