@@ -43,6 +43,7 @@ from planewise.commands.scoring import Scoring
 from planewise.errors import PlanewiseError
 from planewise.files.depth import DepthFile
 from tests.batch_sources import Renamed
+from tests.command import run
 from tests.dataset_files import write_generic
 
 COUNT = 12
@@ -688,6 +689,14 @@ def test_a_store_is_paired_with_the_truth(full, tmp_path):
     read = pairs.paired[0][1].read()
     assert np.array_equal(read.labels, full.labels("00003"))
     assert np.array_equal(read.planes, full["00003"].planes)
+
+
+def test_scores_do_not_go_into_a_store(full, tmp_path):
+    np.save(tmp_path / "00003.npy", full.labels("00003"))
+    table = full.path / "labels" / "scores.csv"
+    code, _, errors = run("eval", full.path, tmp_path, "-o", table)
+    assert (code, "scores.csv is in the store; choose another" in errors) == (2, True)
+    assert not table.exists()
 
 
 def test_a_true_image_is_of_one_frame(frames, tmp_path):

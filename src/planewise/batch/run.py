@@ -83,6 +83,10 @@ class Batch:
     retry_failed : bool
         Try frames again that failed before.
 
+    Notes
+    -----
+    Workers import the main module again: a script starts them under ``if __name__ == "__main__":``.
+
     Examples
     --------
     >>> import planewise as pw
@@ -95,6 +99,8 @@ class Batch:
     ...     with batch.started(LocalEngine(workers=2)) as run:
     ...         for outcome in run:
     ...             print(outcome.frame, outcome.planes, outcome.reason)
+    >>> if __name__ == "__main__":
+    ...     all_of("frames", "store")
     """
 
     source: Source
