@@ -204,6 +204,34 @@ def test_datasets_tell_camera_and_unit(tmp_path):
     assert "2 of 3 frames used" in out
 
 
+def test_no_file_of_a_dataset_is_written_over(tmp_path):
+    data = write_generic(tmp_path / "data")
+    (tmp_path / "link.json").symlink_to(data / "camera.json")
+    before = {each: each.read_bytes() for each in tmp_path.rglob("*") if each.is_file()}
+    for option, arguments in (
+        ("output", ("-o", data / "camera.json")),
+        ("output", ("-o", tmp_path / "link.json")),
+        ("picture", ("-o", tmp_path / "s.json", "--picture", data / "depth" / "view 1.png")),
+    ):
+        code, text, errors = run("calibrate", data, *arguments)
+        assert (code, text) == (2, "")
+        assert errors.startswith(f"error: {option}: {arguments[-1]} would be written over")
+        assert {each: each.read_bytes() for each in tmp_path.rglob("*") if each.is_file()} == before
+    assert run("calibrate", data, "-o", data / "sensor.json")[0] == 0  # where nothing was
+    assert (data / "sensor.json").exists()
+
+
+def test_frames_that_are_not_taken_are_not_written_over(frames, tmp_path, monkeypatch):
+    monkeypatch.setattr("planewise.commands.calibrate._MOST_FRAMES", 1)
+    picture, *_ = sorted(frames.iterdir(), reverse=True)
+    before = picture.read_bytes()
+    arguments = (*CAMERA, "-o", tmp_path / "s.json", "--picture", picture)
+    code, _, errors = run("calibrate", frames, *arguments)
+    assert code == 2
+    assert f"picture: {picture} would be written over" in errors
+    assert picture.read_bytes() == before
+
+
 def test_one_camera_of_a_bag_is_calibrated(tmp_path):
     other = "/other/depth/image_raw"
 

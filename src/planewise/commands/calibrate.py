@@ -88,11 +88,13 @@ def calibrate(
         checked_scale(depth_scale)
         check_seed(seed)
         known = None if camera is None else read_camera(camera)
-        found = _thinned(_frames(frames, known, depth_scale, topic, camera_topic))
-        inputs = (*frames, *(each.path for each in found), camera, sensor)
+        every = _frames(frames, known, depth_scale, topic, camera_topic)
+        read = {each.path for each in every}
+        inputs = (*frames, *read, *_of_datasets(read, output, picture), camera, sensor)
         check_output(output, ".json", inputs)
         if picture is not None:
             check_output(picture, ".png", inputs, "picture")
+        found = _thinned(every)
         name = sensor or preset_of(camera)
         base = read_sensor(name, max_depth=max_depth, resolution=resolution)
 
@@ -224,6 +226,13 @@ def _frames(
             name, read_one = f"{source.name}, frame {frame}", partial(source.__getitem__, frame)
             frames.setdefault((path.resolve(), frame), _Frame(name, path, read_one))
     return list(frames.values())
+
+
+def _of_datasets(read: set[Path], *written: Path | None) -> list[Path]:
+    """Of files to be written those that are there and below the folder of a dataset."""
+    folders = {each.resolve() for each in read if each.is_dir()}
+    there = (each for each in written if each is not None and each.exists())
+    return [each for each in there if not folders.isdisjoint(each.resolve().parents)]
 
 
 def _thinned(frames: list[_Frame]) -> list[_Frame]:
