@@ -106,6 +106,18 @@ def test_existing_results_are_replaced(depth, out):
     assert (out / "notes.txt").read_text() == "mine"
 
 
+def test_only_where_a_run_was_its_files_go(depth, out):
+    out.mkdir(parents=True)
+    others = ("planes.ply", "planes.obj", "planes.mtl", "outlines.json", "labelled.las")
+    for name in others:
+        (out / name).write_text("mine")
+    assert run("detect", depth, *ARGUMENTS, "-o", out)[0] == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted((*FILES, *others))
+    assert {(out / name).read_text() for name in others} == {"mine"}
+    assert run("detect", depth, *ARGUMENTS, "-o", out)[0] == 0
+    assert sorted(path.name for path in out.iterdir()) == sorted(FILES)
+
+
 def test_a_link_to_nothing_is_no_output(depth, tmp_path):
     (tmp_path / "link").symlink_to("nowhere")
     code, _, errors = run("detect", depth, *ARGUMENTS, "-o", tmp_path / "link")
@@ -566,13 +578,27 @@ def test_demo(tmp_path):
     assert np.asarray(Image.open(tmp_path / "demo" / "depth.png")).dtype == np.uint16
 
 
-def test_demo_replaces_nothing_but_a_demo(tmp_path):
-    (tmp_path / "depth.png").write_bytes(b"mine")
+def test_a_demo_replaces_an_earlier_one_with_its_outlines(tmp_path):
+    assert run("demo", "-o", tmp_path)[0] == 0
+    before = (tmp_path / "planes.json").read_bytes()
+    (tmp_path / "planes.ply").write_bytes(b"as detect --outlines writes it")
+    assert run("demo", "-o", tmp_path, "--seed", 1)[0] == 0
+    assert not (tmp_path / "planes.ply").exists()
+    assert (tmp_path / "planes.json").read_bytes() != before
+
+
+@pytest.mark.parametrize("names", [["depth.png"], ["truth.png"], ["rgb.png", "truth.png"]])
+@pytest.mark.parametrize("planes", ["{}", '{"input": {"file": "depth.png"}}', None])
+def test_demo_replaces_nothing_but_a_demo(tmp_path, names, planes):
+    for name in names:
+        (tmp_path / name).write_bytes(b"mine")
+    if planes is not None:
+        (tmp_path / "planes.json").write_text(planes)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     code, _, errors = run("demo", "-o", tmp_path)
     assert code == 2
-    assert "would be replaced" in errors
-    assert [path.name for path in tmp_path.iterdir()] == ["depth.png"]
-    assert (tmp_path / "depth.png").read_bytes() == b"mine"
+    assert f"{names[0]} is no demo's and would be replaced" in errors
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_info_and_version():

@@ -140,3 +140,17 @@ def test_results_do_not_go_among_the_masks(depth, tmp_path, scene):
     assert code == 2
     assert "masks would be written over" in errors
     assert [each.name for each in masks.iterdir()] == ["overlay.png"]
+
+
+def test_results_of_a_folder_do_not_go_among_the_masks_of_a_frame(depth, tmp_path, scene):
+    masks = tmp_path / "masks" / "depth"
+    masks.mkdir(parents=True)
+    Image.fromarray(scene.labels == 1).save(masks / "labels.png")
+    before = (masks / "labels.png").read_bytes()
+    for given, out in ((depth.parent, masks.parent), (depth, masks)):
+        code, _, errors = run("detect", given, *ARGUMENTS, "--partition", masks.parent, "-o", out)
+        assert code == 2
+        assert f"output: {masks} would be written over" in errors
+        assert "earlier run" not in errors
+        assert [each.name for each in masks.iterdir()] == ["labels.png"]
+        assert (masks / "labels.png").read_bytes() == before

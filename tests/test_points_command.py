@@ -366,6 +366,15 @@ def test_results_are_not_written_over_what_is_read(tmp_path, corner):
     assert path.read_text() == "ply"
 
 
+def test_where_no_run_was_nobodys_files_go(tmp_path, corner):
+    np.save(tmp_path / "a.npy", corner[0])
+    mine = ("planes.ply", "outlines.json", "labelled.las")
+    for name in mine:
+        (tmp_path / name).write_text("mine")
+    assert run("points", tmp_path / "a.npy", "--sigma", SIGMA, "-o", tmp_path)[0] == 0
+    assert {(tmp_path / name).read_text() for name in mine} == {"mine"}
+
+
 def test_a_missing_package_leaves_nothing(tmp_path, out, corner, monkeypatch):
     np.save(tmp_path / "a.npy", corner[0])
 

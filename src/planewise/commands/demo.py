@@ -11,8 +11,11 @@ from planewise.commands import terminal
 from planewise.commands.command_line import check_seed, reported
 from planewise.commands.jobs import find_planes
 from planewise.errors import PlanewiseError
+from planewise.files.result_names import PARAMETERS, stale_files
 from planewise.results.image import write_image, write_results
 from planewise.whole_files import output_folder
+
+_ROOM = ("depth.png", "rgb.png", "truth.png")
 
 
 def demo(
@@ -24,14 +27,13 @@ def demo(
     """Build a synthetic room, find its planes and draw them."""
     with reported():
         check_seed(seed)
-        if not (output / "truth.png").exists():
-            for name in ("depth.png", "rgb.png"):
-                if (output / name).exists():
-                    raise PlanewiseError(
-                        f"output: {output / name} is no demo's and would be replaced; "
-                        "give another folder with -o"
-                    )
-        with output_folder(output) as folder:
+        for name in () if _holds_demo(output) else _ROOM:
+            if (output / name).exists():
+                raise PlanewiseError(
+                    f"output: {output / name} is no demo's and would be replaced; "
+                    "give another folder with -o"
+                )
+        with output_folder(output, stale_files(output)) as folder:
             from planewise import scenes
             from planewise.drawing.overlay import draw_labels
             from planewise.options import Options
@@ -57,3 +59,10 @@ def demo(
         terminal.say(
             f"{found} of the room's {len(room.planes)} planes were found (more than half in common)"
         )
+
+
+def _holds_demo(folder: Path) -> bool:
+    """Whether an earlier demo wrote there: all its pictures, and planes of their depth."""
+    if not all((folder / name).is_file() for name in (*_ROOM, PARAMETERS)):
+        return False
+    return b'"file": "depth.png"' in (folder / PARAMETERS).read_bytes()

@@ -20,7 +20,7 @@ from planewise.errors import PlanewiseError, SetupError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
-from planewise.files.result_names import FILES, OUTLINE_FILES, stale_files
+from planewise.files.result_names import FILES, OUTLINE_FILES, PARAMETERS, stale_files
 from planewise.results.image import write_results
 from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
@@ -123,9 +123,10 @@ class Job:
         rgb = self._picture(path, frame)
         options = self._options(path, rgb, many)
         # A folder of masks is read whole: the results would be masks of the next run.
-        stale = stale_files(target, OUTLINE_FILES)
-        written = [target, *(target / name for name in (*FILES, *stale))]
-        check_kept(written, (path, self.rgb, self.partition, *self.read))
+        stale = stale_files(target)
+        written = [target, *(target / name for name in (*FILES, *OUTLINE_FILES, *stale))]
+        masks = None if self.partition is None else self.partition / path.stem
+        check_kept(written, (path, self.rgb, self.partition, masks, *self.read))
         if not many:
             self._load()
         with output_folder(target, stale) as folder:
@@ -200,7 +201,7 @@ class Job:
             except (ValueError, OSError) as error:
                 named = path.name in str(error)
                 kept = ""
-                if any((target / name / each).is_file() for each in FILES):
+                if (target / name / PARAMETERS).is_file():
                     kept = f"; {target / name} still has what an earlier run found"
                 yield Failed(path=path, reason=f"{'' if named else f'{path.name}: '}{error}{kept}")
 

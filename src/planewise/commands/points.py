@@ -133,8 +133,9 @@ def points(
         from planewise.files.cloud import open_cloud
         from planewise.results.cloud import write_cloud_results
 
-        stale = stale_files(output, (*OUTLINE_FILES, *LAS_FILES))
-        check_kept([output / name for name in (*CLOUD_FILES, *stale)], [cloud])
+        stale = stale_files(output)
+        written = (*CLOUD_FILES, *LAS_FILES, *OUTLINE_FILES, *stale)
+        check_kept([output / name for name in written], [cloud])
         if outlines:
             load_shapely()
         if las:

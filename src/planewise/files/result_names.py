@@ -26,16 +26,15 @@ PICTURES = frozenset(name for name in (*FILES, *CLOUD_FILES) if name.endswith(".
 """Of these, what is no depth image, though its name is that of one."""
 
 
-def stale_files(folder: Path, own: tuple[str, ...]) -> tuple[str, ...]:
+def stale_files(folder: Path) -> tuple[str, ...]:
     """Names of files that go when new results come: those of an earlier run are of other planes.
+
+    Without its ``planes.json`` there was no run, and files of these names are somebody's own.
 
     Parameters
     ----------
     folder : Path
         Where the results go.
-    own : tuple of str
-        What the command may write, as asked for or not; that goes in any case. What another may
-        have written goes beside its ``planes.json``; without one it is somebody's own.
     """
     ran = (folder / PARAMETERS).exists()
-    return (*own, *FILES, *CLOUD_FILES, *LAS_FILES) if ran else own
+    return (*FILES, *CLOUD_FILES, *LAS_FILES, *OUTLINE_FILES) if ran else ()
