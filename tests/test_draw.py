@@ -37,6 +37,14 @@ def test_small_images_are_magnified_and_planes_have_their_colours(scene, model):
         assert (legend == colour.astype(np.uint8)).all(axis=2).sum() > 50
 
 
+def test_flat_strips_are_magnified_less_across():
+    camera, depth = pw.PinholeCamera(fx=500, fy=500, cx=1000, cy=2), np.full((4, 1500), 2.0)
+    model = pw.detect_planes(depth, camera, pw.Sensor())
+    picture = draw_overlay(model, depth, camera)
+    assert picture.shape[0] == 400
+    assert 3000 < picture.shape[1] < 4000
+
+
 def test_inputs_are_not_changed(scene, model):
     depth = depth_in_metres(scene.depth, scene.sensor)
     before, rgb = depth.copy(), scene.rgb.copy()

@@ -22,6 +22,7 @@ Picture = NDArray[np.uint8]
 Light = NDArray[np.float32]  # of a picture, in 0 ... 1
 
 _SMALLEST_HEIGHT = 400  # smaller images are magnified, for the writing to be readable
+_LARGEST_WIDTH = 4000  # to which strips are magnified
 _TINT = 0.6
 _NEAR = 3  # pixels to each side of what is smoothed or looked at together
 _MOST_COLUMNS = 3  # of the legend; planes beyond are neither listed nor numbered
@@ -49,7 +50,8 @@ def draw_overlay(
     Returns
     -------
     ndarray of uint8, shape (H', W', 3)
-        The image, magnified by whole numbers if it is small, with the legend on its right.
+        The image, magnified by whole numbers if it is small, flat strips less across than down,
+        with the legend on its right.
 
     Raises
     ------
@@ -61,7 +63,9 @@ def draw_overlay(
     picture = _tint(base, model.labels, np.isfinite(depth))
     # The few rows of a LiDAR are farther apart than its columns, and magnified alone.
     down = max(1, -(-_SMALLEST_HEIGHT // depth.shape[0]))
-    across = 1 if isinstance(camera, SphericalCamera) else down
+    across = min(down, max(1, _LARGEST_WIDTH // depth.shape[1]))
+    if isinstance(camera, SphericalCamera):
+        across = 1
     picture = picture.repeat(down, axis=0).repeat(across, axis=1)
     labels = model.labels.repeat(down, axis=0).repeat(across, axis=1)
     _outline(picture, labels)
