@@ -196,6 +196,17 @@ def test_no_name_of_an_option_is_cut_off_in_a_narrow_terminal(columns):
     assert "calibrate" in told.stdout
 
 
+@pytest.mark.parametrize(
+    "arguments", [("--version",), ("-h",), ("detect", "none.png", "-o", "out")]
+)
+def test_a_terminal_of_no_columns_hides_nothing(arguments):
+    code = "from planewise.cli import main; main()"
+    told = run_python(code, *arguments, check=False, COLUMNS="0")
+    usual = run_python(code, *arguments, check=False, COLUMNS="80")
+    assert usual.stdout + usual.stderr
+    assert (told.stdout, told.stderr) == (usual.stdout, usual.stderr)
+
+
 BAD_ARGUMENTS = {
     "camera of another size": (("--camera", "nyu"), "camera"),
     "zero focal length": (("--camera", "0,125,80,60"), "fx"),

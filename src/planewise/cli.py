@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import gc
 import io
+import os
 import sys
 
 from planewise.commands.exit_codes import CLOSED_PIPE
@@ -32,6 +33,8 @@ def main() -> None:
     """Run the command line; never ends with a traceback for what a user can put right."""
     gc.set_threshold(_COLLECT_AFTER)
     _encode_all()
+    if os.environ.get("COLUMNS") == "0":  # as where there is no terminal; Rich would write nothing
+        del os.environ["COLUMNS"]
     heed_interrupts()
     try:
         try:
