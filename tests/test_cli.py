@@ -387,6 +387,21 @@ def test_a_closed_pipe_ends_quietly(arguments):
         assert (told.returncode, told.stderr) == (141, "")
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="a device that is always full")
+@pytest.mark.parametrize("columns", ["40", "80"])
+@pytest.mark.parametrize("arguments", [(), ("--version",), ("detect", "-h")])
+def test_help_that_cannot_be_written_is_no_traceback(arguments, columns):
+    code = """if True:
+        import os, sys
+        from planewise.cli import main
+        os.dup2(os.open("/dev/full", os.O_WRONLY), 1)
+        main()
+        """
+    told = run_python(code, *arguments, check=False, COLUMNS=columns)
+    reason = "stdout cannot be written to (No space left on device)"
+    assert (told.returncode, told.stderr) == (2, f"error: {reason}\n")
+
+
 def test_a_file_that_is_not_there_is_said_first(out):
     assert "no file or folder none.png" in run("detect", "none.png", "-o", out)[2]
 

@@ -80,7 +80,16 @@ class _Commands(TyperGroup):
 
     def main(self, *arguments: Any, standalone_mode: bool = True, **options: Any) -> NoReturn:
         try:
-            code = super().main(*arguments, standalone_mode=False, **options)  # type: ignore[misc]
+            code = self._run(*arguments, **options)
+        except OSError as error:  # of help and version; commands report theirs
+            terminal.error(f"stdout cannot be written to ({error.strerror or error})")
+            code = FAILED
+        sys.exit(code)
+
+    def _run(self, *arguments: Any, **options: Any) -> Any:
+        """Exit code of what was asked for."""
+        try:
+            return super().main(*arguments, standalone_mode=False, **options)  # type: ignore[misc]
         except _USAGE_ERROR as error:
             message = error.format_message()
             if type(error).__name__ == "NoArgsIsHelpError":
@@ -89,8 +98,7 @@ class _Commands(TyperGroup):
                 message = message.removesuffix(".").replace("Value error, ", "")  # of pydantic
                 where = "planewise" if error.ctx is None else error.ctx.command_path
                 terminal.error(f"{message}; see '{where} -h'")
-            code = FAILED
-        sys.exit(code)
+            return FAILED
 
 
 def _print_version(wanted: bool) -> None:
