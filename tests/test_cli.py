@@ -668,10 +668,13 @@ def process(*arguments, **options):
 
 
 @with_signals
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
-def test_interrupt_leaves_nothing(depth, out, how):
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_interrupt_leaves_nothing(depth, out, name):
+    how = getattr(signal, name)
+
     def interruptible():
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
     job = process(
         *("detect", depth, *ARGUMENTS, "-o", out, "--search", "sequential"),

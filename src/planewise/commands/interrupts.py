@@ -22,15 +22,18 @@ _raised: list[float] = []  # times of interrupts, -inf of what Python dropped
 
 
 def heed_interrupts() -> None:
-    """Have Ctrl-C wait, or come again, where Python would drop it, and SIGTERM be as Ctrl-C.
+    """Have Ctrl-C wait, or come again, where Python would drop it; SIGTERM and SIGHUP be as it.
 
     It is dropped in callbacks from C, after which Numba would miss what they were to do, and in
-    what deletes objects. Schedulers and containers send SIGTERM, which would leave files behind.
+    what deletes objects. Schedulers and containers send SIGTERM, a terminal that is closed SIGHUP,
+    and both would leave files behind.
     """
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
-    if signal.getsignal(signal.SIGTERM) is signal.SIG_DFL:
-        signal.signal(signal.SIGTERM, interrupt)
+    for name in ("SIGTERM", "SIGHUP"):
+        signum = getattr(signal, name, None)  # Windows has no SIGHUP
+        if signum is not None and signal.getsignal(signum) is signal.SIG_DFL:
+            signal.signal(signum, interrupt)
     sys.unraisablehook = _repeat_interrupt
 
 
