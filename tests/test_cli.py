@@ -232,6 +232,10 @@ BAD_ARGUMENTS = {
     "inlier ratio zero": (("--search", "sequential", "--inlier-ratio", "0"), "--inlier-ratio must"),
     "confidence of no samples": (("--confidence", "0.9"), "confidence goes with --search seq"),
     "inlier ratio of no samples": (("--inlier-ratio", "0.2"), "--inlier-ratio goes with --search"),
+    "confidence in regions": (
+        ("--search", "sequential", "--partition", "blocks", "--confidence", "0.9"),
+        "confidence goes with --search sequential without a --partition",
+    ),
     "seed negative": (("--seed", "-1"), "seed"),
     "no threads": (("--threads", "0"), "threads"),
     "search that is none": (("--search", "magic"), "'--search': 'magic' is not one of"),

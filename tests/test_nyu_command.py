@@ -161,6 +161,7 @@ def test_nothing_is_left_where_no_frame_can_be_used(folder, out):
         (("--seed", -1), "seed must not be negative"),
         (("--threads", 0), "threads must be a whole number of at least 1"),
         (("--truth", "none"), "truth: none is not a folder"),
+        (("--depth", "raw"), "is a folder; --depth chooses among those of a .mat"),
     ],
 )
 def test_what_cannot_be_is_refused(folder, out, arguments, message):

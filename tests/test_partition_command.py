@@ -48,7 +48,9 @@ def test_every_kind_of_file_gives_the_same_regions(kind, depth, tmp_path, scene)
         found = np.asarray(image)
     assert np.array_equal(found, model.labels)
     wanted = f"{len(masks)} masks" if kind in ("masks.npy", "folder") else "label image"
-    assert options_of(out)["partition"] == wanted
+    options = options_of(out)
+    assert options["partition"] == wanted
+    assert not {"confidence", "inlier_ratio"} & options.keys()  # the regions have their own
 
 
 @pytest.mark.parametrize("name", ["blocks", "graph", "auto"])

@@ -193,7 +193,7 @@ class Options:
             "significance": self.significance,
             "rng": self.rng if isinstance(self.rng, int) else "generator",
         }
-        if self.search == "sequential":
+        if self.search == "sequential" and self.partition is None:
             out |= {"confidence": self.confidence, "inlier_ratio": self.inlier_ratio}
         if reassign := as_reassignment(self.reassign):
             out["reassign"] = {"normals": asdict(reassign)}

@@ -111,12 +111,22 @@ def read_size(size: str, sides: range, example: str) -> tuple[int, int]:
     return height, width
 
 
-def of_samples(search: str, confidence: float | None, inlier_ratio: float | None) -> dict[str, Any]:
-    """Options of the sequential search as far as they are given; the joint one takes no samples."""
+def of_samples(
+    search: str,
+    confidence: float | None,
+    inlier_ratio: float | None,
+    partition: str | None = None,
+) -> dict[str, Any]:
+    """Options of the sequential search as far as they are given.
+
+    The joint one takes no samples, and in the regions of a partition the paper's numbers hold.
+    """
     given = {"confidence": confidence, "inlier_ratio": inlier_ratio}
     out = {name: value for name, value in given.items() if value is not None}
-    if out and search != "sequential":
-        raise PlanewiseError(f"{next(iter(out))} goes with --search sequential")
+    if out and (search != "sequential" or partition is not None):
+        raise PlanewiseError(
+            f"{next(iter(out))} goes with --search sequential without a --partition"
+        )
     return out
 
 

@@ -154,7 +154,7 @@ def detect(
             instances=instances,
             significance=significance,
             max_planes=max_planes,
-            **of_samples(search, confidence, inlier_ratio),
+            **of_samples(search, confidence, inlier_ratio, partition),
             reassign=None if reassign is None else "normals",
             rng=seed,
             threads=threads,

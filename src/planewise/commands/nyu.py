@@ -60,8 +60,9 @@ def nyu(
         ),
     ] = None,
     depth: Annotated[
-        _Depth, typer.Option(help="Of the .mat: holes painted in, or as measured.")
-    ] = _Depth.filled,
+        _Depth | None,
+        optional("Of the .mat: holes painted in (the default), or as measured."),
+    ] = None,
     camera: Annotated[
         str | None, optional(f"{CAMERA_HELP} Default: NYU-v2's, or of a usual crop of it.")
     ] = None,
@@ -86,6 +87,10 @@ def nyu(
         check_seed(seed)
         if limit is not None and limit < 1:
             raise PlanewiseError(f"limit must be at least 1, got {limit}")
+        if depth is not None and data.is_dir():
+            raise PlanewiseError(
+                f"depth: {data} is a folder; --depth chooses among those of a .mat"
+            )
 
         from planewise.datasets.nyu import open_nyu
         from planewise.options import Options

@@ -48,11 +48,16 @@ CameraInstead = Annotated[str | None, optional(f"Instead of the dataset's. {CAME
 NoiseAsForDetect = Annotated[str | None, optional(f"As for detect: {NOISE_HELP}; or auto.")]
 Confidence = Annotated[
     float | None,
-    optional("Sequential: probability that a plane's sample is pure. Default: 0.99."),
+    optional(
+        "Sequential, without --partition: probability that a plane's sample is pure. Default: 0.99."
+    ),
 ]
 InlierRatio = Annotated[
     float | None,
-    optional("Sequential: share of the readings on the smallest plane. Default: 0.1."),
+    optional(
+        "Sequential, without --partition: share of the readings on the smallest plane. "
+        "Default: 0.1."
+    ),
 ]
 MaxDepth = Annotated[
     float | None, optional("Largest depth in metres; what is beyond is no reading.")
@@ -75,7 +80,10 @@ CameraTopic = Annotated[
 ]
 MaxPlanes = Annotated[
     int | None,
-    optional("Largest number of planes. Default: none; paper's objective 64, sequential 8."),
+    optional(
+        "Largest number of planes. Default: none; paper's objective 64; sequential 8, or none with "
+        "--partition."
+    ),
 ]
 Outlines = Annotated[
     bool,
