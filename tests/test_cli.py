@@ -334,7 +334,14 @@ def test_a_full_disk_is_said_and_leaves_nothing(depth, out, monkeypatch):
     monkeypatch.setattr("planewise.commands.jobs.write_results", full)
     code, text, errors = run("detect", depth, *ARGUMENTS, "-o", out)
     assert (code, text) == (2, "")
-    assert errors.startswith("error: output: there is no room left for the results (No space left")
+    no_room = "error: output: there is no room left for the results (No space left"
+    assert errors.startswith(no_room)
+    assert not out.exists()
+    depth.with_name("second.png").write_bytes(depth.read_bytes())
+    code, text, errors = run("detect", depth.parent, *ARGUMENTS, "-o", out)
+    assert (code, text) == (2, "")
+    assert errors.startswith(no_room)
+    assert errors.count("error: ") == 1
     assert not out.exists()
 
 
@@ -529,8 +536,12 @@ def test_a_package_that_frames_need_is_missed_once(depth, out, scene, monkeypatc
     assert not out.exists()
 
 
-def test_where_files_are_is_said_only_of_a_folder_that_is_there(depth, out):
+@pytest.mark.parametrize("before", [False, True])
+def test_where_files_are_is_said_only_if_there_are_any(depth, out, before):
     depth.write_bytes(b"nothing")
+    if before:
+        out.mkdir(parents=True)
+        (out / "notes.txt").write_text("mine")
     code, text, _ = run("detect", depth.parent, *ARGUMENTS, "-o", out)
     assert (code, text) == (2, "0 of 1 frame done ")
 
@@ -581,6 +592,17 @@ def test_frames_of_the_same_name_keep_apart(depth, out, scene):
     np.save(depth.with_suffix(".npy"), scene.depth)
     assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
     assert sorted(path.name for path in out.iterdir()) == ["depth.npy", "depth.png"]
+
+
+def test_no_frame_has_the_folder_of_another(depth, out, scene):
+    names = ["depth.npy", "depth.png", "depth.png.npy"]  # the last one's stem is a name
+    for name in (names[0], names[2]):
+        np.save(depth.with_name(name), scene.depth)
+    assert run("detect", depth.parent, *ARGUMENTS, "-o", out)[0] == 0
+    assert sorted(path.name for path in out.iterdir()) == names
+    for name in names:
+        record = json.loads((out / name / "planes.json").read_text())
+        assert record["input"]["file"] == name
 
 
 def test_a_dataset_is_for_batch(tmp_path, out):

@@ -214,7 +214,8 @@ def _detect_folder(job: Job, folder: Path, output: Path) -> None:
             if result.unit and not told:
                 terminal.warning(f"{path.name}: {result.unit}")
                 told = True
-    where = f", files in {output}" if output.exists() else ""
-    terminal.say(f"{len(paths) - failed} of {counted(len(paths), 'frame')} done{where}")
+    done = len(paths) - failed
+    where = f", files in {output}" if done else ""
+    terminal.say(f"{done} of {counted(len(paths), 'frame')} done{where}")
     if failed:
         raise typer.Exit(FAILED)

@@ -16,7 +16,7 @@ from planewise import threads
 from planewise.arguments import unit_told
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept, unusual_unit
-from planewise.errors import PlanewiseError, SetupError, naming
+from planewise.errors import NO_ROOM, PlanewiseError, SetupError, naming
 from planewise.files.camera import no_camera
 from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
@@ -185,20 +185,22 @@ class Job:
         ------
         PlanewiseError
             If none can be done, such as without a package that the options need.
+        OSError
+            If the disk is full.
         """
         if self.rgb is not None and not self.rgb.is_dir():
             raise PlanewiseError(
                 f"rgb: {self.rgb} is one picture; a folder of depth images takes a folder of them"
             )
         self._load()
-        stems = Counter(path.stem for path in paths)
-        for path in paths:
-            name = path.stem if stems[path.stem] == 1 else path.name
+        for path, name in zip(paths, _folder_names(paths), strict=True):
             try:
                 yield self.run(path, target / name, many=True)
             except SetupError:
                 raise
             except (ValueError, OSError) as error:
+                if isinstance(error, OSError) and error.errno in NO_ROOM:
+                    raise  # no other frame would have any
                 named = path.name in str(error)
                 kept = ""
                 if (target / name / PARAMETERS).is_file():
@@ -233,6 +235,14 @@ class Job:
         with naming("rgb:"):
             picture = read_colour(source)
         return match_picture(picture, shape)
+
+
+def _folder_names(paths: list[Path]) -> list[str]:
+    """Names of the frames' folders: without endings, but of those that would share one."""
+    stems = Counter(path.stem for path in paths)
+    names = [path.stem if stems[path.stem] == 1 else path.name for path in paths]
+    # Among a.png, a.npy and a.png.npy one's whole name is another's without ending.
+    return names if len(set(names)) == len(names) else [path.name for path in paths]
 
 
 def find_planes(
