@@ -226,6 +226,33 @@ def test_however_many_points_are_missing(tmp_path, out, corner):
     assert "left out: 2,000 points, a hundred times as far off as most" in errors
 
 
+@pytest.mark.parametrize("tiles", [(), ("--tiles", 1000)])
+def test_damaged_points_are_left_out_however_far_they_are(tmp_path, out, corner, tiles):
+    far = np.array([[1.7e308, -1.7e308, 1.7e308], [1.7e308, 1.7e308, 1.7e308]])
+    np.save(tmp_path / "a.npy", np.vstack((far, corner[0])))
+    code, text, errors = run("points", tmp_path / "a.npy", "--sigma", SIGMA, "-o", out, *tiles)
+    assert (code, "3 planes" in text) == (0, True)
+    assert "left out: 2 points, a hundred times as far off as most" in errors
+
+
+@pytest.mark.parametrize(
+    ("points", "said"),
+    [
+        (
+            lambda points: np.add((1e308, 0, 0), points),
+            "it lies 1e+308 m from the origin of its coordinates",
+        ),
+        (lambda points: np.sign(points - 1) * 1e308, "points are up to inf m apart, more than the"),
+    ],
+)
+def test_a_cloud_that_is_nowhere_is_said_to_be(tmp_path, out, corner, points, said):
+    np.save(tmp_path / "a.npy", points(corner[0]))
+    code, text, errors = run("points", tmp_path / "a.npy", "-o", out)
+    assert (code, text) == (2, "")
+    assert said in errors
+    assert not out.parent.exists()
+
+
 def test_noise_that_points_do_not_tell_is_warned_of(tmp_path, out, corner):
     volume = np.random.default_rng(0).uniform(0, 5, (300, 3))
     for name, points in (("volume", volume), ("corner", corner[0])):
@@ -311,6 +338,10 @@ BAD = {
     "sigma nan": (("--sigma", "nan"), "sigma"),
     "origin of two": (("--sigma", 0.01, "--origin", "1,2"), "origin"),
     "origin of a file without": (("--sigma", 0.01, "--origin", "file"), "origin"),
+    "origin nowhere": (
+        ("--origin", "1e300,2,1.5"),
+        "must be x,y,z in metres, at most 1e+12",
+    ),
     "origin of words": (("--sigma", 0.01, "--origin", "a,b,c"), "origin"),
     "resolution": (("--sigma", 0.01, "--resolution", "-1"), "resolution"),
     "resolution of the whole": (("--sigma", 0.01, "--resolution", 100), "smaller than the range"),

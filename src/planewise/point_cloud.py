@@ -248,9 +248,11 @@ def offset_of(coordinates: NDArray[np.floating] | Array) -> Array:
     ndarray, shape (3,)
         Multiples of 100 m.
     """
-    return offset_near(extent_of_most(coordinates)[0].mean(axis=0))
+    low, high = extent_of_most(coordinates)[0]
+    return offset_near(low / 2 + high / 2)  # whose sum may be too large for a number
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of damaged points, which may be of any size
 def extent_of_most(points: NDArray[np.floating]) -> tuple[Array, int]:
     """Least and largest coordinates of the finite points but for strays, and how many these are.
 

@@ -41,6 +41,7 @@ Coordinates = NDArray[np.float64]
 _ABSURD = 100.0  # times the extent of a cloud that no scanner is away from it
 _FAR_OFF = 2.0  # times sigma: worth saying
 _LARGEST = 1e8  # metres that points may lie apart
+_FARTHEST = 1e12  # metres from zero, beyond which numbers of 64 bits tell no millimetres
 _FROM_FILE = "file"  # as of `detect_planes_in_cloud`
 _AUTO = "auto"
 _NEEDED = 200  # bytes of memory that a point takes in one piece
@@ -287,9 +288,10 @@ def _check_origin(text: str) -> Coordinates | None:
         place = np.array([float(word) for word in text.split(",")])
     except ValueError:
         place = np.empty(0)
-    if place.shape != (3,) or not np.isfinite(place).all():
+    if place.shape != (3,) or not (np.abs(place) <= _FARTHEST).all():
         raise PlanewiseError(
-            f"origin must be x,y,z in metres, or '{_FROM_FILE}' for the file's own, got '{text}'"
+            f"origin must be x,y,z in metres, at most {_FARTHEST:g}, or '{_FROM_FILE}' for the "
+            f"file's own, got '{text}'"
         )
     return place
 
@@ -321,10 +323,15 @@ def _extent(cloud: PointCloud) -> Coordinates:
         )
     with np.errstate(over="ignore"):
         sides = np.ptp(box, axis=0).astype(np.float64)
+        farthest = np.abs(box + cloud.offset).max()
     if not sides.max() <= _LARGEST:
         raise PlanewiseError(
             f"cloud: its points are up to {sides.max():.3g} m apart, more than the earth is wide; "
             "expected metres"
+        )
+    if farthest > _FARTHEST:
+        raise PlanewiseError(
+            f"cloud: it lies {farthest:.3g} m from the origin of its coordinates; expected metres"
         )
     return box
 

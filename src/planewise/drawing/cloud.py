@@ -73,6 +73,7 @@ class _View:
         return self.eye.metres
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of damaged points, which may be of any size
 def draw_cloud(
     points: NDArray[np.floating], model: PlaneModel, *, surfaces: Sequence[Surface] = ()
 ) -> Picture:
