@@ -392,6 +392,10 @@ BAD_ARGUMENTS = {
     "seed negative": (("--seed", "-1"), "seed"),
     "camera that is none": (("--camera", "nikon"), "camera"),
     "engine that is none": (("--engine", "steam"), "--engine"),
+    "samples in regions": (
+        ("--partition", "blocks", "--search", "sequential", "--confidence", "0.9"),
+        "without a --partition",
+    ),
 }
 
 

@@ -179,7 +179,7 @@ def batch(
             instances=instances,
             significance=significance,
             max_planes=max_planes,
-            **of_samples(search, confidence, inlier_ratio),
+            **of_samples(search, confidence, inlier_ratio, partition),
             rng=seed,
         )
         recipe = Recipe(

@@ -115,7 +115,7 @@ def of_samples(
     search: str,
     confidence: float | None,
     inlier_ratio: float | None,
-    partition: str | None = None,
+    partition: str | None,
 ) -> dict[str, Any]:
     """Options of the sequential search as far as they are given.
 
