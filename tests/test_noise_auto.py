@@ -1,5 +1,6 @@
 """noise="auto": what a frame says about the noise of its sensor."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import noise, scenes
+from planewise.calibration.calibrate import describe_calibration
 from planewise.calibration.cells import _harmonics, blurred, noise_cells
 from planewise.calibration.fit import fit_polynomial
 from planewise.files.camera import read_noise
@@ -135,18 +137,45 @@ def test_a_room_is_seen_as_by_the_run_that_is_told():
         assert accuracy > 0.9 or objective == "paper"
 
 
-def test_an_error_that_neighbours_share_is_seen():
+@pytest.mark.parametrize("missing", [0.0, 0.1, 0.5])
+def test_an_error_that_neighbours_share_is_seen(missing):
     camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
     exact, _ = render(np.array([[0.4, -0.3, -0.866, 2.0]]), camera, (480, 640))
     rng = np.random.default_rng(0)
     offsets = np.kron(rng.standard_normal((60, 80)), np.ones((8, 8)))
     depth = exact + 0.004 * rng.standard_normal(exact.shape) + 0.002 * offsets
+    depth[rng.random(depth.shape) < missing] = 0
     found = pw.estimate_noise(depth, camera, AUTO)
     assert found.shared_ratio == pytest.approx(0.5, rel=0.1)
     z = seen(found)
     assert_allclose(found.white(z), 0.004, rtol=0.05)
     assert_allclose(found.shared(z), 0.004, rtol=0.1)
     assert_allclose(found.drift(z), 3.5 * found.shared(z))
+
+
+@pytest.mark.parametrize("missing", [0.1, 0.5])
+def test_missing_readings_are_no_shared_error(missing):
+    """Centroids of cells that lack some are not in line: the plane leans between them."""
+    camera = pw.PinholeCamera(fx=525, fy=525, cx=319.5, cy=239.5)
+    exact, _ = render(np.array([[0.6, -0.5, -0.625, 2.0]]), camera, (480, 640))
+    rng = np.random.default_rng(0)
+    depth = exact + 0.0005 * rng.standard_normal(exact.shape)
+    depth[rng.random(depth.shape) < missing] = 0
+    assert pw.estimate_noise(depth, camera, AUTO).shared_ratio < 0.04
+
+
+def test_what_too_few_cells_share_is_not_told(camera, tmp_path):
+    """It is not 0, and binds no frame."""
+    wall = np.zeros((48, 64))
+    wall[:24, :24] = 2 + 0.004 * np.random.default_rng(0).standard_normal((24, 24))
+    found = pw.calibrate([wall], camera, pw.Sensor())
+    assert np.isnan(found.shared_ratio)
+    assert not found.bounds
+    assert "too few flat cells lie in a row" in found.caution
+    pw.sensors.save(
+        found.sensor(pw.Sensor()), tmp_path / "s.json", calibration=describe_calibration(found)
+    )
+    assert json.loads((tmp_path / "s.json").read_text())["calibration"]["shared_ratio"] is None
 
 
 def sweep_of_a_room(columns):

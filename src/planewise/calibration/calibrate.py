@@ -53,8 +53,9 @@ def calibrate(
     -------
     NoiseEstimate
         Its `sensor` makes the sensor to detect with, waves of its error included, and
-        `planewise.sensors.save` keeps it; its `caution` says where frames of about one depth leave
-        open how noise grows with depth.
+        `planewise.sensors.save` keeps it; its `caution` says what the frames leave open: how noise
+        grows with depth, where they are of about one, and what neighbours share of it, where too
+        few flat cells lie in a row.
 
     Raises
     ------
@@ -104,7 +105,7 @@ def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:
     bins = found.bins
     return found.describe() | {
         "caution": found.caution,
-        "shared_ratio": found.shared_ratio,
+        "shared_ratio": None if np.isnan(found.shared_ratio) else found.shared_ratio,
         "bounds": found.bounds,
         "confidence": 0.95,
         "depth_m": bins.depth.tolist(),

@@ -58,6 +58,8 @@ class NoiseCells:
         Undistorted pixel coordinates about the principal point.
     inverse : ndarray
         w at the centroid, 1 / m; of a LiDAR along the axis of its sector.
+    slope : ndarray, shape (2, cells)
+        Of w along these coordinates, 1 / m.
     usable : ndarray of bool
         Whether the cell has enough readings and is not rougher than any sensor.
     grid : (int, int)
@@ -74,6 +76,7 @@ class NoiseCells:
     mean: Array
     centroid: Array
     inverse: Array
+    slope: Array
     usable: NDArray[np.bool_]
     grid: tuple[int, int]
     side: int
@@ -136,7 +139,7 @@ def _cells_of(observation: RayObservation, waves: Waves | None, side: int) -> No
         np.empty((rows * columns, kernels.SUMS)),
         planes,
     )
-    count, x, y, inverse, slope_x, slope_y, squares = planes.T
+    count, x, y, inverse, *slope, squares = planes.T
     with np.errstate(invalid="ignore", divide="ignore"):
         # Where readings are ranges, z along the axis of a sector is that much shorter.
         across = (x * pixel_size[0]) ** 2 + (y * pixel_size[1]) ** 2 if in_range else 0.0
@@ -151,7 +154,7 @@ def _cells_of(observation: RayObservation, waves: Waves | None, side: int) -> No
         if usable.any():
             image = observation.image
             step[usable] = np.interp(depth[usable], image.depth, image.steps())
-        crossed = np.abs((slope_x, slope_y)) * side * along**2 * longer / step
+        crossed = np.abs(slope) * side * along**2 * longer / step
     quantised = usable & (step > 0)
     followed, mean = _harmonics(np.minimum(crossed, _MOST_CROSSED), quantised)
     return NoiseCells(
@@ -163,6 +166,7 @@ def _cells_of(observation: RayObservation, waves: Waves | None, side: int) -> No
         mean=mean,
         centroid=np.stack((x, y)),
         inverse=inverse,
+        slope=np.stack(slope),
         usable=usable,
         grid=(rows, columns),
         side=side,

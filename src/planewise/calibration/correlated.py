@@ -54,7 +54,8 @@ def is_walk(frames: Sequence[NoiseCells], white: Noise, near: float) -> bool:
         What it says.
     """
     far, (least, most) = shared_ratio(frames, white, apart=_FAR), _GROWN
-    if max(near, far) < by_chance(frames):
+    chance = by_chance(frames)
+    if near < chance and far < chance:  # NaN is not
         return True
     return near <= _SMOOTH and least * near <= far <= most * near
 
@@ -74,12 +75,12 @@ def shared_ratio(frames: Sequence[NoiseCells], white: Noise, *, apart: int = _NE
     Returns
     -------
     float
-        rho; 0 where readings err independently or where there are too few flat cells in a row.
+        rho; 0 where readings err independently, NaN where too few flat cells in a row tell.
     """
     triples = [_triples(each, white, axis, apart) for each in frames for axis in (0, 1)]
     square, known, own = np.concatenate(triples, axis=1)
     if square.size < _FEWEST:
-        return 0.0
+        return np.nan
 
     def excess(ratio: float) -> float:
         """Median above that of chi^2; triples across a crease are left out."""
@@ -106,8 +107,7 @@ def _triples(cells: NoiseCells, white: Noise, axis: int, apart: int) -> Array:
     followed = step**2 * (cells.followed * left).sum(axis=1)
     noise = sigma**2 + step**2 / 12
     rough = _ROUGH * (noise - followed) + _UNLUCKY * followed
-    flat: NDArray[np.bool_] = cells.usable & (cells.count == cells.side**2)
-    flat &= np.where(cells.usable, cells.variance, np.inf) <= rough
+    flat: NDArray[np.bool_] = np.where(cells.usable, cells.variance, np.inf) <= rough
     mean = (noise - followed) / np.maximum(cells.count, 1)
     # A mean that rounding governs tells nothing.
     flat &= step**2 * (cells.mean * left).sum(axis=1) <= _ROUNDED * mean
@@ -124,11 +124,13 @@ def _triples(cells: NoiseCells, white: Noise, axis: int, apart: int) -> Array:
     whole &= (middle - near) * (far - middle) > 0
     # w = 1 / z and z = c depth: the variance of depth over z^2 depth^2 is that of w.
     to_w = np.where(cells.usable, cells.inverse / depth, 0.0) ** 2
-    x, w, known, own = (
+    x, y, w, known, own = (
         [ahead(values, k)[whole] for k in range(3)]
-        for values in (cells.centroid[1 - axis], cells.inverse, mean * to_w, noise * to_w)
+        for values in (*cells.centroid[[1 - axis, axis]], cells.inverse, mean * to_w, noise * to_w)
     )
     t = (x[2] - x[1]) / (x[2] - x[0])
     off = t * w[0] + (1 - t) * w[2] - w[1]
+    # Where readings are missing, centroids are not in line.
+    off -= ahead(cells.slope[axis], 1)[whole] * (t * y[0] + (1 - t) * y[2] - y[1])
     sums = [t**2 * v[0] + (1 - t) ** 2 * v[2] + v[1] for v in (known, own)]
     return np.stack((off**2, *sums))

@@ -84,7 +84,8 @@ class NoiseEstimate:
     bins : NoiseBins
         The points that the curve of the white part goes through.
     shared_ratio : float
-        Error that neighbouring cells were seen to have of their own, against the noise.
+        Error that neighbouring cells were seen to have of their own, against the noise; NaN where
+        too few flat cells lie in a row to tell.
     bounds : bool
         Whether no frame is to show more of `shared` and `drift`: where many frames tell a walk.
     frames : int
@@ -100,7 +101,7 @@ class NoiseEstimate:
     shared: Noise
     drift: Noise
     bins: NoiseBins
-    shared_ratio: float = 0.0
+    shared_ratio: float = np.nan
     bounds: bool = False
     frames: int = 1
     note: str = ""
@@ -122,12 +123,23 @@ class NoiseEstimate:
 
     @property
     def caution(self) -> str:
-        """Why the curves may be wrong at other depths: cells lie at about one; else empty."""
-        if self.note or self.bins.depth[-1] >= _WIDE * self.bins.depth[0]:
+        """What the frames leave open, though they tell the noise; else empty."""
+        if self.note:
             return ""
-        near, far = (f"{depth:.3g}" for depth in self.bins.depth[[0, -1]])
-        where = f"at {near} m" if near == far else f"from {near} to {far} m"
-        return f"all flat cells lie {where}, so that noise at other depths is a guess"
+        said = []
+        if self.bins.depth[-1] < _WIDE * self.bins.depth[0]:
+            near, far = (f"{depth:.3g}" for depth in self.bins.depth[[0, -1]])
+            where = f"at {near} m" if near == far else f"from {near} to {far} m"
+            said.append(
+                f"all flat cells lie {where}, so that noise at other depths is a guess: add frames "
+                "that are nearer and farther"
+            )
+        if np.isnan(self.shared_ratio):
+            said.append(
+                "too few flat cells lie in a row to tell what neighbouring readings share of their "
+                "error: each frame that is searched has to tell"
+            )
+        return "; ".join(said)
 
     def sensor(self, base: Sensor) -> Sensor:
         """Sensor of the same range and resolution with this noise."""

@@ -129,7 +129,7 @@ def calibrate(
             save(noise.sensor(base), output, calibration=describe_calibration(noise))
         terminal.show_noise(noise, base if name is not None else None)
         if noise.caution:
-            terminal.warning(f"{noise.caution}; add frames that are nearer and farther")
+            terminal.warning(noise.caution)
         terminal.say(f"{len(seen)} of {counted(len(found), 'frame')} used, sensor in {output}")
         if failed:
             raise typer.Exit(FAILED)
