@@ -33,7 +33,7 @@ class Bends:
     Attributes
     ----------
     w, stretch : ndarray, shape (blocks,)
-        Inverse depth, 0 where a reading is missing, and range / depth.
+        Inverse depth, 0 where readings are missing, and range / depth.
     index : ndarray of int32, shape (3, n)
         First, middle and last block.
     bend, variance : ndarray, shape (n,)
@@ -65,7 +65,7 @@ class Bends:
         rows, columns = (n // side for n in w.shape)
         blocks = np.empty((2, rows, columns))
         kernels.block_readings(w, p, side, blocks)
-        every = max(1, 2 * _LAGS.size * rows * columns // _ENOUGH)
+        every = max(1, -(-_in_a_row(blocks[0] > 0) // _ENOUGH))
         room = _LAGS.size * (rows * -(-columns // every) + columns * -(-rows // every))
         index, ends = np.empty((3, room), np.int32), np.empty(_LAGS.size, np.int64)
         (bend, variance), lean = np.empty((2, room)), np.empty((2, room))
@@ -168,6 +168,15 @@ class Bends:
         x, y, of = x[leaning], y[leaning], fell[leaning]
         twice = np.stack((x * x - y * y, 2 * x * y)) / square[leaning]  # of twice the angle
         return float(fell.sum()), float(of[(twice @ of) @ twice < 0].sum())
+
+
+def _in_a_row(there: NDArray[np.bool_]) -> int:
+    """How many times three blocks in a row have readings."""
+    return sum(
+        int(np.count_nonzero(each[: -2 * lag] & each[lag:-lag] & each[2 * lag :]))
+        for lag in _LAGS.tolist()
+        for each in (there, there.T)
+    )
 
 
 def _of_blocks(coordinate: Image, blocks: tuple[int, int], side: int) -> Image:

@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled, in_order
+from planewise.kernels.jit import compiled, in_order, inlined
 from planewise.kernels.tables import between, squared_stretch
+
+
+@inlined
+def _opposite(w, p, side, i, j):  # type: ignore[no-untyped-def]
+    """Sums of w and p over pixels of a block whose opposite has a reading, too, and their count."""
+    value, weight, n = 0.0, 0.0, 0
+    first, last = side * i, side * i + side - 1
+    left, right = side * j, side * j + side - 1
+    for k in range(side):
+        for m in range(side):
+            here = p[first + k, left + m]
+            if here > 0.0 and p[last - k, right - m] > 0.0:
+                value += w[first + k, left + m]
+                weight += here
+                n += 1
+    return value, weight, n
 
 
 @in_order
 def block_readings(w, p, side, out):  # type: ignore[no-untyped-def]
     """Mean inverse depth and precision of blocks, so many pixels to a side: out (2, rows, columns).
 
-    0 where a reading is missing.
+    Where readings are missing, of pairs opposite each other about the middle of the block alone,
+    whose mean is on a plane what it is there; 0 where these are less than half of its pixels.
     """
     _, rows, columns = out.shape
     work = np.empty((3, columns * side))
@@ -31,8 +48,11 @@ def block_readings(w, p, side, out):  # type: ignore[no-untyped-def]
                 value += total[k]
                 weight += precision[k]
                 smallest = min(smallest, least[k])
-            there = smallest > 0.0
-            out[0, i, j] = value / (side * side) if there else 0.0
+            n = side * side
+            if smallest <= 0.0 < weight:
+                value, weight, n = _opposite(w, p, side, i, j)
+            there = 2 * n >= side * side
+            out[0, i, j] = value / n if there else 0.0
             out[1, i, j] = weight / (side * side) if there else 0.0
 
 
