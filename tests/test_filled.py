@@ -88,6 +88,15 @@ def test_precise_readings_stay_as_they_are():
     assert "own_size" not in model.settings
 
 
+def test_noise_is_that_of_the_pixels_that_are_searched():
+    depth, _, camera = painted(2.5, reading=named("2 mm"))
+    sensor = pw.Sensor(noise="auto", resolution=0.001)
+    model = pw.detect_planes(depth, camera, sensor)
+    assert "own_size" not in model.settings
+    for found in (pw.estimate_noise(depth, camera, sensor), pw.calibrate([depth], camera, sensor)):
+        assert str(found.noise) == model.settings["noise"]["noise"]
+
+
 def test_repeated_pixels_in_a_frame_are_blocks():
     room = pw.scenes.room(0, size=(120, 160))
     depth = np.pad(np.kron(room.depth, np.ones((2, 2), np.uint16)), 9, constant_values=1500)

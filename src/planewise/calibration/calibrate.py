@@ -36,6 +36,9 @@ def calibrate(
 ) -> NoiseEstimate:
     """Estimate the noise of a camera from frames of it, all cells together.
 
+    Frames that were enlarged are looked at in the pixels that the spatial objective searches
+    (`planewise.estimate_noise`).
+
     Parameters
     ----------
     depths : iterable of array_like, shape (H, W)

@@ -187,7 +187,9 @@ def estimate_noise(
     Returns
     -------
     NoiseEstimate
-        `noise` and `parts` are what ``noise="auto"`` takes for this image.
+        `noise` and `parts` are what ``noise="auto"`` takes for this image. Of one that was enlarged
+        that is so under the spatial objective without a partition, which searches its own pixels;
+        others see the enlarged ones.
 
     Raises
     ------
@@ -211,10 +213,12 @@ def estimate_noise(
 def own_readings(
     depth: ArrayLike, camera: Camera, sensor: Sensor, depth_scale: float | None
 ) -> RayObservation:
-    """Readings of a frame in its own pixels, whatever their noise."""
+    """Readings of a frame in the pixels in which it is searched, whatever their noise."""
     known = replace(checked_sensor(sensor), noise=1.0)
     if (own := own_pixels(depth, camera)) is not None:
-        depth, camera = own.depth, own.camera
+        auto = replace(known, noise=AUTO)
+        if own.tells(observe(own.depth, own.camera, auto, depth_scale=depth_scale)):
+            depth, camera = own.depth, own.camera
     return observe(depth, camera, known, depth_scale=depth_scale)
 
 
