@@ -232,3 +232,18 @@ def test_planes_through_three_readings():
         assert_allclose(plane @ (a[:, three] * s[three]), 1, rtol=1e-9)
     assert np.isnan(theta[:2]).all()
     assert (theta[200:] == 9).all()
+
+
+def test_three_readings_of_a_row_or_column_span_no_plane():
+    """That is one through the sensor, but for rounding; pixels beside each other do span one."""
+    rng = np.random.default_rng(0)
+    chosen = np.argsort(rng.random((500, 60)), axis=1)[:, :3]
+    for fixed in (0, 1):
+        a = np.stack((np.arange(60), np.full(60, 33), np.full(60, 1)))[[fixed, 1 - fixed, 2]]
+        a = (a - [[320.2], [240.7], [0]]) / [[1e4], [1e4], [1]] * rng.uniform(0.001, 0.02, 60)
+        s, theta = rng.uniform(0.5, 10, 60) / a[2], np.empty((500, 3))
+        planes_through_rays(a, s, chosen, 0, 500, theta)
+        assert np.isnan(theta).all()
+        a[1 - fixed] += 1e-4 * a[2] * (np.arange(60) % 2)
+        planes_through_rays(a, s, chosen, 0, 500, theta)
+        assert_array_equal(np.isfinite(theta).all(axis=1), np.ptp(chosen % 2, axis=1) > 0)

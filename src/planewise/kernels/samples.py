@@ -7,6 +7,7 @@ import numpy as np
 from planewise.kernels.jit import in_order
 
 _COLLINEAR = 1e-18  # squared sine of an angle that spans no plane
+_THROUGH = 1e-24  # squared determinant of unit rays in a plane, as those of a row of pixels are
 
 
 @in_order
@@ -24,9 +25,16 @@ def planes_through_rays(a, s, chosen, first, last, theta):  # type: ignore[no-un
         nx, ny, nz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
         # |normal| = |u| |v| sin of the angle between them.
         size = nx * nx + ny * ny + nz * nz
+        apart = a[0, i] * (a[1, j] * a[2, k] - a[2, j] * a[1, k])
+        apart += a[1, i] * (a[2, j] * a[0, k] - a[0, j] * a[2, k])
+        apart += a[2, i] * (a[0, j] * a[1, k] - a[1, j] * a[0, k])
+        long = a[0, i] * a[0, i] + a[1, i] * a[1, i] + a[2, i] * a[2, i]
+        long *= a[0, j] * a[0, j] + a[1, j] * a[1, j] + a[2, j] * a[2, j]
+        long *= a[0, k] * a[0, k] + a[1, k] * a[1, k] + a[2, k] * a[2, k]
         span = (ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz)
         determinant = nx * x + ny * y + nz * z
         p, q, r = nx / determinant, ny / determinant, nz / determinant
-        if size <= _COLLINEAR * span or not (np.isfinite(p + q) and np.isfinite(r)):
+        in_plane = size <= _COLLINEAR * span or apart * apart <= _THROUGH * long
+        if in_plane or not (np.isfinite(p + q) and np.isfinite(r)):
             p = q = r = np.nan
         theta[t, 0], theta[t, 1], theta[t, 2] = p, q, r
