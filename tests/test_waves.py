@@ -446,6 +446,17 @@ def test_a_calibrated_sensor_has_the_waves_of_its_frames(frames, corner):
     assert pw.calibrate([corner[0]], CAMERA, pw.Sensor()).waves is None
 
 
+@pytest.mark.parametrize("along", ALONG)
+def test_waves_are_taken_off_frames_that_do_not_show_them(corner, along):
+    """As a floor alone does not: what its cells share would be taken for drift."""
+    one, two, three = (read(corner[0], ERRORS[along], seed=seed) for seed in range(3))
+    floor = np.where(corner[1] == 1, three, 0)
+    assert pw.estimate_noise(floor, CAMERA, SENSOR).waves is None
+    found = pw.calibrate([one, two, floor], CAMERA, pw.Sensor())
+    alike(found.waves, ERRORS[along])
+    assert found.shared_ratio < 0.06
+
+
 def test_noise_is_estimated_without_waves(corner):
     true = ERRORS["range"]
     found = pw.estimate_noise(read(corner[0], true), CAMERA, pw.Sensor(noise="auto"))

@@ -88,19 +88,20 @@ def pooled(frames: list[FrameNoise], sensor: Sensor, rng: Seed = 0) -> NoiseEsti
     """
     if not frames:
         raise PlanewiseError("calibrate: no frame was given")
-    cells = [frame.cells for frame in frames]
+    bends = [frame.bends for frame in frames if frame.bends is not None]
+    waves = waves_of(Bends.together(bends)) if bends else sensor.waves
+    cells = [
+        frame.cells.without(waves) if waves is not None and frame.waves is None else frame.cells
+        for frame in frames
+    ]
     found = pooled_noise(cells, sensor, resamples=RESAMPLES, rng=rng)
     if found.note:
         raise PlanewiseError(
             f"calibrate: {found.note.split(':')[0]}; take frames of walls, floors or tables, "
             "and check the intrinsics and the unit of the depth"
         )
-    bends = [frame.bends for frame in frames if frame.bends is not None]
-    return replace(
-        found,
-        bounds=is_walk(cells, found.white, found.shared_ratio),
-        waves=waves_of(Bends.together(bends)) if bends else sensor.waves,
-    )
+    bounds = is_walk(cells, found.white, found.shared_ratio)
+    return replace(found, bounds=bounds, waves=waves)
 
 
 def describe_calibration(found: NoiseEstimate) -> dict[str, Any]:

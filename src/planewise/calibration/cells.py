@@ -14,7 +14,7 @@ plane crosses m steps within the cell: all of it on a wall seen face-on, none on
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,8 @@ class NoiseCells:
         Of w along these coordinates, 1 / m.
     usable : ndarray of bool
         Whether the cell has enough readings and is not rougher than any sensor.
+    pixel_size : (float, float)
+        Of a pixel along x and y, metres at one metre.
     grid : (int, int)
         Rows and columns.
     side : int
@@ -78,6 +80,7 @@ class NoiseCells:
     inverse: Array
     slope: Array
     usable: NDArray[np.bool_]
+    pixel_size: tuple[float, float]
     grid: tuple[int, int]
     side: int
 
@@ -92,6 +95,14 @@ class NoiseCells:
         rows, columns = self.grid
         i, j = np.arange(rows) // _BLOCK, np.arange(columns) // _BLOCK
         return np.asarray(i[:, None] * (j[-1] + 1) + j[None]).reshape(-1)
+
+    def without(self, waves: Waves) -> NoiseCells:
+        """The same where waves were left in: within a cell these are as good as straight."""
+        x, y = self.centroid[:, self.usable] * np.array(self.pixel_size)[:, None]
+        inverse = self.inverse.copy()
+        left = waves.taken_off(1.0 / inverse[self.usable], np.stack((x, y, np.ones_like(x))))
+        inverse[self.usable] = 1.0 / left
+        return replace(self, inverse=inverse)
 
 
 def noise_cells(observation: RayObservation, waves: Waves | None = None) -> NoiseCells:
@@ -168,6 +179,7 @@ def _cells_of(observation: RayObservation, waves: Waves | None, side: int) -> No
         inverse=inverse,
         slope=np.stack(slope),
         usable=usable,
+        pixel_size=observation.pixel_size,
         grid=(rows, columns),
         side=side,
     )
