@@ -87,6 +87,13 @@ def test_pixels_cover_the_band_between_the_outermost_beams():
     assert_allclose(camera.pixel_size, np.radians([1, 1]))
 
 
+def test_rows_at_the_poles_reach_no_farther():
+    camera = pw.SphericalCamera.spinning(np.linspace(90, -90, 61), 120)
+    area = camera.pixel_area(camera.shape)
+    assert area.min() > 1e-5
+    assert area.sum() == pytest.approx(4 * np.pi, rel=1e-9)
+
+
 @pytest.mark.parametrize("columns", [2, 3, 4, 5, 6])
 def test_the_usual_step_is_the_median(columns):
     azimuth = -np.cumsum(np.random.default_rng(0).uniform(0.5, 1.5, columns))
@@ -323,10 +330,12 @@ def test_columns_of_a_turn_may_be_uneven(columns):
     assert camera.wraps
 
 
-@pytest.mark.parametrize("azimuth", [(0, 359.6, 360), (180, -179.7, 512)])
+@pytest.mark.parametrize("azimuth", [(0, 359.6, 360), (180, -179.7, 512), (0, 359.7, 361)])
 def test_a_turn_may_end_a_little_before_the_first_column(azimuth):
     camera = pw.SphericalCamera(elevation=[1, 0], azimuth=np.linspace(*azimuth))
     assert camera.wraps
+    columns = camera.pixels(5 * camera.rays(camera.shape)[0])[:, 1]
+    assert_array_equal(columns, np.arange(azimuth[2]))
 
 
 @pytest.mark.parametrize("dtype", [np.int8, np.int16])

@@ -325,9 +325,9 @@ class SphericalCamera:
         if self.azimuth_offset:
             around = around - np.take(self.azimuth_offset, row)
         along = self._continuous()
-        # One turn that begins half a column before the first one.
-        step = (along[-1] - along[0]) / (len(along) - 1)
-        first, sign = along[0] - 0.5 * step, np.sign(step)
+        # One turn that begins half a column before the first one, or half of what the gap is less.
+        span, sign = abs(along[-1] - along[0]), np.sign(along[-1] - along[0])
+        first = along[0] - 0.5 * sign * min(span / (len(along) - 1), 360.0 - span)
         turn = first + sign * np.mod(sign * (np.where(there, around, along[0]) - first), 360.0)
         column = angles.nearest(along, turn)
         inside = there & (row >= 0) & (column >= 0)
@@ -412,7 +412,8 @@ def _ray_rows(camera: SphericalCamera) -> Array:
 @lru_cache(maxsize=RIG)
 def _pixel_area(camera: SphericalCamera) -> Array:
     around = np.abs(np.diff(angles.edges_of(np.radians(camera._continuous()))))
-    up = np.abs(np.diff(np.sin(angles.edges_of(np.radians(camera.elevation)))))
+    edges = angles.edges_of(np.radians(camera.elevation)).clip(-0.5 * np.pi, 0.5 * np.pi)
+    up = np.abs(np.diff(np.sin(edges)))
     area = up[:, None] * around
     area.flags.writeable = False
     return np.asarray(area)
