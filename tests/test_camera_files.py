@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -423,7 +424,12 @@ def test_sensor_and_its_parts():
     sensor = read_sensor("structure", noise="1%", max_depth=3.0, resolution=0.002)
     assert (sensor.max_depth, sensor.resolution, sensor.min_depth) == (3.0, 0.002, 0.4)
     assert sensor.noise == noise.proportional(0.01)
+    assert sensor.parts is None
     assert read_sensor(None, noise="2mm").max_depth == 10
+    # Frames that cannot tell have these parts, as in Python.
+    auto = read_sensor("kinect-v1", noise="auto")
+    assert auto == replace(sensors.KINECT_V1, noise="auto")
+    assert read_sensor("kinect-v1", noise="1%").parts is None
     with pytest.raises(PlanewiseError, match="sensor"):
         read_sensor("eyes")
     with pytest.raises(ValueError, match="max_depth"):

@@ -176,9 +176,11 @@ def with_changes(
     """Replace of a sensor what is given, each as `read_sensor` takes it."""
     changes: dict[str, Any] = {"max_depth": max_depth, "resolution": resolution}
     if noise is not None:
-        auto = noise.strip().lower() == AUTO
-        changes["noise"] = AUTO if auto else read_noise(noise)
-        sensor = replace(sensor, parts=None)  # they were those of another noise
+        if noise.strip().lower() == AUTO:  # the parts are what a frame has that cannot tell
+            changes["noise"] = AUTO
+        else:
+            changes["noise"] = read_noise(noise)
+            sensor = replace(sensor, parts=None)  # they were those of another noise
     given = {key: value for key, value in changes.items() if value is not None}
     return replace(sensor, **given)
 
