@@ -141,7 +141,7 @@ def information(
     objective : {"paper", "spatial"}
         The paper's (eq. 6, and eq. 10 for readings on rays), or that of the default search, for
         depth images (`planewise.spatial.information`), whichever one the planes were found with.
-        Fewer than three readings are outliers under both.
+        Where an observation has fewer than three readings, the latter takes them for outliers.
 
     Returns
     -------
