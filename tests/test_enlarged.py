@@ -203,6 +203,12 @@ def test_readings_out_of_range_are_none_whatever_marks_them(room, how, marker):
     for one, other in zip(models[:2], models[2:], strict=True):
         assert one.information == other.information
         assert_array_equal(one.labels, other.labels)
+    auto = replace(sensor, noise="auto", parts=None)
+    told = [
+        pw.estimate_noise(each, camera, auto, depth_scale=0.001).noise([1.0, 3.0])
+        for each in (np.where(depth == marker, 0, depth).astype(np.uint16), depth)
+    ]
+    assert_allclose(*told)
 
 
 def test_any_array_is_looked_at(room):

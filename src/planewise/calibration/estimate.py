@@ -13,13 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.arguments import checked_seed
+from planewise.arguments import checked_seed, unmasked
 from planewise.calibration.bins import Bin, Pool, bootstrap, by_depth
 from planewise.calibration.cells import FEWEST, NoiseCells
 from planewise.calibration.correlated import by_chance, shared_ratio
 from planewise.calibration.fit import fit_polynomial, refit
 from planewise.calibration.frame_noise import noise_of_frame
 from planewise.camera import Camera
+from planewise.depth_image import within_range
 from planewise.enlarged import own_pixels
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
 from planewise.observation import RayObservation, observe
@@ -215,7 +216,9 @@ def own_readings(
 ) -> RayObservation:
     """Readings of a frame in the pixels in which it is searched, whatever their noise."""
     known = replace(checked_sensor(sensor), noise=1.0)
-    if (own := own_pixels(depth, camera)) is not None:
+    depth = unmasked("depth", depth)
+    own = own_pixels(within_range(depth, known, depth_scale), camera)
+    if own is not None:
         auto = replace(known, noise=AUTO)
         if own.tells(observe(own.depth, own.camera, auto, depth_scale=depth_scale)):
             depth, camera = own.depth, own.camera
