@@ -186,7 +186,8 @@ def test_what_bends_alike_all_over_a_square():
             alike += len(square) * off[square].mean() ** 2 - own[square].mean()
             excess += (off[square] ** 2 - own[square]).sum()
     assert len(off[off**2 > widest * (own + factor * slow)]) > 2
-    assert_allclose(kernels.bent_alike(off, own, slow, ends, factor, widest), (alike, excess))
+    found = kernels.bent_alike(off, own, slow, ends, factor, widest)
+    assert_allclose(found, (alike, excess))
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -18,7 +18,7 @@ from planewise.kernels.walk import PLANE_BEND, PLANE_OFFSET
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
 STEEPEST = 3.0  # slope per pixel in standard deviations: beyond it, a cell lies across an edge
 MEAN_DISTANCE = 0.5214  # of two points of a square of side 1
-SQUARE = 24  # cells to a side of squares in which curved surfaces bend alike
+SQUARE = 12  # times the lag, cells to a side of squares in which curved surfaces bend alike
 _BEND = PLANE_BEND[0] + PLANE_BEND[1]  # of two cells of one size
 _ASIDE = 0.1 / UNIT  # from the line of a row: nearer is none
 
@@ -135,7 +135,7 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, off, own, slow, ends):  
     """How far cells in a row, `lag` cells apart, are from a line: s = w_2 - t w_1 - (1 - t) w_3.
 
     Writes it, its variance by the cells' own errors, and that by the drift, along rows and along
-    columns, one square of `SQUARE` cells to a side after another, and where each of these ends;
+    columns, one square of `SQUARE` lags to a side after another, and where each of these ends;
     returns how many there are, and how many squares. Where cells of a row are not in one line, as
     those of a distorted image are not, the slope across is taken off. Of a random walk, D |r| the
     variance of a difference, the s of means over squares has the variance
@@ -148,14 +148,15 @@ def cells_in_a_row(grid, planes, inflation, drift, lag, off, own, slow, ends):  
     side = 2.0 * SIDE / UNIT
     white = _offset_variances(planes, inflation)
     found = squares = 0
+    extent = SQUARE * lag
     for axis in range(2):
         down, across = (lag, 0) if axis else (0, lag)
         position, other = planes[axis], planes[1 - axis]
         slope, uncertain = planes[4 - axis], planes[9 - 2 * axis]
-        for top in range(down, rows - down, SQUARE):
-            for left in range(across, columns - across, SQUARE):
-                for i in range(top, min(top + SQUARE, rows - down)):
-                    for j in range(left, min(left + SQUARE, columns - across)):
+        for top in range(down, rows - down, extent):
+            for left in range(across, columns - across, extent):
+                for i in range(top, min(top + extent, rows - down)):
+                    for j in range(left, min(left + extent, columns - across)):
                         a, b = grid[i - down, j - across], grid[i, j]
                         c = grid[i + down, j + across]
                         if a < 0 or b < 0 or c < 0:

@@ -345,7 +345,10 @@ def _without_shared_error(
         local = 1.0 if measured is None or measured == math.inf else measured
         of_one, _, _, step = table.at(w)
         reading = of_one + step
-        if frame.known:
+        if math.isnan(local):  # what bends is no drift
+            local = measured = 0.0
+            walk = Walk(0.0, 0.0)
+        elif frame.known:
             local = min(local, 1.0)
             walk = Walk(local, local)
         else:

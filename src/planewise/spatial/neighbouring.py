@@ -56,14 +56,14 @@ def drift_factor(
 ) -> float | None:
     """Drift against its description, as a variance: from three cells in a row.
 
-    None if it is open, infinite if none explains them.
+    None if it is open, infinite if none explains them, NaN if a curved surface does.
 
     w_middle - t w_left - (1 - t) w_right has the variance of the cells' own errors and what the
     drift adds. Its median among those within three standard deviations is that of chi^2: what lies
     across an edge is left out, not taken for drift. A curved surface shows in it as well, but bends
     alike all over a part of the image, as a random walk does not: where most of it is alike, and
-    bends more than distortion does, there is no drift. grid holds whole cells only, -1 elsewhere;
-    one of `every` rows and columns counts; focal: pixels.
+    bends more than distortion does, it tells of no drift. grid holds whole cells only, -1
+    elsewhere; one of `every` rows and columns counts; focal: pixels.
     """
     some = grid if every == 1 else np.ascontiguousarray(grid[::every, ::every])
     fewest = _FEWEST_TRIPLES if lag == _LAG else FEWEST
@@ -83,7 +83,7 @@ def drift_factor(
         if bend > _CURVED * planes[2, : len(drift)].mean():
             alike, excess = kernels.bent_alike(off, own, slow, squares[:found], factor, _WIDEST)
             if 0.0 < _ALIKE * excess < alike:
-                return 0.0
+                return math.nan
     return factor
 
 
@@ -153,6 +153,8 @@ def walk_of(
         factor = drift_factor(grid, planes, inflation, drift, focal, workspace, lag, every)
         if factor is None:
             break
+        if math.isnan(factor):
+            return Walk(0.0, 0.0)  # what bends is no drift
         cluttered = factor * usual > max(farthest, _MORE * nearest * usual)
         if cluttered:
             if not told and nearest * usual > relief and factor > _RELIEF * nearest:
