@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -189,6 +191,19 @@ def test_bins_are_whole_pixels(size):
 def test_crops_lie_inside_the_image(crop, message):
     with pytest.raises(ValueError, match=message):
         pw.cameras.NYU.cropped(*crop)
+
+
+def test_a_crop_may_lie_far_from_the_principal_point():
+    crop = pw.cameras.NYU.cropped(380, 0, (40, 640))
+    assert crop.cy < -3 * 40
+    crop.check((40, 640))
+    with pytest.raises(ValueError, match=r"cy = .* far outside an image of 40 pixels"):
+        replace(crop, width=None, height=None).check((40, 640))
+    reach = 3.75 * crop.fy  # 75 degrees
+    replace(crop, cy=40 - 0.99 * reach).check((40, 640))
+    for centre in (40 - 1.01 * reach, 1.01 * reach):
+        with pytest.raises(ValueError, match=r"cy = .* far outside an image of 40 pixels"):
+            replace(crop, cy=centre).check((40, 640))
 
 
 def test_places_and_points_may_be_lists():

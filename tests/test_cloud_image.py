@@ -90,7 +90,7 @@ def test_whatever_the_order_and_the_digits(room, made):
 @settings(max_examples=25, deadline=None)
 @given(
     seed=st.integers(0, 2**32 - 1),
-    focal=st.floats(60, 3000),
+    focal=st.floats(140, 1500),  # within what `PinholeCamera.check` takes, at any aspect
     aspect=st.floats(0.6, 1.6),
     centre=st.tuples(st.floats(-200, 300), st.floats(-200, 300)),
     scale=st.floats(1e-3, 1e3),
@@ -187,6 +187,26 @@ def test_labels_are_better_than_those_of_points():
     ]
     assert voi[0] < 0.04
     assert voi[1] > 0.2  # where no longer, neither need images be better, nor this be said
+
+
+def test_points_of_a_crop_are_searched_as_its_image(room):
+    auto = pw.Sensor(max_depth=10.0, noise="auto")
+    below, shape = slice(96, None), (24, 160)
+    pixels = room.camera.rays(SIZE) * (0.001 * room.depth)[..., None]
+    found = pw.detect_planes_in_points(pixels[below][room.depth[below] > 0], auto)
+    image = pw.detect_planes(room.depth[below], room.camera.cropped(96, 0, shape), auto)
+    assert len(found) == len(image) > 0
+    assert_array_equal(found.labels, image.labels[room.depth[below] > 0])
+
+
+def test_points_of_a_camera_that_takes_no_depth_images_are_searched_as_points():
+    long = pw.PinholeCamera(fx=4000, fy=4000, cx=20, cy=20)  # a degree
+    points = long.rays((40, 40)).reshape(-1, 3) * 2.0
+    with pytest.raises(ValueError, match=r"fx = 4000 px sees .* no depth camera does"):
+        pw.image_of_cloud(points)
+    found = pw.detect_planes_in_points(points, pw.Sensor(max_depth=10.0, noise="auto"))
+    assert len(found) == 1
+    assert "image" not in found.settings
 
 
 def test_whether_points_are_searched_as_an_image_can_be_said(room):

@@ -72,6 +72,7 @@ def lidar_points():
         ("list", 1e-9),
         ("rounded", 0.01),
         ("a crop", 1e-9),
+        ("a corner", 1e-9),
     ],
 )
 def test_points_tell_their_depth_image_and_camera(room, points, form, tolerance):
@@ -84,11 +85,15 @@ def test_points_tell_their_depth_image_and_camera(room, points, form, tolerance)
         "list": points.tolist(),
         "rounded": points.round(3),
         "a crop": points[100:180, 40:],
+        "a corner": points[200:, 280:],
     }[form]
     image = pw.image_of_points(made)
     camera, depth = room.camera, points[..., 2]
     if form == "a crop":
         camera, depth = room.camera.cropped(100, 40, (80, 280)), depth[100:180, 40:]
+    if form == "a corner":
+        camera, depth = room.camera.cropped(200, 280, (40, 40)), depth[200:, 280:]
+    image.camera.check(image.depth.shape)
     assert_allclose(parameters(image.camera), parameters(camera), rtol=0, atol=tolerance)
     assert (image.camera.height, image.camera.width) == depth.shape
     kind = np.float32 if form == "single" else np.float64

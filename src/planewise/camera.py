@@ -36,6 +36,7 @@ RIG = 16
 """Cameras whose rays are kept, such as all of a robot."""
 
 _LONGEST_FOCAL = 2500.0  # pixels; small crops of long lenses stay below it
+_WIDEST = 7.5  # times its focal length is an image wide at most: 150 degrees
 _UNSEEN = 0.1  # share of an image that a lens may not see; more is no lens of that image
 
 
@@ -212,7 +213,7 @@ class PinholeCamera:
         ValueError
             If the image has another size than the camera, a field of view above 150 or below 8
             degrees (small crops of a long lens excepted), or a principal point more than an image
-            away from it.
+            away from it; 75 degrees where the camera says its size, as one of a crop does.
         """
         height, width = checked_shape("shape", shape)
         if self.width is not None and (self.height, self.width) != (height, width):
@@ -225,13 +226,14 @@ class PinholeCamera:
             ("x", width, self.fx, self.cx),
             ("y", height, self.fy, self.cy),
         ):
-            if not size / 7.5 <= focal <= max(7 * size, _LONGEST_FOCAL):
+            if not size / _WIDEST <= focal <= max(7 * size, _LONGEST_FOCAL):
                 field_of_view = math.degrees(2 * math.atan(size / (2 * focal)))
                 raise ValueError(
                     f"camera: f{axis} = {focal:g} px sees {field_of_view:.3g} degrees over {size} "
                     "pixels, which no depth camera does; focal lengths are in pixels of this image"
                 )
-            if not -size <= centre <= 2 * size:
+            crop = self.width is not None and max(centre, size - centre) <= _WIDEST / 2 * focal
+            if not (crop or -size <= centre <= 2 * size):
                 raise ValueError(
                     f"camera: c{axis} = {centre:g} px lies far outside an image of {size} pixels; "
                     "are the intrinsics for another image size?"

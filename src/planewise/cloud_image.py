@@ -145,7 +145,8 @@ def image_of_cloud(points: ArrayLike, origin: ArrayLike | None = None) -> CloudI
     ------
     ValueError
         If an argument is malformed, or there is no camera on whose pixels a thousand points or more
-        lie, but for one in a hundred, within a quarter of a pixel.
+        lie, but for one in a hundred, within a quarter of a pixel, or none that takes depth images
+        (`PinholeCamera.check`).
 
     Examples
     --------
@@ -206,18 +207,20 @@ def _image(
     beside = np.count_nonzero(filled[:, 1:] & filled[:, :-1])
     if np.mean(hidden) > MOST_OFF or beside < _BESIDE * np.count_nonzero(filled):
         return None
+    camera = PinholeCamera(
+        fx=float(focal[0]),
+        fy=float(focal[1]),
+        cx=float(centre[0] - left),
+        cy=float(centre[1] - top),
+        width=width,
+        height=height,
+    )
+    camera.check((height, width))
     of_points = np.full(len(points), -1, np.intp)
     of_points[some[there]] = np.where(hidden, -1, pixel)
     return CloudImage(
         depth=np.where(filled, depth.reshape(height, width), 0.0),
-        camera=PinholeCamera(
-            fx=float(focal[0]),
-            fy=float(focal[1]),
-            cx=float(centre[0] - left),
-            cy=float(centre[1] - top),
-            width=width,
-            height=height,
-        ),
+        camera=camera,
         pixel=of_points,
         turn=lattice.turn,
         origin=origin,
