@@ -161,6 +161,34 @@ def test_neighbours_keep_a_common_border():
     assert len(shapes[0].exterior.coords) < 12
 
 
+def ragged(labels, rng):
+    """Labels whose borders wander: each pixel that of one beside it, three in ten times."""
+    height, width = labels.shape
+    rows, columns = np.indices(labels.shape) + rng.integers(-1, 2, (2, height, width)) * (
+        rng.random((height, width)) < 0.3
+    )
+    return labels[rows.clip(0, height - 1), columns.clip(0, width - 1)]
+
+
+@pytest.mark.parametrize("name", ["T", "L", "comb", "checkers"])
+def test_simplified_regions_keep_their_labels(name):
+    """Whatever the shape, of which a single pixel may lie beyond a simplified border."""
+    rows, columns = np.indices((60, 80))
+    labels = {
+        "T": (rows < 7) | (abs(columns - 40) < 4),
+        "L": (rows > 50) | (columns < 8),
+        "comb": (rows < 7) | (columns % 12 < 5),
+        "checkers": 1 + (rows // 9 + columns // 7) % 2,
+    }[name].astype(int)
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        seen = np.pad(ragged(labels, rng), 2)
+        found = regions(seen, 1.5)
+        for label in range(1, int(labels.max()) + 1):
+            area = sum(piece.area for piece in found[label])
+            assert area == pytest.approx(np.count_nonzero(seen == label), rel=0.1)
+
+
 def test_ragged_labels_keep_to_half_a_pixel():
     """Half of the readings of two planes are missing here and there: 11,000 lines."""
     labels = np.where(np.arange(220) < 100, 1, 2) * np.ones((200, 1), int)
@@ -232,6 +260,16 @@ def test_rectangle_with_a_hole_in_a_cloud(number, turn):
     assert Shape(hole).area == pytest.approx(0.12, rel=0.35 if few else 0.1)
     assert surface.extent.length == pytest.approx(1.2, rel=0.03)
     assert surface.extent.width == pytest.approx(0.8, rel=0.03)
+
+
+def test_a_wall_above_a_pillar_has_an_outline():
+    rng = np.random.default_rng(22)
+    points = rng.uniform(0, (4, 3), (3000, 2))
+    points = points[(points[:, 1] > 1.5) | (abs(points[:, 0] - 2) < 0.4)]
+    cloud = np.column_stack((points, 1 + rng.normal(0, 0.004, len(points))))
+    model = pw.detect_planes_in_points(cloud, pw.Sensor(max_depth=20, noise=0.005))
+    (surface,) = outline_points(model, cloud)
+    assert surface.area == pytest.approx(4 * 1.5 + 0.8 * 1.5, rel=0.05)
 
 
 def test_lines_of_a_scanner_make_a_surface():

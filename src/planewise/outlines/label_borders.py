@@ -39,17 +39,17 @@ def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
     """
     shapely = load_shapely()
     lines = shapely.line_merge(shapely.multilinestrings(_lines(shapely, labels)))
+    sides = _sides(shapely, shapely.get_parts(lines), labels)
     if tolerance:
         if shapely.get_num_geometries(lines) > _MOST_LINES:
             lines = shapely.simplify(lines, min(tolerance, _APART), preserve_topology=False)
         else:
             lines = shapely.simplify(lines, tolerance, preserve_topology=True)
-    faces = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-    inside = shapely.point_on_surface(faces)
-    rows = np.clip(np.rint(shapely.get_y(inside)), 0, labels.shape[0] - 1).astype(int)
-    columns = np.clip(np.rint(shapely.get_x(inside)), 0, labels.shape[1] - 1).astype(int)
+    borders = shapely.get_parts(lines)
+    faces = shapely.orient_polygons(shapely.get_parts(shapely.polygonize(borders)))
+    within = _within(shapely, faces, borders, sides, labels.shape[1])
     found: dict[int, list[Any]] = {}
-    for face, label in zip(faces, labels[rows, columns].tolist(), strict=True):
+    for face, label in zip(faces, within.tolist(), strict=True):
         if label:
             found.setdefault(label, []).append(face)
     if tolerance:
@@ -58,6 +58,39 @@ def regions(labels: Labels, tolerance: float) -> dict[int, list[Any]]:
             for label, pieces in found.items()
         }
     return found
+
+
+def _sides(shapely: Any, borders: Any, labels: Labels) -> Labels:
+    """Labels to the left and right of every border, shape (n, 2); left of x is y."""
+    start, then = (shapely.get_coordinates(shapely.get_point(borders, i)) for i in (0, 1))
+    ahead = np.sign(then - start)
+    left = ahead[:, ::-1] * (-1, 1)
+    pixels = np.stack([start + (ahead + side) / 2 for side in (left, -left)])
+    columns, rows = np.rint(pixels + 1).astype(int).T
+    return np.asarray(np.pad(labels, 1)[rows, columns])
+
+
+def _within(shapely: Any, faces: Any, borders: Any, sides: Labels, width: int) -> Labels:
+    """Label of every face: that to the left of the borders that its shell is made of.
+
+    No pixel is sure to tell it, for a border may have passed over any by up to the tolerance.
+    """
+
+    def corner(places: Any) -> NDArray[np.int64]:
+        return np.asarray(np.rint(places + 0.5).astype(np.int64) @ (1, width + 1))
+
+    first, second = (corner(shapely.get_coordinates(shapely.get_point(borders, i))) for i in (0, 1))
+    places, face = shapely.get_coordinates(shapely.get_exterior_ring(faces), return_index=True)
+    shell = corner(places)
+    many = shell.max(initial=0) + 1
+    known = np.concatenate((first * many + second, second * many + first))
+    step = shell[:-1] * many + shell[1:]
+    order = np.argsort(known)
+    found = order[np.searchsorted(known, step, sorter=order) % max(len(known), 1)]
+    same = (known[found] == step) & (face[1:] == face[:-1])
+    out = np.zeros(len(faces), sides.dtype)
+    out[face[:-1][same]] = sides.T.ravel()[found[same]]
+    return out
 
 
 def _wide(piece: Any) -> bool:
