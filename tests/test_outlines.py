@@ -22,7 +22,7 @@ from planewise.model import Curve, Plane, PlaneModel
 from planewise.outlines.cloud import outline_points
 from planewise.outlines.image import outline_image
 from planewise.outlines.label_borders import regions
-from planewise.outlines.outlines import PlaneFrame, as_shapely
+from planewise.outlines.outlines import PlaneFrame, as_shapely, surfaces_of
 from planewise.results.mesh import triangulate
 from planewise.results.outlines import (
     OUTLINES_SCHEMA_FILE,
@@ -303,9 +303,28 @@ def test_a_given_spacing_is_used():
     assert coarse.area == pytest.approx(4, rel=0.05)
     for whole in (1, np.int64(1)):
         assert outline_points(model, points, spacing=whole)[0].area == pytest.approx(4, rel=0.3)
+    for wider in (1.5, 50.0):  # than half of it: two cells lie across
+        assert outline_points(model, points, spacing=wider)[0].area == pytest.approx(4, rel=0.02)
     for bad in (0, -1, math.nan, math.inf):
         with pytest.raises(ValueError, match="spacing"):
             outline_points(model, points, spacing=bad)
+
+
+def test_pieces_of_sparse_cells_do_not_overlap():
+    """Of cells with less than 1.6 points each as many reach beyond the border as lack."""
+    points = sampled([((0, 0), (2, 1.5), True)], TILTED, 2_000, np.random.default_rng(0))
+    (surface,) = outline_points(model_of(np.ones(len(points)), TILTED), points, spacing=0.07)
+    assert len(surface.polygons) > 5
+    assert as_shapely(surface).is_valid
+
+
+def test_angles_of_extents_are_less_than_pi():
+    rng = np.random.default_rng(0)
+    for _ in range(100):  # of three the long side has a slope of -1e-17
+        low, high = rng.uniform(-1, 0, 2), rng.uniform((2, 0.1), (4, 1))
+        piece = Shape([low, (high[0], low[1]), high, (low[0], high[1])])
+        (surface,) = surfaces_of(1, PlaneFrame.of(TILTED), [piece], instances=False)
+        assert 0 <= surface.extent.angle < math.pi
 
 
 @pytest.mark.parametrize(

@@ -44,9 +44,9 @@ def outline_points(
     points : array_like, shape (k, 3)
         As it was found in.
     spacing : float, optional
-        Side of a cell in metres. ``None`` derives it for each plane: the smallest cells that make a
-        surface, most of them with five neighbours or more and with few gaps between them; for
-        random points some three to six in a cell.
+        Side of a cell in metres; at least two lie across a surface. ``None`` derives it for each
+        plane: the smallest cells that make a surface, most of them with five neighbours or more and
+        with few gaps between them; for random points some three to six in a cell.
     instances : bool
         One surface for each connected piece, numbered from the largest; otherwise one a plane.
 
@@ -97,7 +97,7 @@ def _pieces(flat: Array, spacing: float | None) -> list[Any]:
     low = local.min(axis=0)
     local -= low
     extent = local.max(axis=0)
-    sides = derive_cells(local) if spacing is None else np.full(2, spacing, np.float64)
+    sides = derive_cells(local) if spacing is None else np.minimum(spacing, extent / 2)
     sides *= max(1.0, float(extent[0]) / (MOST_CELLS * float(sides[0])))
     overhang = _overhang(counts(local, sides))
     # Cells that reach beyond the outermost points by what they do on the mean.
@@ -126,12 +126,12 @@ def _overhang(counts: NDArray[np.int64]) -> float:
 
     A cell of which the part f is inside holds none of its points with probability exp(-n f), n the
     points of a whole one. It adds 1 - f where it does, else takes f away: the mean over f is
-    1/2 - (1 - exp(-n)) / n.
+    1/2 - (1 - exp(-n)) / n, if there are enough of them that it is positive.
     """
     held = counts > 0
     inner = held & (neighbours(held) == 8)
     n = float(counts[inner if inner.any() else held].mean())
-    return 0.5 - (1 - math.exp(-n)) / n
+    return max(0.5 - (1 - math.exp(-n)) / n, 0.0)
 
 
 def _along(flat: Array) -> Array | None:

@@ -212,7 +212,7 @@ def _extent(shapely: Any, pieces: Sequence[Any]) -> Extent:
         centre=box[:4].mean(axis=0),
         length=float(lengths.max()),
         width=float(lengths.min()),
-        angle=float(np.arctan2(long[1], long[0]) % np.pi),
+        angle=float(np.arctan2(long[1], long[0]) % np.pi % np.pi),  # of -1e-17 once is pi
     )
 
 
