@@ -327,6 +327,9 @@ def test_wrong_arguments():
         told(np.zeros((5, 3)), origin=(0, 0))
     with pytest.raises(ValueError, match=r"sensor must be a planewise\.Sensor"):
         pw.estimate_cloud_noise(np.zeros((5, 3)), None)
+    for wrong in ("a", 1.5, True, 0, -1):
+        with pytest.raises(ValueError, match="threads must be a whole number of at least 1, got"):
+            told(np.zeros((5, 3)), threads=wrong)
 
 
 def test_flat_cubes_are_those_of_plain_numpy():

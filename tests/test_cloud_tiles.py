@@ -260,6 +260,7 @@ def test_equal_points_stay_in_one_tile():
         ({"sigma": np.ones(3)}, "sigma must hold one number a point"),
         ({"sigma": np.full(100, np.nan)}, "sigma must be positive and finite"),
         ({"max_planes": 0}, "max_planes must lie"),
+        ({"folder": 3}, "folder must be a path, got 3"),
     ],
 )
 def test_wrong_arguments(wrong, message):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from os import PathLike
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planewise import compilation, threads
-from planewise.arguments import checked_count
+from planewise.arguments import checked_count, shown
 from planewise.clouds.memory import Disk, Memory
 from planewise.errors import PlanewiseError
 from planewise.files.cloud import open_cloud
@@ -102,6 +103,8 @@ def detect_planes_in_cloud(
             f"cloud must be a path, CloudFile or PointCloud, got {type(cloud).__name__}; "
             "detect_planes_in_points takes arrays"
         )
+    if not isinstance(folder, str | PathLike | None):
+        raise ValueError(f"folder must be a path, got {shown(folder)}")
     disk = Disk(None if folder is None else Path(folder))
     if isinstance(cloud, CloudFile):
         cloud = points_on_disk(cloud, disk)

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise.arguments import checked_points
+from planewise.arguments import checked_count, checked_points
 from planewise.calibration.fit import fit_polynomial
 from planewise.clouds.cloud import STEEPEST, WIDE, mean_origins, middle_of, side_for
 from planewise.clouds.depth_steps import Rounding
@@ -141,9 +141,10 @@ def estimate_cloud_noise(
     """
     array = checked_points(points, 3)
     checked_sensor(sensor)
+    workers = chosen(threads if threads is None else checked_count("threads", threads))
     place = checked_origin(origin, array.shape)
     readings = without_missing(array, replace(sensor, noise=AUTO), None, place)
-    return cloud_noise(np.ascontiguousarray(readings), sensor, place, chosen(threads))
+    return cloud_noise(np.ascontiguousarray(readings), sensor, place, workers)
 
 
 def cloud_noise(
@@ -317,12 +318,11 @@ def _grids(
 def _flat(points: Points, order: Order, origin: Array | None) -> Iterator[Array]:
     """Flat cubes of every level (`kernels.flat_cubes`)."""
     starts = order.starts(0)
-    n = len(starts) - 1
-    local, nodes = np.empty((len(order.keys), 3), np.float32), np.empty((n, ROW))
     keys, seen_from, grid = order.keys[starts[:-1]], np.empty((0, 3)), order.grid
+    local, nodes = np.empty((len(order.keys), 3), np.float32), np.empty((len(keys), ROW))
     cloud_cells.local_points(
         points, order.rows, starts, keys, grid.side, grid.middle, cloud_keys.TURN, grid.centre,
-        0, n, local, nodes,
+        0, len(keys), local, nodes,
     )  # fmt: skip
     if origin is not None:
         seen_from = mean_origins(origin, order, starts) - grid.centre
