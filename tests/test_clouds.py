@@ -341,6 +341,38 @@ def test_a_roof_of_few_points(count):
     assert_array_equal(shuffled.labels, found.labels[order])
 
 
+def level_ground(count, rng):
+    return np.column_stack((rng.uniform(-20, 20, (count, 2)), rng.normal(0, 0.05, count)))
+
+
+@pytest.mark.parametrize("count", [500, 1000, 2000, 3500])
+def test_faces_of_sixty_points_above_however_much_ground(count):
+    rng = np.random.default_rng(0)
+    parts = [level_ground(count, rng)]
+    for across in np.array([(1, 0), (-1, 0), (0, 1), (0, -1)]):  # down the four slopes of a roof
+        down = 4 * np.sqrt(rng.uniform(0, 1, 60))
+        along = rng.uniform(-down, down)
+        plan = (3, -5) + down[:, None] * across + along[:, None] * across[::-1]
+        parts.append(np.column_stack((plan, 7 - 0.6 * down + rng.normal(0, 0.05, 60))))
+    truth = np.repeat(np.arange(1, 6), [count, 60, 60, 60, 60])
+    found = pw.detect_planes_in_points(np.vstack(parts), pw.Sensor(max_depth=100, noise=0.05))
+    assert len(found) == 5
+    assert matching(found.labels, truth) > 0.95
+
+
+@pytest.mark.parametrize("seed", [4, 8, 11])
+def test_crowns_of_trees_above_ground_are_no_planes(seed):
+    rng = np.random.default_rng(seed)
+    parts = [level_ground(1500, rng)]
+    for _ in range(12):
+        crown = rng.normal(size=(rng.integers(20, 200), 3))
+        crown *= (rng.random(len(crown)) ** (1 / 3) / np.linalg.norm(crown, axis=1))[:, None]
+        parts.append(crown * (2, 2, 2.5) + (*rng.uniform(-18, 18, 2), 5))
+    found = pw.detect_planes_in_points(np.vstack(parts), pw.Sensor(max_depth=100, noise=0.05))
+    assert len(found) == 1
+    assert not found.labels[1500:].any()
+
+
 @pytest.mark.parametrize("reach", [6.0, 30.0, 100.0])
 def test_what_only_lies_together_is_no_plane_however_far_the_sensor_reaches(reach):
     """A wall and a bush; the diagonal of the box around both is six metres."""

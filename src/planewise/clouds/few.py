@@ -2,8 +2,10 @@
 
 On a face of fifty points a cell has seven and most are cut by an edge. So the planes of the paper's
 objective, chosen from all points together, are tried as well: relabelled by their surroundings,
-dropped and merged while Phi falls. A point on no plane is taken to lie anywhere within the points'
-own extent, not within R, or else planes would pay wherever points are but close together.
+dropped and merged while Phi falls. There one plane more costs a name for every point, which a small
+face beside much ground does not pay: what is on no plane is searched again, piece by piece. A point
+on no plane is taken to lie anywhere within the points' own extent, of a piece within that of the
+piece, not within R, or else planes would pay wherever points are but close together.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ from planewise.clouds.information import (
 )
 from planewise.clouds.masks import mask_of
 from planewise.clouds.rows import planes_of, scatters
-from planewise.information import coordinate_information
+from planewise.components import components
+from planewise.information import coordinate_information, plane_information
 from planewise.kernels import cloud_labels as kernels
 from planewise.kernels.cloud_keys import TURN
 from planewise.kernels.cloud_rows import AREA, ROW, WEIGHT, write_normals
@@ -36,7 +39,6 @@ from planewise.paper.problem import Problem
 from planewise.paper.propose import propose
 from planewise.point_observation import PointObservation
 from planewise.ranks import ranks
-from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]
@@ -53,11 +55,11 @@ _PARALLEL = 0.9  # least cosine between planes that are merged
 _LEAST_RANGE = 10.0  # times eps
 
 
-def limits_of(cloud: Cloud, sensor: Sensor) -> Limits:
+def limits_of(points: Array, limits: Limits) -> Limits:
     """What is taken for R and eps: the diagonal of the points' box, if that is less than R."""
-    diagonal = float(np.linalg.norm(np.ptp(cloud.positions(), axis=0)))
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0)))
     # Of points in one place, which have none, a coordinate still takes some nats.
-    return min(sensor.range, max(diagonal, _LEAST_RANGE * sensor.resolution)), sensor.resolution
+    return min(limits[0], max(diagonal, _LEAST_RANGE * limits[1])), limits[1]
 
 
 def fewest_nats(
@@ -78,18 +80,13 @@ def fewest_nats(
     start : ndarray of uint16, shape (k,)
         Labels from cells, to be improved on.
     limits : (float, float)
-        `limits_of` it.
+        `limits_of` its points.
     rng : numpy.random.Generator
         For the planes that are proposed.
     """
-    tried = [_paid(cloud, error, start, limits)]
-    labels = _paper_labels(cloud, limits, rng)
-    tried.append(_paid(cloud, error, labels, limits))
-    for _ in range(_RELABELLED):
-        phi, labels = _paid(cloud, error, _relabelled(cloud, error, labels, limits), limits)
-        tried.append((phi, labels))
-    phi, labels = min(tried, key=lambda each: each[0])
-    return _merged(cloud, error, phi, labels, limits)
+    paper = _paper_labels(cloud, np.arange(len(start)), limits, rng)
+    least = min(_paid(cloud, error, start, limits), _settled(cloud, error, paper, limits), key=_phi)
+    return _merged(cloud, error, *_with_pieces(cloud, error, least, limits, rng), limits)
 
 
 def plane_rows(cloud: Cloud, groups: CloudGroups, planes: int, error: CloudError) -> Array:
@@ -138,6 +135,21 @@ def _paid(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> tu
     return float(book.curve[best]), place[labels]
 
 
+def _phi(paid: tuple[float, Labels]) -> float:
+    return paid[0]
+
+
+def _settled(
+    cloud: Cloud, error: CloudError, labels: Labels, limits: Limits
+) -> tuple[float, Labels]:
+    """The lowest Phi of labels, as they are and relabelled again and again, and its labels."""
+    tried = [_paid(cloud, error, labels, limits)]
+    for _ in range(_RELABELLED):
+        tried.append(_paid(cloud, error, _relabelled(cloud, error, labels, limits), limits))
+        labels = tried[-1][1]
+    return min(tried, key=_phi)
+
+
 def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits) -> Labels:
     """Every point on the plane that its residual and its surroundings say."""
     planes = int(labels.max(initial=0))
@@ -157,6 +169,47 @@ def _relabelled(cloud: Cloud, error: CloudError, labels: Labels, limits: Limits)
     return out
 
 
+def _with_pieces(
+    cloud: Cloud,
+    error: CloudError,
+    least: tuple[float, Labels],
+    limits: Limits,
+    rng: np.random.Generator,
+) -> tuple[float, Labels]:
+    """Add planes of pieces of what is on none, with which Phi falls, clearly by the piece's limits.
+
+    By those of the cloud alone crowns of trees would have planes, for they are far apart.
+    """
+    pieces = _pieces(cloud, np.flatnonzero(least[1] == 0))
+    while pieces:
+        piece = pieces.pop()
+        found = _paper_labels(cloud, piece, limits, rng)
+        if not found.any():
+            continue
+        labels = least[1].copy()
+        labels[piece] = np.where(found > 0, found + labels.max(), 0)
+        near = limits_of(cloud.positions()[piece], limits)
+        phi, labels = _settled(cloud, error, labels, near)
+        fall = _paid(cloud, error, least[1], near)[0] - phi
+        more = _paid(cloud, error, labels, limits)
+        if fall > plane_information(3, *near) and more[0] < least[0]:
+            least = more
+            pieces += _pieces(cloud, piece[labels[piece] == 0])
+    return least
+
+
+def _pieces(cloud: Cloud, points: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Points of cubes that hang together, with other points not in between."""
+    cube = np.repeat(np.arange(len(cloud.cubes)), np.diff(cloud.starts))[points]
+    held = np.zeros(len(cloud.cubes) + 1, np.bool_)  # the last for cubes that there are not
+    held[cube] = True
+    one, side = np.nonzero(held[:-1, None] & held[cloud.about])
+    part = components(len(cloud.cubes), np.column_stack((one, cloud.about[one, side])))[cube]
+    order = np.argsort(part, kind="stable")
+    pieces = np.split(points[order], np.flatnonzero(np.diff(part[order])) + 1)
+    return [piece for piece in pieces if FEWEST <= len(piece) < len(cloud.local)]
+
+
 def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits: Limits) -> Labels:
     """Merge pairs of planes, the one that saves most first, while Phi falls."""
     while True:
@@ -170,7 +223,7 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
             if abs(normals[i] @ normals[j]) < _PARALLEL:
                 continue
             joint = np.where(labels == j + 1, i + 1, labels).astype(np.uint16)
-            best = min(best, _paid(cloud, error, joint, limits), key=lambda each: each[0])
+            best = min(best, _paid(cloud, error, joint, limits), key=_phi)
         if not best[0] < phi - _FALL:
             return labels
         phi, labels = best
@@ -179,11 +232,14 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
             phi, labels = again
 
 
-def _paper_labels(cloud: Cloud, limits: Limits, rng: np.random.Generator) -> Labels:
-    """Labels of the sorted points under the paper's objective."""
-    points = cloud.positions()
+def _paper_labels(
+    cloud: Cloud, some: NDArray[np.intp], limits: Limits, rng: np.random.Generator
+) -> Labels:
+    """Labels of some of the sorted points under the paper's objective."""
+    points = cloud.positions()[some]
+    limits = limits_of(points, limits)
     seen = PointObservation(
-        errors=np.sqrt(np.repeat(cloud.variance, np.diff(cloud.starts))),
+        errors=np.sqrt(np.repeat(cloud.variance, np.diff(cloud.starts))[some]),
         rows=np.arange(len(points)),
         shape=(len(points),),
         range=limits[0],

@@ -209,7 +209,7 @@ def _from_few(
     rng: np.random.Generator,
 ) -> CloudPlanes:
     """Planes of few points; found: what cells told."""
-    limits = cloud_few.limits_of(cloud, sensor)
+    limits = cloud_few.limits_of(cloud.positions(), (sensor.range, sensor.resolution))
     start = np.zeros(int(cloud.rows.max()) + 1, np.uint16)
     start[found.cloud.rows] = found.labels
     labels = cloud_few.fewest_nats(cloud, found.error, start[cloud.rows], limits, rng)
