@@ -3,7 +3,7 @@
     python -m benchmarks.clouds speed       # seconds, processor seconds and memory by size
     python -m benchmarks.clouds building    # F1 and time at 200,000 points, all methods
     python -m benchmarks.clouds roofs       # F1 by group, all methods
-    python -m benchmarks.clouds noise       # noise="auto" against sigma told
+    python -m benchmarks.clouds noise       # noise="auto" against sigma given
     python -m benchmarks.clouds curved      # planes in what is curved, and in what is not
     python -m benchmarks.clouds pictures    # of scans without labels, into OUT/
 
@@ -157,7 +157,8 @@ def _roof_row(method: CloudMethod, scans: list[tuple[str, Scan]], groups: list[s
 
 def noise(seeds: int, size: int) -> None:
     """What noise="auto" makes of sigma and F1, and of scans without labels."""
-    print("| | sigma | told / sigma | F1 | F1 auto | planes | planes auto | time, of the same |")
+    print("| | sigma | estimated / sigma | F1, given | estimated |", end="")
+    print(" planes, given | estimated | time, of the same |")
     print("|---|---|---|---|---|---|---|---|")
     pw.detect_planes_in_points(building(20_000).points, replace(_SENSOR, noise="auto"))
     for sigma in (0.002, 0.01, 0.03):
@@ -169,7 +170,7 @@ def noise(seeds: int, size: int) -> None:
         roofs[group].append(scan)
     for group, scans in roofs.items():
         print(_noise_row(f"roofs, {group}", scans, 1))
-    print("\n| | said | told | planes | planes auto | on a plane | on a plane, auto |")
+    print("\n| | given | estimated | planes, given | estimated | on a plane, given | estimated |")
     print("|---|---|---|---|---|---|---|")
     for name, points, sensor in unlabelled():
         said = pw.detect_planes_in_points(points, sensor)

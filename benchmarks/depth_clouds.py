@@ -3,7 +3,7 @@
 python -m benchmarks.depth_clouds [--rooms 8]
 
 Points of synthetic Kinect images in the frame of the camera, of every pixel, or of every second or
-fourth row and column, all of them or two thirds. Their noise is told (white noise and rounding), or
+fourth row and column, all of them or two thirds. Their noise is given (white and rounding), or
 estimated; or they are searched as the image that they tell (`planewise.image_of_cloud`), its noise
 estimated. Below, the scans of depth cameras among the real ones, without labels.
 """
@@ -51,7 +51,7 @@ def _means(rows: list[tuple[float, float, float]]) -> str:
 def _rooms(count: int) -> None:
     made = [scenes.room(seed) for seed in range(count)]
     rng = np.random.default_rng(0)
-    print("| | points | planes, VOI, F1@.5: told | auto | as images |\n|---|---|---|---|---|")
+    print("| | points | planes, VOI, F1@.5: given | estimated | as images |\n|---|---|---|---|---|")
     for every, share, name in (
         (1, 1.0, "every pixel"),
         (1, 0.67, "two thirds of them"),
@@ -75,15 +75,14 @@ def _rooms(count: int) -> None:
 
 
 def _scans() -> None:
-    print(
-        "\n| | points | planes and share on them: told | auto | as images |\n|---|---|---|---|---|"
-    )
-    for name, points, told in unlabelled():
+    head = "| | points | planes and share on them: given | estimated | as images |"
+    print(f"\n{head}\n|---|---|---|---|---|")
+    for name, points, given in unlabelled():
         found = pw.detect_planes_in_points(points, SENSOR)
         if "image" not in found.settings:
             continue
         models = (
-            pw.detect_planes_in_points(points, told),
+            pw.detect_planes_in_points(points, given),
             pw.detect_planes_in_points(points, SENSOR, as_image=False),
             found,
         )

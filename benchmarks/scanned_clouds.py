@@ -104,7 +104,7 @@ def main() -> None:
     parser = parser_of(__doc__)
     parser.add_argument("--seeds", type=int, default=6)
     seeds = parser.parse_args().seeds
-    print("| | points | sigma, mm | true | told, before | now | auto, before | now |")
+    print("| | points | sigma, mm | true | given, before | now | estimated, before | now |")
     print("|---|---|---|---|---|---|---|---|")
     for name in SCENES:
         print(f"| {' | '.join(row(name, seeds))} |", flush=True)
