@@ -28,6 +28,7 @@ _FEWEST_TRIPLES = 20  # of near cells in a row: in small images they say more th
 _TELLING = 0.1  # of the triples: an error that leaves fewer within three deviations is larger
 _LAG = 2  # cells from the middle of three in a row to the others
 _LAGS = (4, 8, 12)  # the same: they tell a walk from an error that soon levels off
+_NEAR = 4  # the same, at most: farther apart too few are in a part that may bend alike
 _MANY = 2000  # cells of which some can stand for all
 _CELL = 2 * SIDE / UNIT
 _ABOUT = 1 / 3  # of the drift of the shortest distance: as far as that of longer ones may be off
@@ -80,7 +81,7 @@ def drift_factor(
             return factor
         r = lag * _CELL
         bend = 2 * math.sqrt(factor * float(drift.mean()) * _of_three(r)) / (r * UNIT / focal) ** 2
-        if bend > _CURVED * planes[2, : len(drift)].mean():
+        if lag <= _NEAR and bend > _CURVED * planes[2, : len(drift)].mean():
             alike, excess = kernels.bent_alike(off, own, slow, squares[:found], factor, _WIDEST)
             if 0.0 < _ALIKE * excess < alike:
                 return math.nan
