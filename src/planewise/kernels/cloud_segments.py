@@ -24,7 +24,7 @@ from planewise.kernels.cloud_rows import (
     tempered,
     write_normal,
 )
-from planewise.kernels.edges import list_edges, take_over, unite_edges, write_roots
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import compiled, in_order, inlined, internal
 
@@ -142,7 +142,7 @@ def agglomerate(ends, discords, evidence, boundary, rows, wander, prior, most, w
     count, edges = rows.shape[0], boundary.size
     following = np.empty(2 * edges, np.int64)
     head, tail = np.empty(count, np.int64), np.empty(count, np.int64)
-    seen, pairs = np.empty(count, np.int64), np.empty((count, 2), np.int64)
+    seen = np.empty(count, np.int64)
     degree, version = np.zeros(count, np.int64), np.zeros(count, np.int64)
     alive = np.ones(edges, np.bool_)
     valued = np.zeros(edges, np.int64)
@@ -185,16 +185,32 @@ def agglomerate(ends, discords, evidence, boundary, rows, wander, prior, most, w
         version[u] += version[v] + 1
         root[v] = u
         alive[edge] = False
-        # What has become longer must come up before anything it may now beat.
-        for k in range(
-            take_over(u, v, ends, boundary, alive, degree, head, tail, following, pairs)
-        ):
-            kept = pairs[k, 0]
-            other = ends[kept, 0] + ends[kept, 1] - u
-            valued[kept] = version[u] + version[other]
-            gain, misfit[kept] = _merge_gain(rows, u, other, boundary[kept], wander, prior, most)
-            size = update(keys, items, place, size, pairs[k, 1], 0.0)
-            size = update(keys, items, place, size, kept, gain)
+        degree[u] -= 1
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                # An edge between u and the neighbour is in both lists: look into the shorter one.
+                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
+                if kept >= 0:
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = False
+                    degree[other] -= 1
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept] = version[u] + version[other]
+                    gain, misfit[kept] = _merge_gain(
+                        rows, u, other, boundary[kept], wander, prior, most
+                    )
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
+                else:
+                    ends[moved, half & 1] = u
+                    degree[u] += 1
+                    append_half(u, half, head, tail, following)
+            half = after
     write_roots(root)
 
 

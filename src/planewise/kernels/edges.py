@@ -89,33 +89,3 @@ def write_roots(root):  # type: ignore[no-untyped-def]
         while root[top] != top:
             top = root[top]
         root[u] = top
-
-
-@inlined
-def take_over(u, v, ends, boundary, alive, degree, head, tail, following, pairs):  # type: ignore[no-untyped-def]
-    """Make the edges of segment v, which is part of u now, u's; one of two to the same neighbour.
-
-    Writes pairs (., 2): edges of u that are longer by one of v's, and those. Returns how many.
-    """
-    found = 0
-    degree[u] -= 1
-    half = head[v]
-    while half >= 0:
-        after, moved = following[half], half >> 1
-        other = ends[moved, 1 - (half & 1)]
-        if alive[moved]:
-            # An edge between u and the neighbour is in both lists: look into the shorter one.
-            walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-            kept = find_edge(walked, wanted, ends, alive, head, tail, following)
-            if kept >= 0:
-                boundary[kept] += boundary[moved]
-                alive[moved] = 0
-                degree[other] -= 1
-                pairs[found, 0], pairs[found, 1] = kept, moved
-                found += 1
-            else:
-                ends[moved, half & 1] = u
-                degree[u] += 1
-                append_half(u, half, head, tail, following)
-        half = after
-    return found

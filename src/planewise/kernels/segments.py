@@ -10,7 +10,7 @@ import numpy as np
 
 from planewise.kernels.borders import border_price
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.edges import list_edges, take_over, unite_edges, write_roots
+from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.forms import (
     FORM,
@@ -288,7 +288,6 @@ def agglomerate(  # type: ignore[no-untyped-def]
         segment[u] = u
     clear(keys, place[:edges])
     size, gains = np.intp(0), np.empty(_BATCH)
-    pairs = np.empty((count, 2), np.int32)
     for start in range(0, edges, _BATCH):
         stop = min(start + _BATCH, int(edges))
         _first_values(
@@ -331,19 +330,33 @@ def agglomerate(  # type: ignore[no-untyped-def]
         version[u] += version[v] + 1
         segment[v] = u
         alive[edge] = 0
-        # What has become longer must come up before anything it may now beat.
-        for k in range(
-            take_over(u, v, ends, boundary, alive, degree, head, tail, following, pairs)
-        ):
-            kept = pairs[k, 0]
-            other = ends[kept, 0] + ends[kept, 1] - u
-            valued[kept] = version[u] + version[other]
-            gain, misfit[kept] = _merge_value(
-                segments, forms, home, turns, drift, lean, u, other, boundary[kept],
-                offset_prior, slope_prior, most, longest, tails,
-            )  # fmt: skip
-            size = update(keys, items, place, size, pairs[k, 1], 0.0)
-            size = update(keys, items, place, size, kept, gain)
+        degree[u] -= 1
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                # An edge between u and the neighbour is in both lists: look into the shorter one.
+                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
+                if kept >= 0:
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = 0
+                    degree[other] -= 1
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept] = version[u] + version[other]
+                    gain, misfit[kept] = _merge_value(
+                        segments, forms, home, turns, drift, lean, u, other, boundary[kept],
+                        offset_prior, slope_prior, most, longest, tails,
+                    )  # fmt: skip
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
+                else:
+                    ends[moved, half & 1] = u
+                    degree[u] += 1
+                    append_half(u, half, head, tail, following)
+            half = after
     write_roots(segment)
     found = 0
     for u in range(count):
