@@ -140,7 +140,8 @@ def test_a_damaged_exr_is_called_so(tmp_path):
     write_exr(tmp_path / "d.exr", {"Z": METRES})
     data = (tmp_path / "d.exr").read_bytes()
     (tmp_path / "d.exr").write_bytes(data[: len(data) - 50])
-    refused(tmp_path / "d.exr", "d.exr is damaged or cut short: its pixels cannot be unpacked")
+    # The first OpenEXR 3.4 raises; later ones print why, and return nothing.
+    refused(tmp_path / "d.exr", r"d\.exr (is damaged or cut short|cannot be read; it is damaged)")
 
 
 def test_exr_in_colour_is_read_only_with_a_depth_channel(tmp_path):
