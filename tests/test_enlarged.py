@@ -236,6 +236,9 @@ def test_every_door_looks(room, how):
         pw.detect_planes(depth, replace(room.camera, width=160, height=120), room.sensor)
     with pytest.raises(ValueError, match="depth must not be negative"):
         pw.detect_planes(-1.0 * depth, camera, room.sensor)
+    depth = np.where(depth == depth.max(), -1.0, depth)
+    with pytest.raises(ValueError, match="depth must not be negative"):
+        pw.detect_planes(depth, camera, replace(room.sensor, min_depth=0.5))
 
 
 def test_the_command_line_says_so(tmp_path, room):

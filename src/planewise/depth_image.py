@@ -284,7 +284,8 @@ def within_range(depth: NDArray[Any], sensor: Sensor, depth_scale: float | None)
     if most <= high and sensor.min_depth == 0:
         return depth
     with np.errstate(invalid="ignore"):
-        return np.where((depth >= low) & (depth <= high), depth, depth.dtype.type(0))
+        beyond = (depth > high) | (depth >= 0) & (depth < low)  # what is negative is refused
+        return np.where(beyond, depth.dtype.type(0), depth)
 
 
 def _limits_in_units(sensor: Sensor, scale: float) -> tuple[int, int]:
