@@ -524,13 +524,19 @@ def test_what_a_killed_shard_left_is_taken_over(frames, full, tmp_path):
     assert not list(whole.store.glob(".unfinished*"))
 
 
-def test_other_shards_try_again_what_failed(changing):
-    """Rows of failed frames go, whoever wrote them, unless he may be at work."""
+def spoiled(changing, number):
+    """A frame that cannot be read any more, what it held, and the batch, whose store is gone."""
     folder, whole = changing
-    bad = folder / f"{Store(whole.store).ids[4]}.png"
+    bad = folder / f"{Store(whole.store).ids[number]}.png"
     good = bad.read_bytes()
     bad.write_bytes(b"none")
     shutil.rmtree(whole.store)
+    return bad, good, whole
+
+
+def test_other_shards_try_again_what_failed(changing):
+    """Rows of failed frames go, whoever wrote them, unless he may be at work."""
+    bad, good, whole = spoiled(changing, 4)
     for part in (1, 2, 3):
         fill(replace(whole, selection=Selection(shard=(part, 3))))
     assert Store(whole.store).failed == (bad.stem,)
@@ -544,11 +550,7 @@ def test_other_shards_try_again_what_failed(changing):
 
 def test_shards_of_what_every_leaves_write_no_frame_twice(changing):
     """The third frame is of the first half of all, and of the second half of one in two."""
-    folder, whole = changing
-    bad = folder / f"{Store(whole.store).ids[2]}.png"
-    good = bad.read_bytes()
-    bad.write_bytes(b"none")
-    shutil.rmtree(whole.store)
+    bad, good, whole = spoiled(changing, 2)
     fill(replace(whole, selection=Selection(shard=(1, 2))))
     bad.write_bytes(good)
     again = Selection(shard=(2, 2), every=2)
@@ -560,10 +562,7 @@ def test_shards_of_what_every_leaves_write_no_frame_twice(changing):
 
 
 def test_a_shard_leaves_what_failed_to_another_of_as_many(changing):
-    folder, whole = changing
-    bad = folder / f"{Store(whole.store).ids[4]}.png"
-    bad.write_bytes(b"none")
-    shutil.rmtree(whole.store)
+    bad, _, whole = spoiled(changing, 4)
     for part in (1, 2):
         fill(replace(whole, selection=Selection(shard=(part, 2)), retry_failed=True))
     store = Store(whole.store)

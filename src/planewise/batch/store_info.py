@@ -151,6 +151,18 @@ def _damaged_topics(source: Mapping[str, Any]) -> str:
     return ""
 
 
+def check_outside(store: Path, output: Path) -> None:
+    """Refuse to write into the folder of a store what is no part of it.
+
+    Raises
+    ------
+    PlanewiseError
+        If it lies there.
+    """
+    if output.resolve().is_relative_to(store.resolve()):
+        raise PlanewiseError(f"output: {output} is in the store; choose another folder")
+
+
 def check_same(store: Path, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
     """Refuse a store that was made with other options.
 

@@ -219,9 +219,10 @@ def own_readings(
     depth = unmasked("depth", depth)
     own = own_pixels(within_range(depth, known, depth_scale), camera)
     if own is not None:
-        auto = replace(known, noise=AUTO)
-        if own.tells(observe(own.depth, own.camera, auto, depth_scale=depth_scale)):
-            depth, camera = own.depth, own.camera
+        seen = observe(own.depth, own.camera, known, depth_scale=depth_scale)
+        _, told = resolved(seen, replace(known, noise=AUTO))
+        if own.tells(replace(seen, sensor=told)):
+            return seen
     return observe(depth, camera, known, depth_scale=depth_scale)
 
 

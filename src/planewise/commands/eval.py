@@ -11,7 +11,6 @@ from planewise.commands import terminal
 from planewise.commands.command_line import check_output, reported
 from planewise.commands.exit_codes import FAILED
 from planewise.commands.jobs import Failed
-from planewise.errors import PlanewiseError
 from planewise.files.labels import STORE_FILE
 from planewise.wording import counted
 
@@ -62,9 +61,10 @@ def evaluate(
         pairs = pair_files(predicted, truth)
         if output is not None:
             check_output(output, ".csv", pairs.files)
-            stored = (predicted / STORE_FILE).is_file()
-            if stored and output.resolve().is_relative_to(predicted.resolve()):
-                raise PlanewiseError(f"output: {output} is in the store; choose another folder")
+            if (predicted / STORE_FILE).is_file():
+                from planewise.batch.store_info import check_outside
+
+                check_outside(predicted, output)
         for names, folder in ((pairs.only_true, predicted), (pairs.only_predicted, truth)):
             if names:
                 terminal.warning(f"{folder} lacks {len(names)}: {terminal.listed(names)}")

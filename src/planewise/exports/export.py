@@ -10,6 +10,7 @@ from pathlib import Path
 
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
+from planewise.batch.store_info import check_outside
 from planewise.batch.stored_source import StoredSource
 from planewise.errors import PlanewiseError, SetupError
 from planewise.exports.form import Form
@@ -72,8 +73,7 @@ def export(
             raise PlanewiseError(f"{source.missing}; give --source")
     if pictures and not form.places_pictures:
         raise PlanewiseError("pictures: to take them or not is a choice of the format coco alone")
-    if output.resolve().is_relative_to(store.path.resolve()):
-        raise PlanewiseError(f"output: {output} is in the store; choose another folder")
+    check_outside(store.path, output)
     if output.is_dir() and any(output.iterdir()):
         raise PlanewiseError(f"output: the folder {output} is not empty; give a new one")
     reads = source if form.needs_source or pictures else None

@@ -17,6 +17,7 @@ from planewise import threads
 from planewise._version import __version__
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
+from planewise.batch.store_info import check_outside
 from planewise.batch.stored_camera import described_camera
 from planewise.batch.stored_source import StoredSource
 from planewise.drawing.palette import palette
@@ -152,8 +153,7 @@ def write_gallery(
         raise PlanewiseError(f"output: {output} is a folder; give the name of an HTML file")
     if output.suffix.lower() not in (".html", ".htm"):
         raise PlanewiseError(f"output: expected a .html file, got {output.name}")
-    if output.resolve().is_relative_to(store.path.resolve()):
-        raise PlanewiseError(f"output: {output} is in the store; choose another folder")
+    check_outside(store.path, output)
     if not output.parent.is_dir():
         raise PlanewiseError(f"output: there is no folder {output.parent}")
     filling = _Filling(
