@@ -161,7 +161,7 @@ def test_cells_in_a_row_square_by_square(shape):
     row, column = np.indices(shape).reshape(2, -1)
     planes[0], planes[1] = column * 2 * SIDE / UNIT, row * 2 * SIDE / UNIT
     one, rows = np.ones(grid.size), np.empty((3, 2 * grid.size))
-    ends = np.empty(2 * neighbouring._squares(shape), np.int64)
+    ends = np.empty(kernels.most_squares(shape), np.int64)
     n, squares = kernels.cells_in_a_row(grid, planes, one, one, lag, *rows, ends)
     off = []
     for three in (grid, grid.T):

@@ -183,12 +183,12 @@ def _with_pieces(
     pieces = _pieces(cloud, np.flatnonzero(least[1] == 0))
     while pieces:
         piece = pieces.pop()
-        found = _paper_labels(cloud, piece, limits, rng)
+        near = limits_of(cloud.positions()[piece], limits)
+        found = _paper_labels(cloud, piece, near, rng)
         if not found.any():
             continue
         labels = least[1].copy()
         labels[piece] = np.where(found > 0, found + labels.max(), 0)
-        near = limits_of(cloud.positions()[piece], limits)
         phi, labels = _settled(cloud, error, labels, near)
         fall = _paid(cloud, error, least[1], near)[0] - phi
         more = _paid(cloud, error, labels, limits)
@@ -235,9 +235,8 @@ def _merged(cloud: Cloud, error: CloudError, phi: float, labels: Labels, limits:
 def _paper_labels(
     cloud: Cloud, some: NDArray[np.intp], limits: Limits, rng: np.random.Generator
 ) -> Labels:
-    """Labels of some of the sorted points under the paper's objective."""
+    """Labels of some of the sorted points under the paper's objective; limits: `limits_of` them."""
     points = cloud.positions()[some]
-    limits = limits_of(points, limits)
     seen = PointObservation(
         errors=np.sqrt(np.repeat(cloud.variance, np.diff(cloud.starts))[some]),
         rows=np.arange(len(points)),

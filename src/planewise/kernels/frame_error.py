@@ -7,6 +7,8 @@ the variances of each have to be multiplied by. Grids (rows, columns) hold the i
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from planewise.kernels.cells import SIDE, UNIT
@@ -128,6 +130,11 @@ def _offset_variances(planes, inflation):  # type: ignore[no-untyped-def]
     for k in range(out.size):
         out[k] = inflation[k] / planes[6, k]
     return out
+
+
+def most_squares(shape: tuple[int, ...]) -> int:
+    """Squares of `cells_in_a_row`, at most, of a grid of such a shape."""
+    return 2 * math.prod(-(-n // SQUARE) for n in shape)
 
 
 @in_order

@@ -70,7 +70,7 @@ def drift_factor(
     fewest = _FEWEST_TRIPLES if lag == _LAG else FEWEST
     with workspace.stage():
         rows = workspace.empty((3, 2 * some.size), np.float32)
-        squares = workspace.empty(2 * _squares(some.shape), np.int64)
+        squares = workspace.empty(kernels.most_squares(some.shape), np.int64)
         of_cells = some, planes, inflation, drift, lag // every
         n, found = kernels.cells_in_a_row(*of_cells, *rows, squares)
         off, own, slow = rows[:, :n]
@@ -178,11 +178,6 @@ def walk_of(
         of_three, told = [nearby], [nearest * nearby]
     walk, least = min(walk, farthest / usual), min(max(least, _AT_LEAST * walk), farthest / usual)
     return Walk(walk, least, told[0], of_three[0], soon)
-
-
-def _squares(shape: tuple[int, ...]) -> int:
-    """Squares of a grid of such a shape, at most."""
-    return math.prod(-(-n // kernels.SQUARE) for n in shape)
 
 
 def _of_three(r: float) -> float:
