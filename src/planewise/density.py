@@ -15,7 +15,8 @@ LEAST_READINGS = 5
 
 def has_reading(depth: NDArray[Any]) -> Mask:
     """Where depth is neither missing (0, NaN) nor infinite."""
-    return np.asarray(np.isfinite(depth) & (depth != 0))
+    there = depth != 0
+    return np.asarray(there & np.isfinite(depth) if depth.dtype.kind == "f" else there)
 
 
 def middle_rows(image: NDArray[Any], count: int) -> NDArray[Any]:

@@ -39,9 +39,9 @@ def filled(image: Image, camera: PinholeCamera) -> Scattered | None:
     ValueError
         If they are, and the image cannot have been taken by the camera.
     """
-    down = _block_size(image.T)
-    across = None if down is None else _block_size(image)
-    if down is None or across is None or abs(math.log(across / down)) > _ALIKE:
+    across = _block_size(image)  # rows first, which lie in memory one after another
+    down = None if across is None else _block_size(image.T)
+    if across is None or down is None or abs(math.log(across / down)) > _ALIKE:
         return None
     camera.check((image.shape[0], image.shape[1]))
     times = math.sqrt(across * down)
