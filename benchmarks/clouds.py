@@ -36,7 +36,7 @@ from benchmarks.frames import DATA
 from benchmarks.processes import peak_memory
 from planewise.clouds import segments
 from planewise.metrics.scores import Detection, evaluate
-from planewise.stages import recorded
+from planewise.runtime.stages import recorded
 
 _SIZES = (100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
 _SENSOR = pw.Sensor(max_depth=20.0, resolution=0.001, noise=0.01)

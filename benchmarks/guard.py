@@ -32,8 +32,8 @@ from benchmarks.processes import process
 from benchmarks.reference_work import reference
 from benchmarks.rivals import Method
 from benchmarks.timing import interleaved, one_core
-from planewise.allocator import keep_freed
 from planewise.machine import describe_machine
+from planewise.runtime.allocator import keep_freed
 
 RECORD = Path(__file__).with_name("guard.json")
 _ATTEMPTS = 3

@@ -20,6 +20,7 @@ from benchmarks.frames import Frame
 from planewise.kernels import labels as label_loops
 from planewise.model import MAX_PLANES
 from planewise.observation import RayObservation
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import turn_to_theta
 from planewise.spatial import labels as spatial_labels
 from planewise.spatial.cells import cells_of
@@ -29,7 +30,6 @@ from planewise.spatial.marks import Marks
 from planewise.spatial.model import spatial_model
 from planewise.spatial.segments import affine_planes, with_none
 from planewise.spatial.units import planes_of_units
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

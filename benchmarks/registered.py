@@ -6,7 +6,7 @@ Every reading is moved to the pixel of a camera beside the sensor, turned by 0.7
 many times as many rows and columns, that sees it, and nothing is filled in; or with `--blocks` to
 all pixels that its own covers. The nearest stays. VOI, share of what is found that is a flat face,
 share of true planes of 0.25 % of the readings found, and planes: as the image is, and in coarser
-pixels (`planewise.scattered`, `planewise.filled`).
+pixels (`planewise.enlarged.scattered`, `planewise.enlarged.filled`).
 """
 
 from __future__ import annotations

@@ -23,7 +23,8 @@ from benchmarks.processes import process
 from benchmarks.rivals import Method
 from benchmarks.table import RATIO, Row, row
 from benchmarks.timing import Work, all_cores, elapsed, interleaved, times_of
-from planewise import scenes, threads
+from planewise import scenes
+from planewise.runtime import threads
 
 SIZES = ((320, 240), (640, 480), (1280, 720), (1920, 1080), (3840, 2160))
 _VGA = 1  # place of 640 x 480

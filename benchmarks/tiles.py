@@ -24,7 +24,7 @@ import planewise as pw
 from benchmarks.arguments import parser_of
 from benchmarks.building import building
 from benchmarks.processes import peak_memory
-from planewise.stages import recorded
+from planewise.runtime.stages import recorded
 
 _BUILDING = 10_000_000  # points of one, at most
 _STEP = 60.0  # metres between them

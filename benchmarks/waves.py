@@ -3,7 +3,7 @@
 python -m benchmarks.waves [--rooms N] [--picture FILE]
 
 Wiggling of time of flight, an error that is periodic in range, and pixel locking of stereo, which
-is periodic in disparity (`planewise.wave_search`). VOI on the true planes of at least 0.25 % of the
+is periodic in disparity (`planewise.waves`). VOI on the true planes of at least 0.25 % of the
 image, P: share of what is found that is a flat face of any size, R: share of the true planes that
 are found, and planes found. First where frames are searched as they are; then as they are searched;
 then with the sensor that `planewise.calibrate` makes of other rooms. With --picture no table: one

@@ -23,8 +23,8 @@ from numba.extending import overload
 from numpy.testing import assert_array_equal
 
 import planewise as pw
-from planewise import compilation, compiler, warm_up
-from planewise.kernels import jit
+from planewise import compilation, warm_up
+from planewise.kernels import compiler, jit
 from planewise.kernels.loop_cache import ENDING
 from tests.command import run_python
 

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 import planewise as pw
-from planewise.enlarged import own_pixels
+from planewise.enlarged.own_pixels import own_pixels
 from planewise.results.planes_json import SCHEMA_FILE
 from tests.command import run
 from tests.enlarging import camera_of, interpolated, models_of, repeated

@@ -8,9 +8,9 @@ import planewise as pw
 from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
 from planewise.kernels.splits import halve
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.faces import misfits_of, parted
 from planewise.spatial.tame_frame import tame_frame
-from planewise.workspace import Workspace
 
 SIZE = 60, 80
 SIGMA = 1e-3

@@ -11,10 +11,10 @@ from benchmarks.registered import registered
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.enlarged import own_pixels
-from planewise.filled import filled
+from planewise.enlarged.filled import filled
+from planewise.enlarged.own_pixels import own_pixels
+from planewise.enlarged.scattered import Scattered
 from planewise.metrics import evaluate
-from planewise.scattered import Scattered
 from tests.enlarging import models_of, repeated
 
 STEREO = named("stereo, smooth over 20 px")

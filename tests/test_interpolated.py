@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.enlarged import own_pixels
-from planewise.interpolated import Knots
+from planewise.enlarged.interpolated import Knots
+from planewise.enlarged.own_pixels import own_pixels
 from tests.enlarging import along, camera_of, interpolated, places
 from tests.test_frame_error import smooth
 

@@ -10,10 +10,10 @@ from benchmarks.registered import registered
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
-from planewise.enlarged import own_pixels
+from planewise.enlarged.own_pixels import own_pixels
+from planewise.enlarged.scattered import Scattered
 from planewise.metrics import evaluate
 from planewise.own_camera import checked_camera
-from planewise.scattered import Scattered
 from tests.enlarging import camera_of, models_of
 
 

@@ -9,12 +9,12 @@ import pytest
 import planewise as pw
 from planewise.kernels.frame_error import TILT
 from planewise.kernels.groups import BLOCK
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import cells_of
 from planewise.spatial.frame import frame_of
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import ledger
 from planewise.spatial.mask_code import spatial_mask_information
-from planewise.workspace import Workspace
 
 from .oracles import group_level, group_level_nats, undithered
 

@@ -11,6 +11,7 @@ import planewise as pw
 from planewise import scenes
 from planewise.information import plane_information
 from planewise.kernels.cells import COUNT, FREE, UNIT
+from planewise.runtime.workspace import Workspace
 from planewise.spatial import folds, labels, search, solution, splitting
 from planewise.spatial.cells import cells_of
 from planewise.spatial.dividing import divided
@@ -21,7 +22,6 @@ from planewise.spatial.marks import Marks
 from planewise.spatial.pieces import in_pieces
 from planewise.spatial.segments import Segments
 from planewise.spatial.tame_frame import tame_frame
-from planewise.workspace import Workspace
 
 
 @pytest.fixture(scope="module")

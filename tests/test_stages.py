@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import planewise as pw
-from planewise.stages import recorded, stage
+from planewise.runtime.stages import recorded, stage
 
 
 @pytest.fixture
@@ -21,7 +21,8 @@ def wait(monkeypatch):
     def let_pass(seconds):
         now[0] += seconds
 
-    monkeypatch.setattr("planewise.stages.time", SimpleNamespace(perf_counter=lambda: now[0]))
+    clock = SimpleNamespace(perf_counter=lambda: now[0])
+    monkeypatch.setattr("planewise.runtime.stages.time", clock)
     return let_pass
 
 

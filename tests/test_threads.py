@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import planewise as pw
-from planewise import scenes, threads
+from planewise import scenes
+from planewise.runtime import threads
 
 
 def names(allowed):

@@ -12,15 +12,15 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
 from planewise import scenes, sensors
-from planewise.bends import Bends
 from planewise.errors import PlanewiseError
 from planewise.kernels import waves as kernels
 from planewise.metrics import evaluate
 from planewise.spatial.frame import frame_of
 from planewise.spatial.tame_frame import bends_of as bends_of_frame
 from planewise.spatial.tame_frame import tame_frame
-from planewise.wave_search import waves_of
 from planewise.waves import ALONG, Wave, Waves
+from planewise.waves.bends import Bends
+from planewise.waves.search import waves_of
 
 from .command import run
 from .conftest import render

@@ -9,7 +9,7 @@ from numpy.testing import assert_array_equal
 
 import planewise as pw
 from planewise import scenes
-from planewise.workspace import Workspace
+from planewise.runtime.workspace import Workspace
 
 
 def take(workspace):

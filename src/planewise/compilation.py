@@ -16,10 +16,10 @@ from typing import Any, Literal
 from numba.core import event
 
 from planewise import kernels
-from planewise.compiler import QuickCompiler
+from planewise.kernels.compiler import QuickCompiler
 from planewise.kernels.loop_cache import ENDING
 from planewise.kernels.readings import score_rays
-from planewise.threads import available
+from planewise.runtime.threads import available
 
 _LOG = logging.getLogger("planewise")
 _SOURCES = Path(kernels.__path__[0])

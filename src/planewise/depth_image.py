@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise import threads
 from planewise.arguments import checked_scale, unmasked
+from planewise.runtime import threads
+from planewise.runtime.workspace import Workspace
 from planewise.sensor import Sensor
 from planewise.wild import wild_readings
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 

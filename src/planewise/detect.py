@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from planewise.arguments import checked_points, checked_scale, unmasked
 from planewise.camera import Camera
 from planewise.depth_image import within_range
-from planewise.enlarged import as_enlarged, own_pixels
+from planewise.enlarged.own_pixels import as_enlarged, own_pixels
 from planewise.misread import misread
 from planewise.model import PlaneModel
 from planewise.objective import SPATIAL, Objective
@@ -22,11 +22,11 @@ from planewise.own_camera import checked_camera
 from planewise.paper.reassign import NormalReassignment
 from planewise.partition import Partition, PartitionOptions
 from planewise.point_observation import observe_points
+from planewise.runtime.stages import stage
+from planewise.runtime.threads import chosen, in_order
+from planewise.runtime.workspace import Workspace
 from planewise.search import find, find_in_cloud
 from planewise.sensor import Sensor, checked_sensor
-from planewise.stages import stage
-from planewise.threads import chosen, in_order
-from planewise.workspace import Workspace
 
 
 def detect_planes(

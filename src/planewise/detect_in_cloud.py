@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise import compilation, threads
+from planewise import compilation
 from planewise.arguments import checked_count, shown
 from planewise.clouds.memory import Disk, Memory
 from planewise.errors import PlanewiseError
@@ -19,9 +19,10 @@ from planewise.noise import AUTO
 from planewise.options import Options, Seed
 from planewise.point_cloud import BLOCK, CloudFile, PointCloud
 from planewise.point_observation import checked_origin, checked_sigma
+from planewise.runtime import threads
+from planewise.runtime.stages import stage
 from planewise.search import find_in_cloud, noted
 from planewise.sensor import Sensor, checked_sensor
-from planewise.stages import stage
 
 TILE_POINTS = 4_000_000
 """Points of a tile unless another number is asked for."""

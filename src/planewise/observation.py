@@ -24,10 +24,10 @@ from planewise.camera import RIG, Camera
 from planewise.depth_image import DepthImage
 from planewise.noise import AUTO
 from planewise.own_camera import check_own, checked_camera
+from planewise.runtime.threads import halves
+from planewise.runtime.workspace import Workspace
 from planewise.sensor import Sensor, checked_sensor
-from planewise.threads import halves
 from planewise.wording import counted
-from planewise.workspace import Workspace
 
 if TYPE_CHECKING:
     from planewise.calibration.estimate import NoiseEstimate

@@ -10,7 +10,7 @@ from numpy.typing import DTypeLike
 
 from planewise.arguments import is_finite, shown
 from planewise.camera import RIG, Camera, PinholeCamera
-from planewise.scattered import ScatteredCamera
+from planewise.enlarged.scattered import ScatteredCamera
 from planewise.spherical import SphericalCamera
 
 _MEMBERS = [name for name in vars(Camera) if not name.startswith("_")]

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planewise import compilation, threads
-from planewise.allocator import keep_freed
+from planewise import compilation
 from planewise.cloud_image import CloudImage, image_of_cloud
 from planewise.model import Curve, PlaneModel, assumed_noise
 from planewise.noise import AUTO
@@ -19,9 +18,11 @@ from planewise.partition import regions_of
 from planewise.partition.partitioner import view_of
 from planewise.partition.regions import Regions
 from planewise.point_observation import PointObservation, checked_origin, checked_sigma
+from planewise.runtime import threads
+from planewise.runtime.allocator import keep_freed
+from planewise.runtime.stages import stage
+from planewise.runtime.workspace import Workspace
 from planewise.sensor import Sensor
-from planewise.stages import stage
-from planewise.workspace import Workspace
 
 
 def find(

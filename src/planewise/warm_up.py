@@ -36,6 +36,7 @@ from planewise.kernels.labels import rename
 from planewise.kernels.planes import in_space
 from planewise.kernels.quadrics import spread
 from planewise.kernels.segments import agglomerate, room
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
 from planewise.spatial.faces import misfits_of, parted
@@ -51,7 +52,6 @@ from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation
 from planewise.spatial.segments import Segments
 from planewise.spatial.units import residual_correlation, units_inside
-from planewise.workspace import Workspace
 
 _SIZE = 36  # pixels to a side of the frame
 _CREASE = 0.18  # where its two planes meet, in units of 100 pixels

@@ -18,7 +18,7 @@ from types import FunctionType, SimpleNamespace
 from typing import Any
 
 from planewise.errors import PlanewiseError
-from planewise.forks import in_child, lock_of_module
+from planewise.runtime.forks import in_child, lock_of_module
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planewise.arguments import checked_seed
-from planewise.bends import Bends
 from planewise.calibration.correlated import is_walk
 from planewise.calibration.estimate import (
     RESAMPLES,
@@ -23,7 +22,8 @@ from planewise.calibration.frame_noise import FrameNoise, noise_of_frame
 from planewise.camera import Camera
 from planewise.errors import PlanewiseError
 from planewise.sensor import Sensor
-from planewise.wave_search import waves_of
+from planewise.waves.bends import Bends
+from planewise.waves.search import waves_of
 
 
 def calibrate(

@@ -21,7 +21,7 @@ from planewise.calibration.fit import fit_polynomial, refit
 from planewise.calibration.frame_noise import noise_of_frame
 from planewise.camera import Camera
 from planewise.depth_image import within_range
-from planewise.enlarged import own_pixels
+from planewise.enlarged.own_pixels import own_pixels
 from planewise.noise import AUTO, NOTHING, ErrorParts, Noise, RootSum, as_curve, proportional
 from planewise.observation import RayObservation, observe
 from planewise.sensor import Sensor, checked_sensor

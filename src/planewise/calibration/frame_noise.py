@@ -6,11 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from planewise.bends import Bends
 from planewise.calibration.cells import NoiseCells, noise_cells
 from planewise.observation import RayObservation
-from planewise.wave_search import waves_of
 from planewise.waves import Waves
+from planewise.waves.bends import Bends
+from planewise.waves.search import waves_of
 
 _KEPT = 5  # one of so many bends is kept of one frame of many
 

@@ -10,7 +10,6 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.clouds.memory import Memory
 from planewise.clouds.order import Grid, Keys, Order, extent_of, held_by, order_of, positions
 from planewise.kernels import cloud_cells as kernels
@@ -18,6 +17,7 @@ from planewise.kernels import cloud_keys
 from planewise.kernels import cubes as cube_loops
 from planewise.kernels.cloud_rows import ROW
 from planewise.noise import is_constant
+from planewise.runtime import threads
 from planewise.sensor import Sensor
 
 Array = NDArray[np.float64]

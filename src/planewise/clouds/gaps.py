@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import prices, threads
+from planewise import prices
 from planewise.clouds.cells import PRIOR
 from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import COUNT, MISFIT
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]

@@ -11,7 +11,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.clouds.cells import CloudError
 from planewise.clouds.cloud import Cloud
 from planewise.clouds.groups import CloudGroups, groups_of
@@ -22,6 +21,7 @@ from planewise.information import plane_information
 from planewise.kernels import cloud_planes as kernels
 from planewise.kernels.cloud_rows import AREA
 from planewise.prices import FAR
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

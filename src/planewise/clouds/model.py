@@ -34,8 +34,8 @@ from planewise.kernels.cloud_information import add_residuals
 from planewise.kernels.cloud_rows import AREA, COUNT, CX, CZ, ROW
 from planewise.model import MAX_PLANES, Curve, Move, Plane, PlaneModel, limited_to, reason_of
 from planewise.ranks import ranks
+from planewise.runtime.stages import stage
 from planewise.sensor import Sensor
-from planewise.stages import stage
 from planewise.wording import counted
 
 Array = NDArray[np.float64]

@@ -36,8 +36,8 @@ from planewise.kernels.cloud_noise import FREEDOM, RANGE, VARIANCE
 from planewise.kernels.cloud_rows import COUNT, ROW
 from planewise.noise import AUTO, Polynomial, constant
 from planewise.point_observation import checked_origin
+from planewise.runtime.threads import chosen
 from planewise.sensor import Sensor, checked_sensor
-from planewise.threads import chosen
 
 Array = NDArray[np.float64]
 Points = NDArray[np.floating]

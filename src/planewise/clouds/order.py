@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.clouds.memory import Memory
 from planewise.kernels import cloud_keys as kernels
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 Keys = NDArray[np.uint64]

@@ -8,7 +8,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.clouds.cells import PRIOR, CloudCells
 from planewise.clouds.curvature import borders_of, curved_segments, nearly_flat
 from planewise.clouds.gaps import joined_through_gaps, pair_values
@@ -19,6 +18,7 @@ from planewise.kernels import cloud_segments as kernels
 from planewise.kernels.cloud_rows import FREE, MISFIT
 from planewise.model import MAX_PLANES
 from planewise.ranks import ranks
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 

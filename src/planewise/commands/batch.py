@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from planewise import threads
 from planewise.arguments import checked_scale
 from planewise.commands import terminal
 from planewise.commands.batch_progress import Progress, show_damaged, show_forecast, show_result
@@ -47,6 +46,7 @@ from planewise.commands.shared_options import (
 from planewise.errors import NO_ROOM, PlanewiseError
 from planewise.files.camera import no_camera, read_camera, with_changes
 from planewise.files.labels import STORE_FILE
+from planewise.runtime import threads
 
 if TYPE_CHECKING:
     from planewise.batch import Batch, Source

@@ -29,9 +29,9 @@ from planewise.commands.shared_options import (
 from planewise.errors import PlanewiseError
 from planewise.files.camera import no_camera, read_camera
 from planewise.files.depth import read_depth
+from planewise.runtime.stages import recorded
+from planewise.runtime.threads import chosen
 from planewise.sensor import Sensor
-from planewise.stages import recorded
-from planewise.threads import chosen
 from planewise.whole_files import written_whole
 from planewise.wording import counted
 

@@ -19,7 +19,7 @@ def info() -> None:
         import numba
         import numpy as np
 
-        from planewise import threads
+        from planewise.runtime import threads
 
         terminal.say(f"planewise {__version__}")
         terminal.say(

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.arguments import unit_told
 from planewise.camera import Camera
 from planewise.commands.command_line import check_kept, unusual_unit
@@ -22,6 +21,7 @@ from planewise.files.colour import FORMATS, read_colour
 from planewise.files.depth import DepthFile, read_depth
 from planewise.files.result_names import FILES, OUTLINE_FILES, PARAMETERS, stale_files
 from planewise.results.image import write_results
+from planewise.runtime import threads
 from planewise.sensor import Sensor
 from planewise.spherical import SphericalCamera
 from planewise.whole_files import output_folder

@@ -31,8 +31,8 @@ from planewise.model import PlaneModel
 from planewise.noise import AUTO, Auto
 from planewise.outlines.outlines import Surface, load_shapely
 from planewise.point_cloud import CloudFile, PointCloud, extent_of_most
+from planewise.runtime.threads import allowed, chosen
 from planewise.sensor import Sensor
-from planewise.threads import allowed, chosen
 from planewise.whole_files import output_folder
 from planewise.wording import counted
 

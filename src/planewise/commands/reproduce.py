@@ -65,7 +65,7 @@ def reproduce(
         from planewise.reproduce.experiment import Settings
         from planewise.reproduce.experiments import EXPERIMENTS
         from planewise.reproduce.methods import available
-        from planewise.threads import available as processors
+        from planewise.runtime.threads import available as processors
 
         count = _at_least_one("seeds", seeds, _QUICK_SEEDS if quick else _SEEDS)
         workers = _at_least_one("processes", processes, processors())

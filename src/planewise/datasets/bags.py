@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from planewise.datasets.paths import LARGEST_TEXT, inside
 from planewise.errors import PlanewiseError, in_one_line, needs
-from planewise.forks import in_child, lock_of_module
+from planewise.runtime.forks import in_child, lock_of_module
 
 LARGEST_CHUNK = 1 << 28
 """Bytes that a compressed piece of a bag may unpack to; recorders use a few million."""

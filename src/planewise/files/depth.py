@@ -26,7 +26,7 @@ from planewise.errors import PlanewiseError, naming, needs
 from planewise.files.camera import camera_of_mapping
 from planewise.files.npy import array_header
 from planewise.files.result_names import PARAMETERS, PICTURES
-from planewise.foreign_warnings import without_warnings
+from planewise.runtime.foreign_warnings import without_warnings
 
 if TYPE_CHECKING:
     from PIL.Image import Image as PILImage

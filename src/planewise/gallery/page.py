@@ -13,7 +13,6 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from planewise import threads
 from planewise._version import __version__
 from planewise.batch.source import Selection
 from planewise.batch.store import Store, StoredFrame
@@ -25,6 +24,7 @@ from planewise.errors import PlanewiseError
 from planewise.gallery.records import record_of, record_of_failure
 from planewise.gallery.thumbnail import Thumbnail, thumbnail_of
 from planewise.page_templates import templates_of
+from planewise.runtime import threads
 from planewise.spherical import SphericalCamera
 from planewise.whole_files import written_whole
 from planewise.wording import counted

@@ -1,5 +1,4 @@
-"""The compiled loops. Nothing else in the package is compiled.
+"""The compiled loops, and how they are compiled and kept. Nothing else in the package is compiled.
 
-Each module calls nothing outside itself, so that what is cached for it depends on its own text
-alone. All loops release the interpreter's lock.
+Loops take arrays and numbers and know of no class. All release the interpreter's lock.
 """

@@ -21,8 +21,8 @@ from typing import Any
 
 from numba import config, njit
 
-from planewise.compiler import LoopCompiler
 from planewise.errors import SetupError
+from planewise.kernels.compiler import LoopCompiler
 from planewise.kernels.loop_cache import LoopCache
 
 if config.DISABLE_JIT:  # type: ignore[attr-defined]  # it sets them by name

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels import readings as kernels
 from planewise.model import Plane
 from planewise.observation import Observation, RayObservation
 from planewise.paper.evaluate import FEWEST_PARTS, part_count
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 

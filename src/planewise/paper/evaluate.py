@@ -15,11 +15,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels.readings import PART
 from planewise.model import MAX_PLANES
 from planewise.observation import Observation, RayObservation
 from planewise.point_observation import PointObservation
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

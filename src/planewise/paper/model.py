@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.model import NOTHING_PAYS, Curve, PlaneModel
 from planewise.objective import Objective
 from planewise.observation import Observation, RayObservation
@@ -21,6 +20,7 @@ from planewise.paper.reassign import as_reassignment, reassign_by_normals
 from planewise.paper.regions import joint_with_regions, sequential_in_regions
 from planewise.paper.sequential import sequential_search, trial_count
 from planewise.partition.regions import Regions
+from planewise.runtime import threads
 
 if TYPE_CHECKING:
     from planewise.options import Options

@@ -13,7 +13,7 @@ from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
-from planewise.threads import beside, halves
+from planewise.runtime.threads import beside, halves
 
 
 def merge_into_better(problem: Problem, solution: Solution) -> Solution:

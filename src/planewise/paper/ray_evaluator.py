@@ -21,7 +21,7 @@ from planewise.paper.evaluate import (
     scored,
 )
 from planewise.paper.runs import Runs
-from planewise.threads import over_chunks
+from planewise.runtime.threads import over_chunks
 
 _FEWEST_SAMPLES = 2048  # whose planes are worth a thread
 _FEWEST_OFFERED = 8  # parts whose sums for one plane take as long as a thread to begin with them

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels import runs as kernels
+from planewise.runtime import threads
 
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]

@@ -13,7 +13,7 @@ from planewise.kernels.readings import claim
 from planewise.model import Curve, Move, limited_to
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
-from planewise.threads import halves
+from planewise.runtime.threads import halves
 from planewise.wording import counted
 
 Array = NDArray[np.float64]

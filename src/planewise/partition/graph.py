@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from planewise.arguments import is_finite, make_counts
 from planewise.errors import needs
-from planewise.foreign_warnings import without_warnings
 from planewise.partition.regions import Regions
+from planewise.runtime.foreign_warnings import without_warnings
 from planewise.wording import unusual
 
 if TYPE_CHECKING:

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise._version import __version__
 from planewise.clouds.memory import Memory
 from planewise.drawing.palette import distinct_colours
@@ -21,6 +20,7 @@ from planewise.outlines.outlines import Surface
 from planewise.point_cloud import BLOCK, PointCloud, extent_of_most
 from planewise.results.image import write_image
 from planewise.results.planes_json import describe_cloud_model
+from planewise.runtime import threads
 from planewise.sensor import Sensor
 
 _LAS = (".las", ".laz")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.camera import Camera
 from planewise.errors import needs
 from planewise.model import PlaneModel
 from planewise.results.planes_json import describe_model
+from planewise.runtime import threads
 from planewise.sensor import Sensor
 
 

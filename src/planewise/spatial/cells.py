@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.density import LEAST_READINGS, usual_size
 from planewise.kernels import cells as kernels
 from planewise.kernels import frame_error, medians
 from planewise.kernels.cells import COUNT, SIDE, STRIP
 from planewise.kernels.walk import SATURATION
+from planewise.runtime import threads
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import (
@@ -29,7 +30,6 @@ from planewise.spatial.frame_error import (
     white_seen,
 )
 from planewise.spatial.neighbouring import Walk, drift_factor, shared_factors, walk_of
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 

@@ -17,12 +17,12 @@ from planewise.kernels import curvature as kernels
 from planewise.kernels.cells import UNIT
 from planewise.kernels.quadrics import BENDS, FLAT, UNTOLD, spread
 from planewise.kernels.units import sum_units
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.seams import Neighbours
 from planewise.spatial.segments import Segments
 from planewise.spatial.units import sector_of_units
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Chosen = NDArray[np.bool_]

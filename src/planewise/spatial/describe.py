@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.camera import Camera
 from planewise.kernels.cells import UNIT
 from planewise.kernels.plane_sums import plane_sums
 from planewise.kernels.range_sums import range_sums
 from planewise.model import Plane
 from planewise.paper.describe import boxes_around, planes_of
+from planewise.runtime import threads
 from planewise.spatial.frame import Frame
 
 Array = NDArray[np.float64]

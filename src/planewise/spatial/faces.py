@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from planewise.kernels import faces as kernels
 from planewise.kernels.cells import COUNT, UNIT
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.frame import Frame
 from planewise.spatial.segments import planes_by_label
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int32]

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from planewise.components import components
 from planewise.kernels import folds as kernels
 from planewise.kernels.cells import SIDE, UNIT
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.faces import LabelPixels
 from planewise.spatial.frame import Frame
 from planewise.spatial.segments import affine_planes, narrow_sides
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from planewise.kernels.frame_error import noise_bias
 from planewise.kernels.images import fill_between
 from planewise.noise import NOTHING, ErrorParts, evaluated
 from planewise.observation import RayObservation
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.waves import Waves
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from planewise.kernels import frame_error as kernels
 from planewise.kernels import medians
 from planewise.kernels.cells import COUNT, SIDE
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.frame import ErrorTable
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

@@ -37,13 +37,13 @@ from planewise.kernels import groups as tiles
 from planewise.kernels.frame_error import TILT
 from planewise.kernels.walk import PLANE_BEND, PLANE_RESIDUAL
 from planewise.observation import RayObservation
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells, cells_of, moments_of
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.mask_code import MaskCounts
 from planewise.spatial.tame_frame import tame_frame
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,12 @@ from planewise.kernels.pieces import label_pieces
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.ranks import ranks
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.information import MOST_LABELS
 from planewise.spatial.solution import SpatialSolution, judged
 from planewise.spatial.sparse import usual_share
-from planewise.workspace import Workspace
 
 _REACH = SIDE  # pixels from one to another that touch, where no reading is missing
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels import creases as crease_loops
 from planewise.kernels import faces as face_loops
 from planewise.kernels import frame_error as error_loops
 from planewise.kernels import labels as label_loops
 from planewise.kernels.cells import COUNT, SIDE, UNIT
 from planewise.observation import RayObservation
+from planewise.runtime import threads
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.faces import ROUGH, misfits_of, parted
@@ -22,7 +23,6 @@ from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.spatial.segments import kept_planes, planes_by_label, with_none
 from planewise.spatial.units import planes_of_units, sector_of_units
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from planewise.kernels import labels as label_loops
 from planewise.kernels.cells import SIDE
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
-from planewise.workspace import Workspace
 
 
 @dataclass(frozen=True)

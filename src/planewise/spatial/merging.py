@@ -12,18 +12,18 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import threads
 from planewise.kernels import borders, squares
 from planewise.kernels import forms as comparing
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, SEGMENT, SIDE
+from planewise.runtime import threads
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.seams import Neighbours, neighbours
 from planewise.spatial.segments import Segments
 from planewise.spatial.units import sector_of_units
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Border = tuple[float, float, float]  # as `kernels.borders.border_price` takes it

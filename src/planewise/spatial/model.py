@@ -13,14 +13,14 @@ from planewise.kernels.cells import UNIT
 from planewise.model import Curve, Plane, PlaneModel, limited_to, reason_of
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
+from planewise.runtime.stages import stage
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import cells_of
 from planewise.spatial.describe import describe_image, describe_ranges
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.solution import SpatialSolution, by_either, solve
 from planewise.spatial.tame_frame import tame_frame
-from planewise.stages import stage
-from planewise.workspace import Workspace
 
 _MANY = 100  # readings that could show a plane
 

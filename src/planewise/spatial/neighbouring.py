@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from planewise.kernels import frame_error as kernels
 from planewise.kernels import medians
 from planewise.kernels.cells import SIDE, UNIT
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.frame_error import FARTHEST, FEWEST
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Grid = NDArray[np.int32]

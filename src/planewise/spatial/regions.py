@@ -19,6 +19,7 @@ from planewise.kernels.cells import SIDE
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.partition.regions import Regions
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.labels import misfits, relabelled
@@ -26,7 +27,6 @@ from planewise.spatial.search import Segmentation, planes_within
 from planewise.spatial.segments import affine_planes
 from planewise.spatial.solution import SpatialSolution, judged
 from planewise.spatial.units import pure_information
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Pixels = NDArray[np.intp]

@@ -19,6 +19,8 @@ from planewise.kernels import borders
 from planewise.kernels import segments as loops
 from planewise.kernels.cells import COUNT, FREE, MISFIT
 from planewise.observation import RayObservation
+from planewise.runtime.stages import stage
+from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
 from planewise.spatial.curvature import curved_segments
@@ -34,8 +36,6 @@ from planewise.spatial.segments import (
     kept_planes,
 )
 from planewise.spatial.splitting import split
-from planewise.stages import stage
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.uint16]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from planewise.kernels import borders
 from planewise.kernels import planes as plane_loops
 from planewise.kernels.cells import MISFIT
-from planewise.workspace import Workspace
+from planewise.runtime.workspace import Workspace
 
 Array = NDArray[np.float64]
 

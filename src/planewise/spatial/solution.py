@@ -8,12 +8,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise import prices, threads
+from planewise import prices
 from planewise.information import plane_information
 from planewise.kernels.labels import rename
 from planewise.model import Move
 from planewise.observation import RayObservation
 from planewise.ranks import ranks
+from planewise.runtime import threads
+from planewise.runtime.stages import stage
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import Cells
 from planewise.spatial.frame import Frame
 from planewise.spatial.frame_error import FrameError
@@ -34,8 +37,6 @@ from planewise.spatial.refit import refitted
 from planewise.spatial.search import Segmentation, price_of_planes, segment
 from planewise.spatial.sparse import is_sparse, segment_points
 from planewise.spatial.units import BENT, residual_correlation, units_inside
-from planewise.stages import stage
-from planewise.workspace import Workspace
 
 Array = NDArray[np.float64]
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from planewise.bends import Bends
 from planewise.information import coordinate_information
 from planewise.kernels.waves import take_off
 from planewise.observation import RayObservation
+from planewise.runtime.workspace import Workspace
 from planewise.spatial.frame import Frame, frame_of
-from planewise.wave_search import waves_of
 from planewise.waves import Waves
-from planewise.workspace import Workspace
+from planewise.waves.bends import Bends
+from planewise.waves.search import waves_of
 
 
 def tame_frame(observation: RayObservation, workspace: Workspace | None = None) -> Frame:

@@ -6,7 +6,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from planewise.forks import lock_of_module
+from planewise.runtime.forks import lock_of_module
 
 _LOCK = lock_of_module()
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from planewise.camera import PinholeCamera
 from planewise.density import has_reading, spread_rows
-from planewise.scattered import Scattered, ScatteredCamera
+from planewise.enlarged.scattered import Scattered, ScatteredCamera
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.forks import in_child
+from planewise.runtime.forks import in_child
 
 Type = type[np.generic] | np.dtype[Any]
 

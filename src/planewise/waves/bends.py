@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planewise.kernels import medians
 from planewise.kernels import waves as kernels
 from planewise.sectors import Sectors
-from planewise.waves import Along
+from planewise.waves.waves import Along
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]

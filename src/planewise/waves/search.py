@@ -19,9 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.bends import Bends
 from planewise.kernels import waves as kernels
-from planewise.waves import ALONG, Along, Wave, Waves
+from planewise.waves.bends import Bends
+from planewise.waves.waves import ALONG, Along, Wave, Waves
 
 Array = NDArray[np.float64]
 

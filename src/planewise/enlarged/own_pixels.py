@@ -8,19 +8,21 @@ at the size that it had.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
 from planewise.density import Mask, has_reading, middle_rows
-from planewise.filled import filled
-from planewise.interpolated import interpolated
+from planewise.enlarged.filled import filled
+from planewise.enlarged.interpolated import interpolated
+from planewise.enlarged.lines import Index, Lines
+from planewise.enlarged.scattered import Scattered, scattered
 from planewise.model import Plane, PlaneModel
-from planewise.observation import RayObservation
-from planewise.own_lines import Index, Lines
-from planewise.scattered import Scattered, scattered
+
+if TYPE_CHECKING:
+    from planewise.observation import RayObservation
 
 Image = NDArray[Any]
 

@@ -15,7 +15,7 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from planewise.forks import in_child
+from planewise.runtime.forks import in_child
 
 if TYPE_CHECKING:
     from concurrent.futures import Future

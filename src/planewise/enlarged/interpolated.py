@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.density import has_reading, spread_rows
-from planewise.own_lines import Index, Lines
+from planewise.enlarged.lines import Index, Lines
 
 Array = NDArray[np.float64]
 Image = NDArray[Any]
