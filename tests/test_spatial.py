@@ -11,11 +11,12 @@ from scipy.ndimage import gaussian_filter
 import planewise as pw
 from planewise import scenes
 from planewise.metrics import evaluate
+from planewise.spatial import curvature, search
 from planewise.spatial import labels as spatial_labels
-from planewise.spatial import search
 from planewise.spatial.mask_code import spatial_mask_information
 
 SENSOR = pw.Sensor(max_depth=10, noise=0.002)
+_SHARES = "recall@0.5", "precision@0.5"
 
 
 def detect(depth, camera, sensor=SENSOR, **options):
@@ -216,7 +217,7 @@ def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
             model = pw.detect_planes(room.depth, room.camera, room.sensor)
             assert all(plane.significance > 0 for plane in model.planes)
             rows.append(evaluate(model.labels, room.labels).row())
-        return [np.mean([row[key] for row in rows]) for key in ("recall@0.5", "precision@0.5")]
+        return [np.mean([row[key] for row in rows]) for key in _SHARES]
 
     recall, precision = means()
     monkeypatch.setattr(search, "_PLANE_COST", (3.0, 3.0))
@@ -255,6 +256,36 @@ def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeyp
     curved_segments = search.curved_segments
     monkeypatch.setattr(search, "curved_segments", all_sharp)
     assert found()[1] >= 5
+
+
+@pytest.mark.parametrize(
+    ("size", "gain", "precise"), [((120, 160), 0.1, 0.9), ((240, 320), 0.02, 0.93)]
+)
+def test_small_faces_that_end_at_breaks_are_planes_of_coarse_images(
+    monkeypatch, size, gain, precise
+):
+    """Their cells are few and mixed; Phi, which is never higher with them, knows their pixels."""
+
+    rooms = [scenes.room(seed, size=size, every_face=True) for seed in range(400, 408)]
+
+    def found():
+        models = [pw.detect_planes(room.depth, room.camera, room.sensor) for room in rooms]
+        assert all(plane.significance > 0 for model in models for plane in model.planes)
+        rows = [
+            evaluate(model.labels, room.labels, minimum_pixels=48).row()
+            for model, room in zip(models, rooms, strict=True)
+        ]
+        facets = sum(map(facets_of, models, rooms))
+        recall, precision = (np.mean([row[key] for row in rows]) for key in _SHARES)
+        return recall, precision, facets, np.array([model.information for model in models])
+
+    recall, precision, facets, phi = found()
+    monkeypatch.setattr(curvature, "_NEAR", -1.0)  # nothing ends at breaks
+    recall_without, _, _, phi_without = found()
+    assert recall > recall_without + gain
+    assert (phi <= phi_without).all()
+    assert precision > precise
+    assert facets <= 2
 
 
 @pytest.mark.parametrize(("seed", "sigma"), [(202, 0.001), (202, 0.003), (204, 0.003)])

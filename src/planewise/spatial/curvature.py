@@ -28,12 +28,15 @@ Array = NDArray[np.float64]
 Chosen = NDArray[np.bool_]
 Pairs = NDArray[np.int32]
 
+_NEAR = 0.25  # of its border, at most, where what ends at breaks turns by less than 60 degrees
+
 
 def curved_segments(
     cells: Cells,
     segments: Segments,
     accepted: Chosen,
     doubtful: Chosen,
+    small: Chosen,
     beside: Neighbours,
     whole: Array,
     ends: Pairs,
@@ -63,7 +66,9 @@ def curved_segments(
     accepted : ndarray of bool, shape (n,)
         Those that pay for being planes.
     doubtful : ndarray of bool, shape (n,)
-        Others that would pay but for their border; none where there are several sectors.
+        Others that pay for it if they are sharp; none where there are several sectors.
+    small : ndarray of bool, shape (n,)
+        Those of them that are sharp, too, if they end at breaks.
     beside : Neighbours
         Which cells are beside each other.
     whole : ndarray, shape (n,)
@@ -82,7 +87,8 @@ def curved_segments(
         Of accepted ones, among each other.
     sharp : ndarray of bool, shape (n,)
         Of doubtful ones: those that do not bend, as enough cells tell, and are not curved among
-        all of both.
+        all of both. And small ones that too few cells tell of, where most of the border does: in
+        front of others, behind them, or meeting them at 60 degrees or more.
     """
     every, parts = accepted | doubtful, _parts(cells, segments, sectors)
     chosen = every[parts.segment]
@@ -99,7 +105,6 @@ def curved_segments(
             kernels.quadrics_of(cells.rows, inner, parts.rows, parts.drift, bent, within)
             flat = bent & (within[:, kernels.BENT] == FLAT)
             quadrics[flat] = within[flat]
-        sharp &= quadrics[:, kernels.BENT] == FLAT
     else:
         together = parts.sector[units[:, 0]] == parts.sector[units[:, 1]]
         units, at = units[together], at[together]
@@ -109,6 +114,11 @@ def curved_segments(
     kernels.find_round(
         ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, chosen, beside.wraps, how
     )  # fmt: skip
+
+    if doubtful.any():
+        bent, near = quadrics[:, kernels.BENT], ends[how >= kernels.NEAR]
+        ended = np.bincount(near.reshape(-1), minlength=len(whole)) <= _NEAR * whole
+        sharp &= (bent == FLAT) | small & ended & (bent != BENDS)
 
     def surfaces() -> tuple[Pairs, NDArray[np.int8], Chosen]:
         border, curved = np.empty(len(every)), np.empty(len(every), np.bool_)

@@ -331,8 +331,10 @@ def _accept(
     A plane has to save its parameters besides its border, but what does not is worth what it saves
     as part of a plane that is paid for. A border costs so much because facets of smooth surfaces go
     on across it: where the error is white, what is flat and goes on across little of it is a plane
-    if it saves its parameters. Segments of `settled` units are planes, whatever they save. sides:
-    as many as there are between segments at most, where that is known.
+    if it saves its parameters. So is what ends at breaks if it saves, besides its border, what a
+    plane costs in so coarse an image; that may be less than its parameters, for which Phi asks
+    later. Segments of `settled` units are planes, whatever they save. sides: as many as there are
+    between segments at most, where that is known.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty((2, len(rows)))
@@ -351,13 +353,14 @@ def _accept(
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
     white = cells.error.priced < _MOST_DRIFTING and sectors.count == 1
-    doubtful = ~accepted & (alone > least) & white
+    coarse = worth - sectors.fineness * charges.plane
+    small, doubtful = (~accepted & (saved > least) & white for saved in (coarse, alone))
     curved, sharp = curved_segments(
-        cells, segments, accepted, doubtful, beside, border[1], ends[:found], units[:found],
-        at[:found], sectors, workspace,
+        cells, segments, accepted, doubtful | small, small, beside, border[1], ends[:found],
+        units[:found], at[:found], sectors, workspace,
     )  # fmt: skip
     accepted = accepted & ~curved | sharp
-    worth[curved], worth[sharp] = 0.0, alone[sharp]
+    worth[curved], worth[sharp] = 0.0, np.maximum(alone, coarse)[sharp]
     return worth, accepted
 
 
