@@ -77,8 +77,9 @@ class Plane:
     significance : float
         Nats the plane saves against a smooth surface after paying for its parameters and its
         border, by the prices of the search: a score to cut by, not what Phi would be without it
-        (spatial objective; NaN under the paper's). In a cloud of at most 4,096 points it is what
-        Phi says of its points, without a border: several times as much as in larger ones, so
+        (spatial objective; NaN under the paper's; in images of fewer than 2^17 pixels a small face
+        may have paid for a part of its parameters alone). In a cloud of at most 4,096 points it is
+        what Phi says of its points, without a border: several times as much as in larger ones, so
         that scores of the two do not compare.
     residual_correlation : float
         Correlation of the residuals of neighbouring cells: 0 where they are white, towards 1 where
