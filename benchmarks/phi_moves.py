@@ -107,7 +107,7 @@ class Judge:
         )
         theta = -model.coefficients[:, :3] / model.coefficients[:, 3:]
         affine = theta @ np.linalg.inv(turn_to_theta(self.observation.pixel_size)).T
-        return self.solution(affine, model.labels)
+        return Solution(float(self.book(affine, model.labels).curve.min()), affine, model.labels)
 
     def lower(self, now: Solution, affine: Array, labels: Labels) -> Solution:
         """Other planes and labels where their Phi is lower; planes keep their numbers."""

@@ -258,12 +258,8 @@ def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeyp
     assert found()[1] >= 5
 
 
-@pytest.mark.parametrize(
-    ("size", "gain", "precise"), [((120, 160), 0.1, 0.9), ((240, 320), 0.02, 0.93)]
-)
-def test_small_faces_that_end_at_breaks_are_planes_of_coarse_images(
-    monkeypatch, size, gain, precise
-):
+@pytest.mark.parametrize(("size", "gain"), [((120, 160), 0.1), ((192, 256), 0.03)])
+def test_small_faces_that_end_at_breaks_are_planes_of_coarse_images(monkeypatch, size, gain):
     """Their cells are few and mixed; Phi, which is never higher with them, knows their pixels."""
 
     rooms = [scenes.room(seed, size=size, every_face=True) for seed in range(400, 408)]
@@ -281,11 +277,11 @@ def test_small_faces_that_end_at_breaks_are_planes_of_coarse_images(
 
     recall, precision, facets, phi = found()
     monkeypatch.setattr(curvature, "_NEAR", -1.0)  # nothing ends at breaks
-    recall_without, _, _, phi_without = found()
+    recall_without, _, facets_without, phi_without = found()
     assert recall > recall_without + gain
+    assert precision > 0.95
+    assert facets <= facets_without + 2
     assert (phi <= phi_without).all()
-    assert precision > precise
-    assert facets <= 2
 
 
 @pytest.mark.parametrize(("seed", "sigma"), [(202, 0.001), (202, 0.003), (204, 0.003)])

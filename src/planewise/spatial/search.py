@@ -8,6 +8,7 @@ smooth surface, of which every cell has its own plane, than its parameters and i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
@@ -331,10 +332,9 @@ def _accept(
     A plane has to save its parameters besides its border, but what does not is worth what it saves
     as part of a plane that is paid for. A border costs so much because facets of smooth surfaces go
     on across it: where the error is white, what is flat and goes on across little of it is a plane
-    if it saves its parameters. So is what ends at breaks if it saves, besides its border, what a
-    plane costs in so coarse an image; that may be less than its parameters, for which Phi asks
-    later. Segments of `settled` units are planes, whatever they save. sides: as many as there are
-    between segments at most, where that is known.
+    if it saves its parameters. So is, in a coarse image, what ends at breaks if it saves a part of
+    them besides its border; Phi asks for the rest later. Segments of `settled` units are planes,
+    whatever they save. sides: as many as there are between segments at most, where that is known.
     """
     rows, of_cell = segments.rows, segments.of_cell(beside.grid, workspace)
     border = np.empty((2, len(rows)))
@@ -353,7 +353,7 @@ def _accept(
     borders.accept(worth, ends[:found], nats[:found], least, accepted)
     worth[~accepted] += charges.plane
     white = cells.error.priced < _MOST_DRIFTING and sectors.count == 1
-    coarse = worth - sectors.fineness * charges.plane
+    coarse = worth - math.sqrt(sectors.fineness) * charges.plane
     small, doubtful = (~accepted & (saved > least) & white for saved in (coarse, alone))
     curved, sharp = curved_segments(
         cells, segments, accepted, doubtful | small, small, beside, border[1], ends[:found],
