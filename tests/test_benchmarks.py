@@ -109,8 +109,8 @@ def test_every_distance_tells_drift_by_itself():
 
 @pytest.fixture(scope="module")
 def room():
-    """A small room with a sphere."""
-    scene = scenes.room(1, size=(240, 320))
+    """A room with a sphere, of hardly more pixels than make an image fine."""
+    scene = scenes.room(1, size=(320, 420))
     frame = Frame("room", scene.depth, scene.camera, scene.sensor)
     return LabelledFrame(frame=frame, truth=scene.labels, chosen_on=True)
 
