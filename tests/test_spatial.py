@@ -1,6 +1,7 @@
 """The spatial objective on whole frames."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -16,7 +17,6 @@ from planewise.spatial import labels as spatial_labels
 from planewise.spatial.mask_code import spatial_mask_information
 
 SENSOR = pw.Sensor(max_depth=10, noise=0.002)
-_SHARES = "recall@0.5", "precision@0.5"
 
 
 def detect(depth, camera, sensor=SENSOR, **options):
@@ -206,82 +206,72 @@ def test_planes_can_be_cut_by_significance():
         detect(scene.depth, scene.camera, scene.sensor, significance=-1)
 
 
-def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
-    """And table legs: most of what they are too dear for where error drifts is right."""
-
-    rooms = [scenes.room(seed, every_face=True) for seed in range(4)]
-
-    def means():
-        rows = []
-        for room in rooms:
-            model = pw.detect_planes(room.depth, room.camera, room.sensor)
-            assert all(plane.significance > 0 for plane in model.planes)
-            rows.append(evaluate(model.labels, room.labels).row())
-        return [np.mean([row[key] for row in rows]) for key in _SHARES]
-
-    recall, precision = means()
-    monkeypatch.setattr(search, "_PLANE_COST", (3.0, 3.0))
-    assert recall > means()[0] + 0.05
-    assert precision > 0.9
-
-
 def facets_of(model, room):
     """How many planes lie for the most part on what is curved."""
     flat = [(room.labels[model.labels == j + 1] > 0).mean() for j in range(len(model))]
     return sum(share < 0.5 for share in flat)
 
 
+class Found(NamedTuple):
+    """Mean recall and precision over rooms, facets of what is curved in them, and Phi of each."""
+
+    recall: float
+    precision: float
+    facets: int
+    phi: np.ndarray
+
+    @classmethod
+    def in_rooms(cls, rooms, **counted):
+        models = [pw.detect_planes(room.depth, room.camera, room.sensor) for room in rooms]
+        assert all(plane.significance > 0 for model in models for plane in model.planes)
+        rows = [
+            evaluate(model.labels, room.labels, **counted).row()
+            for model, room in zip(models, rooms, strict=True)
+        ]
+        return cls(
+            *(np.mean([row[key] for row in rows]) for key in ("recall@0.5", "precision@0.5")),
+            facets=sum(map(facets_of, models, rooms)),
+            phi=np.array([model.information for model in models]),
+        )
+
+
+def test_small_faces_of_a_room_are_planes_where_noise_is_white(monkeypatch):
+    """And table legs: most of what they are too dear for where error drifts is right."""
+    rooms = [scenes.room(seed, every_face=True) for seed in range(4)]
+    found = Found.in_rooms(rooms)
+    monkeypatch.setattr(search, "_PLANE_COST", (3.0, 3.0))
+    assert found.recall > Found.in_rooms(rooms).recall + 0.05
+    assert found.precision > 0.9
+
+
 def test_faces_that_pay_but_for_their_border_are_planes_if_nothing_bends(monkeypatch):
     """Small ones meet others in edges that single cells do not tell from a surface that goes on."""
-
     rooms = [scenes.room(seed, sigma=0.0005, every_face=True) for seed in (200, 202, 206)]
-
-    def found():
-        recall, facets = [], 0
-        for room in rooms:
-            model = pw.detect_planes(room.depth, room.camera, room.sensor)
-            assert all(plane.significance > 0 for plane in model.planes)
-            facets += facets_of(model, room)
-            recall.append(evaluate(model.labels, room.labels).row()["recall@0.5"])
-        return np.mean(recall), facets
 
     def all_sharp(cells, segments, accepted, doubtful, *rest):
         return curved_segments(cells, segments, accepted, doubtful, *rest)[0], doubtful
 
-    recall, facets = found()
-    assert facets == 0
+    found = Found.in_rooms(rooms)
+    assert found.facets == 0
     with monkeypatch.context() as patch:
         patch.setattr(search, "_MOST_DRIFTING", 0.0)
-        assert recall > found()[0] + 0.15
+        assert found.recall > Found.in_rooms(rooms).recall + 0.15
     curved_segments = search.curved_segments
     monkeypatch.setattr(search, "curved_segments", all_sharp)
-    assert found()[1] >= 5
+    assert Found.in_rooms(rooms).facets >= 5
 
 
 @pytest.mark.parametrize(("size", "gain"), [((120, 160), 0.1), ((192, 256), 0.03)])
 def test_small_faces_that_end_at_breaks_are_planes_of_coarse_images(monkeypatch, size, gain):
     """Their cells are few and mixed; Phi, which is never higher with them, knows their pixels."""
-
     rooms = [scenes.room(seed, size=size, every_face=True) for seed in range(400, 408)]
-
-    def found():
-        models = [pw.detect_planes(room.depth, room.camera, room.sensor) for room in rooms]
-        assert all(plane.significance > 0 for model in models for plane in model.planes)
-        rows = [
-            evaluate(model.labels, room.labels, minimum_pixels=48).row()
-            for model, room in zip(models, rooms, strict=True)
-        ]
-        facets = sum(map(facets_of, models, rooms))
-        recall, precision = (np.mean([row[key] for row in rows]) for key in _SHARES)
-        return recall, precision, facets, np.array([model.information for model in models])
-
-    recall, precision, facets, phi = found()
+    found = Found.in_rooms(rooms, minimum_pixels=48)
     monkeypatch.setattr(curvature, "_NEAR", -1.0)  # nothing ends at breaks
-    recall_without, _, facets_without, phi_without = found()
-    assert recall > recall_without + gain
-    assert precision > 0.95
-    assert facets <= facets_without + 2
-    assert (phi <= phi_without).all()
+    without = Found.in_rooms(rooms, minimum_pixels=48)
+    assert found.recall > without.recall + gain
+    assert found.precision > 0.95
+    assert found.facets <= without.facets + 2
+    assert (found.phi <= without.phi).all()
 
 
 @pytest.mark.parametrize(("seed", "sigma"), [(202, 0.001), (202, 0.003), (204, 0.003)])

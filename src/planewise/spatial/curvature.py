@@ -105,6 +105,7 @@ def curved_segments(
             kernels.quadrics_of(cells.rows, inner, parts.rows, parts.drift, bent, within)
             flat = bent & (within[:, kernels.BENT] == FLAT)
             quadrics[flat] = within[flat]
+        sharp &= quadrics[:, kernels.BENT] == FLAT
     else:
         together = parts.sector[units[:, 0]] == parts.sector[units[:, 1]]
         units, at = units[together], at[together]
@@ -115,10 +116,10 @@ def curved_segments(
         ends, at, beside.grid, parts.of_unit, cells.rows, quadrics, chosen, beside.wraps, how
     )  # fmt: skip
 
-    if doubtful.any():
-        bent, near = quadrics[:, kernels.BENT], ends[how >= kernels.NEAR]
+    if small.any():
+        near = ends[how >= kernels.NEAR]
         ended = np.bincount(near.reshape(-1), minlength=len(whole)) <= _NEAR * whole
-        sharp &= (bent == FLAT) | small & ended & (bent != BENDS)
+        sharp |= small & ended & (quadrics[:, kernels.BENT] != BENDS)
 
     def surfaces() -> tuple[Pairs, NDArray[np.int8], Chosen]:
         border, curved = np.empty(len(every)), np.empty(len(every), np.bool_)
