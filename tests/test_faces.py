@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import planewise as pw
@@ -285,6 +287,12 @@ def test_label_misfits(alike):
     ]
     assert_allclose(out, expected, rtol=1e-5)
     assert (out[1:, 0] > 1e4).all()
+
+
+@given(st.integers(2, 2**20), st.integers(0, 2**31 - 1), st.sampled_from((-1, 0, 1)))
+def test_places_of_pixels(columns, about, beside):
+    pixel = np.int32(min(max(about // columns * columns + beside, 0), 2**31 - 1))
+    assert faces.place_of.py_func(pixel, columns) == divmod(int(pixel), columns)
 
 
 def test_list_pixels():

@@ -100,9 +100,8 @@ def test_profile_is_the_least_squares_fit_across(seed, alike, width):
     if not alike:
         coordinates = [np.ascontiguousarray(np.broadcast_to(c, w.shape)) for c in coordinates]
     planes = np.stack((plane, plane))
-    profiles(
-        pixels, first, stop, w, p, *coordinates, white, planes, pixels.size, beside, out, sides_of
-    )
+    given = pixels, first, stop, w, p, *coordinates, white, planes, pixels.size, beside
+    profiles(*given, np.inf, 0.0, out, sides_of)
     across, along = sides_of[1]
     sides = sorted((width / 100, 0.5))
     assert_allclose((across, along), np.sqrt(np.square(sides) - 1e-4), rtol=1e-4)
@@ -119,6 +118,13 @@ def test_profile_is_the_least_squares_fit_across(seed, alike, width):
             rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
             assert_allclose(chi2, rest @ rest, rtol=1e-3, atol=1e-6)
         assert row[2] == inside.sum()
+    for wide, longer in (
+        (across, 0.0),
+        (np.inf, 1.01 * along / across),
+    ):  # as wide, or hardly longer
+        profiles(*given, wide, longer, out, sides_of)
+        assert_array_equal(out[1], 0.0)
+        assert_allclose(sides_of[1], (across, along))
 
 
 @given(st.integers(0, 1000), st.integers(1, 6))

@@ -149,7 +149,7 @@ def labelling() -> None:
     give_back(labels, marks.label, marks.seen, named, *images, 1.0)
     ends = np.zeros(1, np.int64), np.array([len(pixels)])
     out, sides = np.empty((1, 2, 3)), np.empty((1, 2))
-    profiles(pixels, *ends, *images, 1.0, np.zeros((1, 3)), 1, 0.0, out, sides)
+    profiles(pixels, *ends, *images, 1.0, np.zeros((1, 3)), 1, 0.0, 1.0, 1.0, out, sides)
 
 
 def surfaces() -> None:

@@ -30,7 +30,7 @@ def border_price(discord, price):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _list_apart(row, below, marked, places):  # type: ignore[no-untyped-def]
+def list_apart(row, below, marked, places):  # type: ignore[no-untyped-def]
     """List the cells of a row unlike the one to their right or below, and the last; how many.
 
     marked, places: `room_for_runs` of so many. Few are, and a vector loop tells which.
@@ -38,6 +38,13 @@ def _list_apart(row, below, marked, places):  # type: ignore[no-untyped-def]
     for j in range(row.size - 1):
         marked[j] = (row[j] != row[j + 1]) | (row[j] != below[j])
     return list_marked(marked, places)
+
+
+@inlined
+def _write_segments(units, segment, out):  # type: ignore[no-untyped-def]
+    """Write the segment of every cell of a row, or -1 where it has no unit."""
+    for j in range(out.size):
+        out[j] = segment[units[j]] if units[j] >= 0 else -1
 
 
 @in_order
@@ -49,24 +56,33 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
     out (2, rows, columns). Returns how many sides are not -1.
     """
     rows, columns = unit.shape
+    marked, places = room_for_runs(columns)
+    lines = np.empty((2, columns), np.int32)  # segments of the cells of a row, and of the next
+    _write_segments(unit[0], segment, lines[0])
     found = 0
     for i in range(rows):
-        for j in range(columns):
+        here, lower = lines[i & 1], lines[1 - (i & 1)]
+        _write_segments(unit[min(i + 1, rows - 1)], segment, lower)
+        for k in range(out.shape[0]):
+            line = out[k, i]
+            for j in range(columns):
+                line[j] = -1.0
+        for n in range(list_apart(here, lower, marked, places)):
+            j = np.intp(places[n])
             u = unit[i, j]
-            for k in range(2):
-                out[k, i, j] = -1.0
-                row, column = i + k, j + 1 - k
-                if u < 0 or row >= rows or column >= columns:
-                    continue
-                v = unit[row, column]
-                if v < 0 or segment[v] == segment[u]:
-                    continue
+            if u < 0:
+                continue
+            # Each direction is written out: in a loop both would be asked which they are.
+            if j + 1 < columns and here[j + 1] != here[j] and here[j + 1] >= 0:
+                v = unit[i, j + 1]
+                known = whole[u] and whole[v]
+                out[0, i, j] = right[i >> 1, j >> 1] if known else discord_of(forms[u], forms[v])
                 found += 1
-                if whole[u] and whole[v]:
-                    squares = right if k == 0 else below
-                    out[k, i, j] = squares[i // 2, j // 2]
-                else:
-                    out[k, i, j] = discord_of(forms[u], forms[v])
+            if lower[j] != here[j] and lower[j] >= 0:
+                v = unit[i + 1, j]
+                known = whole[u] and whole[v]
+                out[1, i, j] = below[i >> 1, j >> 1] if known else discord_of(forms[u], forms[v])
+                found += 1
     return found
 
 
@@ -74,9 +90,7 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
 def segments_of_cells(unit, segment, out):  # type: ignore[no-untyped-def]
     """Write the segment of every cell of out (rows, columns): segment[unit], or -1 as unit is."""
     for i in range(unit.shape[0]):
-        units, segments = unit[i], out[i]
-        for j in range(units.size):
-            segments[j] = segment[units[j]] if units[j] >= 0 else -1
+        _write_segments(unit[i], segment, out[i])
 
 
 @in_order
@@ -94,8 +108,8 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
     border[:] = 0.0
     found = 0
     for i in range(rows):
-        for n in range(_list_apart(of_cell[i], of_cell[min(i + 1, rows - 1)], marked, places)):
-            j = int(places[n])
+        for n in range(list_apart(of_cell[i], of_cell[min(i + 1, rows - 1)], marked, places)):
+            j = np.intp(places[n])
             u = of_cell[i, j]
             for k in range(2):
                 row, column = i + k, j + 1 - k

@@ -13,7 +13,7 @@ import numpy as np
 
 from planewise.kernels.jit import compiled, inlined
 from planewise.kernels.labels import CHUNK
-from planewise.kernels.tables import squared_stretch
+from planewise.kernels.tables import reading_variance
 
 BINS = 10  # places per pixel at which a crease may lie
 
@@ -131,7 +131,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
     the pair. Writes offset (lines,).
     """
     height, width = np.uintp(label.shape[0]), np.uintp(label.shape[1])
-    last, own = variance.size - 1, _1 if x.shape[0] > 1 else _0
+    own = _1 if x.shape[0] > 1 else _0
     middle = reach * BINS
     histogram = np.empty((offset.size, 2 * middle + 1))
     for number in range(offset.size):
@@ -160,9 +160,7 @@ def crease_offsets(  # type: ignore[no-untyped-def]
                 xr, yr = np.float64(x[own * r, c]), np.float64(y[r, own * c])
                 place = int(np.rint((d0 + d1 * xr + d2 * yr) * BINS)) + middle
                 if 0 <= place < places.size:
-                    stretch = squared_stretch(ranging, xr, yr)
-                    depth = ranging[0] / value * np.sqrt(stretch)
-                    v = stretch * variance[np.uintp(min(int(depth + 0.5), last))]
+                    v = reading_variance(variance, ranging, value, xr, yr)
                     ea, eb = value - a0 - a1 * xr - a2 * yr, value - b0 - b1 * xr - b2 * yr
                     cost_a = min(0.5 * ea * ea / (v + va), _MOST)
                     places[place] += cost_a - min(0.5 * eb * eb / (v + vb), _MOST)
@@ -244,7 +242,7 @@ def put_creases(  # type: ignore[no-untyped-def]
     label has a margin and is changed in place; state: zeros of its shape; part: room for as many
     rows as pixels may change sides together.
     """
-    last, alike = variance.size - 1, x.shape[0] == 1
+    alike = x.shape[0] == 1
     own = _0 if alike else _1
     for n in range(strays.shape[0]):
         i, j = np.uintp(strays[n, 0]) + _1, np.uintp(strays[n, 1]) + _1
@@ -264,9 +262,7 @@ def put_creases(  # type: ignore[no-untyped-def]
             done += 1
             value = np.float64(w[i - _1, j - _1])
             xj, yj = x[own * (i - _1), j - _1], y[i - _1, own * (j - _1)]
-            stretch = squared_stretch(ranging, xj, yj)
-            depth = min(int(ranging[0] / value * np.sqrt(stretch) + 0.5), last)
-            v = stretch * variance[depth]
+            v = reading_variance(variance, ranging, value, xj, yj)
             es, et = value - s[0] - s[1] * xj - s[2] * yj, value - t[0] - t[1] * xj - t[2] * yj
             told += min(0.5 * et * et / (v + vt), _MOST) - min(0.5 * es * es / (v + vs), _MOST)
             if done == 1 and told > _CLEAR:

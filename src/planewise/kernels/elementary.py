@@ -29,11 +29,13 @@ def logarithm(x):  # type: ignore[no-untyped-def]
     shifted = np.float64(x).view(np.int64) - _ROOT_HALF
     m = np.int64((shifted & _FRACTION) + _ROOT_HALF).view(np.float64)
     s = (m - 1.0) / (m + 1.0)
+    # In pairs (Estrin): one after the other, terms would wait for each other.
     q = s * s
-    tail = 1 / 15 + q * (1 / 17 + q * (1 / 19 + q * (1 / 21)))
-    tail = q * (
-        1 / 3 + q * (1 / 5 + q * (1 / 7 + q * (1 / 9 + q * (1 / 11 + q * (1 / 13 + q * tail)))))
-    )
+    q2 = q * q
+    q4 = q2 * q2
+    low = (1 / 3 + q * (1 / 5)) + q2 * (1 / 7 + q * (1 / 9))
+    high = (1 / 11 + q * (1 / 13)) + q2 * (1 / 15 + q * (1 / 17))
+    tail = q * ((low + q4 * high) + q4 * q4 * (1 / 19 + q * (1 / 21)))
     return (shifted >> 52) * _LN2 + (2.0 * s + 2.0 * s * tail)
 
 

@@ -81,6 +81,13 @@ def list_pixels(label, slot, first, stop, pixels):  # type: ignore[no-untyped-de
     return True
 
 
+@inlined
+def place_of(pixel, columns):  # type: ignore[no-untyped-def]
+    """Row and column of a pixel; halves are safe from rounding, and whole numbers divide slowly."""
+    i = np.intp((pixel + 0.5) / columns)
+    return i, pixel - i * columns
+
+
 @called
 def smooth_misfit(points, degree):  # type: ignore[no-untyped-def]
     """chi^2 of the best polynomial of such a degree through points (n, 4) (`kernels.splits`).
@@ -284,8 +291,7 @@ def two_faces(  # type: ignore[no-untyped-def]
     sums, index = np.empty((3, SUMS)), np.empty(size, np.int32)
     side = np.empty(size, np.bool_)
     for k in range(size):
-        i = pixels[k] // width
-        j = pixels[k] - i * width
+        i, j = place_of(pixels[k], width)
         points[k, 0], points[k, 1] = x[0 if alike else i, j], y[i, 0 if alike else j]
         points[k, 2], points[k, 3] = w[i, j], p[i, j] / white
         side[k] = False
@@ -363,10 +369,10 @@ def wait_about(pixels, named, mine, label, state, busy, seen):  # type: ignore[n
     """
     width = named.shape[1]
     for k in range(pixels.size):
-        i, j = pixels[k] // width, pixels[k] % width
+        i, j = place_of(pixels[k], width)
         label[i + 1, j + 1] = named[i, j]
     for k in range(pixels.size):
-        i, j = pixels[k] // width, pixels[k] % width
+        i, j = place_of(pixels[k], width)
         for r in range(i, i + 3):
             for c in range(j, j + 3):
                 if label[r, c] != NONE and mine[label[r, c]]:

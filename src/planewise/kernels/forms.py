@@ -111,7 +111,7 @@ def compare_forms(a, b, offset_prior, slope_prior):  # type: ignore[no-untyped-d
     near = determinant(c00, c01, c02, c11, c12, c22)
     discord = quadratic_form(x, y, z, c00, c01, c02, c11, c12, c22) / near
     c00, c11, c22 = c00 + offset_prior, c11 + slope_prior, c22 + slope_prior
-    return discord, 0.5 * np.log(determinant(c00, c01, c02, c11, c12, c22) / near)
+    return discord, 0.5 * logarithm(determinant(c00, c01, c02, c11, c12, c22) / near)
 
 
 @compiled

@@ -14,7 +14,7 @@ import numpy as np
 from planewise.kernels.cells import SIDE, UNIT
 from planewise.kernels.elementary import exponential, logarithm
 from planewise.kernels.jit import in_order, internal
-from planewise.kernels.tables import between, squared_stretch
+from planewise.kernels.tables import between, row_and_stretch, squared_stretch
 from planewise.kernels.walk import PLANE_BEND, PLANE_OFFSET
 
 TILT = 10.0  # slope per offset of the shared error: its correlation length is 10 pixels
@@ -86,8 +86,7 @@ def unit_errors(  # type: ignore[no-untyped-def]
     last = float(step.size - 2)
     common, slow, coarse, larger = out[0], out[2], out[3], out[4]
     for k in range(count.size):
-        stretch = squared_stretch(ranging, planes[0, k], planes[1, k])
-        row = ranging[0] / planes[2, k] * np.sqrt(stretch)
+        row, stretch = row_and_stretch(ranging, planes[2, k], planes[0, k], planes[1, k])
         common[k] = stretch * between(shared, row, last)
         slow[k] = stretch * between(drift, row, last)
         new = stretch * between(white_part, row, last)

@@ -22,7 +22,7 @@ from planewise.kernels.elementary import exponent, logarithm, power_of_two
 from planewise.kernels.groups import NORM
 from planewise.kernels.jit import compiled, inlined, internal
 from planewise.kernels.mixture import of_either
-from planewise.kernels.tables import between, squared_stretch
+from planewise.kernels.tables import between, row_and_stretch
 from planewise.kernels.walk import PLANE_RESIDUAL
 
 _LOUDEST = 2.0**20  # white variance of a group, times the frame's
@@ -120,8 +120,8 @@ def group_data(  # type: ignore[no-untyped-def]
             t0[k], t1[k], t2[k] = planes[0, j], planes[1, j], planes[2, j]
             extent[k], side[k] = planes[3, j], planes[4, j]
             if count[k] > 0.0:
-                stretch = squared_stretch(ranging, m1[k] / m0[k], m2[k] / m0[k])
-                row = ranging[0] * m0[k] / m6[k] * math.sqrt(stretch)
+                scale = 1.0 / m0[k]
+                row, stretch = row_and_stretch(ranging, scale * m6[k], scale * m1[k], scale * m2[k])
                 common[k], fine[k] = (
                     stretch * between(shared, row, last),
                     stretch * between(step, row, last),
@@ -227,8 +227,8 @@ def groups_left(  # type: ignore[no-untyped-def]
             level, misfit, determinant = _about_surface(
                 slopes, square, xx, xy, yy, xw, yw, m[COUNT]
             )
-            stretch = squared_stretch(ranging, cx, cy)
-            fine = stretch * between(step, ranging[0] / mean * math.sqrt(stretch), last)
+            row, stretch = row_and_stretch(ranging, mean, cx, cy)
+            fine = stretch * between(step, row, last)
             misfit = max(misfit, power_of_two(-level) * _undithered(m[0] * fine, m[COUNT]))
             smooth = 0.5 * (misfit + math.log(determinant)) + m[NORM]
             now = _on_none(smooth + _level_nats(level, m[COUNT]), m[COUNT], prior)

@@ -17,7 +17,7 @@ import numpy as np
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.jit import compiled, internal
-from planewise.kernels.tables import squared_stretch
+from planewise.kernels.tables import reading_variance
 
 NONE = np.int16(-1)
 CHUNK = 16
@@ -153,7 +153,6 @@ def label_pixels(  # type: ignore[no-untyped-def]
     have the new label already: it has become cheaper for them, and no other has. Sets seen for
     chunks beside a change. Returns the number of changes of the last sweep.
     """
-    last = variance.size - 1
     stride, chunks = np.uintp(margin), np.uintp(margin // CHUNK)
     height, alike = w.size // width, x.size < w.size
     tenth = 0.1 * differing
@@ -209,9 +208,7 @@ def label_pixels(  # type: ignore[no-untyped-def]
                     r = (i - _1) * np.uintp(width) + j - _1
                     value, xj = np.float64(w[r]), np.float64(x[j - _1 if alike else r])
                     yj = np.float64(y[i - _1 if alike else r])
-                    stretch = squared_stretch(ranging, xj, yj)
-                    depth = ranging[0] / value * np.sqrt(stretch)
-                    v = stretch * variance[np.uintp(min(int(depth + 0.5), last))]
+                    v = reading_variance(variance, ranging, value, xj, yj)
                     none = null + tenth * (around - of_none)
                     t = np.uintp(mine)
                     e = value - planes[t, _0] - planes[t, _1] * xj - planes[t, _2] * yj

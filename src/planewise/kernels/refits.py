@@ -9,7 +9,7 @@ import numpy as np
 from planewise.kernels.cells import COUNT, UNIT
 from planewise.kernels.jit import compiled
 from planewise.kernels.mixture import CERTAIN, OWN
-from planewise.kernels.tables import between, squared_stretch
+from planewise.kernels.tables import between, row_and_stretch
 
 _CAPPED = 1e-9  # relative: nats of a group that are those of anything at all
 
@@ -47,8 +47,7 @@ def refit_sums(  # type: ignore[no-untyped-def]
         xx, xy = moments[3, g] - cx * moments[1, g], moments[4, g] - cx * moments[2, g]
         yy = moments[5, g] - cy * moments[2, g]
         xw, yw = moments[7, g] - cx * moments[6, g], moments[8, g] - cy * moments[6, g]
-        stretch = squared_stretch(ranging, cx, cy)
-        row = ranging[0] / mean * math.sqrt(stretch)
+        row, stretch = row_and_stretch(ranging, mean, cx, cy)
         common, fine = stretch * between(shared, row, last), stretch * between(step, row, last)
         wander = stretch * between(drift, row, last)
         slope = planes[1, j] * planes[1, j] + planes[2, j] * planes[2, j]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.borders import border_price
+from planewise.kernels.borders import border_price, list_apart
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
 from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
 from planewise.kernels.elementary import logarithm
@@ -21,6 +21,7 @@ from planewise.kernels.forms import (
 )
 from planewise.kernels.heap import SPARE, clear, update
 from planewise.kernels.jit import called, compiled, inlined, internal
+from planewise.kernels.masks import room_for_runs
 from planewise.kernels.turns import turn_row
 
 _CELL = 36.0
@@ -173,6 +174,19 @@ def _join(segments, forms, drift, lean, u, v, misfit):  # type: ignore[no-untype
 
 
 @inlined
+def _add_side(u, v, nats, latest, place, ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
+    """Add a side between segments u and v to the latest edge, or list it as one of its own."""
+    edge = latest[place]
+    if edge >= 0 and ends[edge, 0] == u and ends[edge, 1] == v:
+        boundary[edge] += nats
+        return sides
+    ends[sides, 0], ends[sides, 1] = u, v
+    boundary[sides], alive[sides] = nats, 1
+    latest[place] = sides
+    return sides + 1
+
+
+@inlined
 def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: ignore[no-untyped-def]
     """Sides between cells of two segments, as edges with the nats that a merge saves there.
 
@@ -182,30 +196,25 @@ def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: i
     sides = np.intp(0)
     latest = np.empty((2, columns), np.int32)  # edges across the last sides in their direction
     latest[0, :] = latest[1, 0] = -1
+    marked, places = room_for_runs(columns)
     for i in range(rows):
-        for j in range(columns):
-            u = unit[i, j]
+        for n in range(list_apart(unit[i], unit[min(i + 1, rows - 1)], marked, places)):
+            j = np.intp(places[n])
+            u, column = unit[i, j], j + 1
             if u < 0:
                 continue
-            for k in range(2):
-                row, column = i + k, j + 1 - k
-                if wraps and column == columns:
-                    column = 0
-                if row == rows or column == columns:
-                    continue
-                v = unit[row, column]
-                if v < 0 or v == u:
-                    continue
-                place = 0 if k else j
-                edge = latest[k, place]
-                nats = border_price(discords[k, i, j], price)
-                if edge >= 0 and ends[edge, 0] == u and ends[edge, 1] == v:
-                    boundary[edge] += nats
-                else:
-                    ends[sides, 0], ends[sides, 1] = u, v
-                    boundary[sides], alive[sides] = nats, 1
-                    latest[k, place] = sides
-                    sides += 1
+            if wraps and column == columns:
+                column = 0
+            if column < columns:
+                v = unit[i, column]
+                if v >= 0 and v != u:
+                    nats = border_price(discords[0, i, j], price)
+                    sides = _add_side(u, v, nats, latest[0], j, ends, boundary, alive, sides)
+            if i + 1 < rows:
+                v = unit[i + 1, j]
+                if v >= 0 and v != u:
+                    nats = border_price(discords[1, i, j], price)
+                    sides = _add_side(u, v, nats, latest[1], 0, ends, boundary, alive, sides)
     return sides
 
 

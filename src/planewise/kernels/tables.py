@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
+
 from planewise.kernels.jit import inlined
 
 
@@ -21,3 +25,20 @@ def squared_stretch(ranging, x, y):  # type: ignore[no-untyped-def]
     times it.
     """
     return 1.0 + ranging[1] * x * x + ranging[2] * y * y
+
+
+@inlined
+def row_and_stretch(ranging, w, x, y):  # type: ignore[no-untyped-def]
+    """Row of a reading of inverse depth w at a place, and `squared_stretch` there."""
+    row, stretch = ranging[0] / w, 1.0
+    if ranging[1] + ranging[2] > 0.0:  # a root takes long
+        stretch = squared_stretch(ranging, x, y)
+        row *= math.sqrt(stretch)
+    return row, stretch
+
+
+@inlined
+def reading_variance(variance, ranging, w, x, y):  # type: ignore[no-untyped-def]
+    """Variance of a reading of inverse depth w at a place, from that by depth."""
+    row, stretch = row_and_stretch(ranging, w, x, y)
+    return stretch * variance[np.uintp(min(int(row + 0.5), variance.size - 1))]

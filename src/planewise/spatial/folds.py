@@ -119,7 +119,7 @@ def _strips(
     chi2, sides = np.empty((len(listed.labels), 2, 3)), np.empty((len(listed.labels), 2))
     kernels.profiles(
         listed.pixels, listed.first, listed.stop, frame.w, frame.p, *frame.sectors.coordinates,
-        white, affine_planes(rows[chosen]), _MANY, _BLURRED, chi2, sides,
+        white, affine_planes(rows[chosen]), _MANY, _BLURRED, _WIDE, _LONG, chi2, sides,
     )  # fmt: skip
     (width, long), (line, cubic, size) = sides.T, chi2.T
     ratio = (line - cubic) / np.maximum(np.maximum(cubic, size), 1.0)
