@@ -117,7 +117,7 @@ def test_the_middle_of_numbers(size, kind):
     elif kind == "tied":
         values = rng.integers(0, 4, size) / 8
     elif kind == "edges":
-        values[::3], values[::4] = np.inf, 0.0
+        values[::3], values[::4], values[::5] = np.inf, 0.0, -0.0
     before = values.copy()
     for rank in {0, size // 3, size // 2, size - 1}:
         assert medians.smallest(values, rank, np.empty(size)) == np.sort(values)[rank]

@@ -7,8 +7,9 @@ import numpy as np
 from planewise.kernels.jit import in_order
 
 OF_CHI2 = 0.4549  # the median with one degree of freedom
-_DIGIT = 11  # bits of a number that one pass looks at
-_SHIFTS = (52, 41, 30, 19, 8, 0)  # of the exponent, and of what is behind it
+_PARTS = 1 << 11  # of the numbers between least and most, that one pass counts
+_FEW = 16  # numbers that are put in order at once
+_NOT_SIGN = np.int64((1 << 63) - 1)  # bits of a float64, for 0 may have one
 
 
 @in_order
@@ -18,23 +19,34 @@ def smallest(values, rank, work):  # type: ignore[no-untyped-def]
     The bits of such numbers are in their order. work (n,): room for as many.
     """
     bits, kept = values.view(np.int64), work.view(np.int64)
-    size = values.size
-    counts = np.empty((1 << _DIGIT) + 1, np.int64)
+    size, least, most = values.size, _NOT_SIGN, np.int64(0)
     for k in range(size):
-        kept[k] = bits[k]
-    for shift in _SHIFTS:
+        number = bits[k] & _NOT_SIGN
+        kept[k] = number
+        least, most = min(least, number), max(most, number)
+    counts = np.empty(_PARTS + 1, np.int64)
+    while size > _FEW and least < most:
+        shift = np.int64(0)
+        while (most - least) >> shift >= _PARTS:
+            shift += 1
         counts[:] = 0
         for k in range(size):
-            counts[(kept[k] >> shift) & ((1 << _DIGIT) - 1)] += 1
-        digit = 0
-        while rank >= counts[digit]:
-            rank -= counts[digit]
-            digit += 1
+            counts[(kept[k] - least) >> shift] += 1
+        part = np.int64(0)
+        while rank >= counts[part]:
+            rank -= counts[part]
+            part += 1
         found = 0
         for k in range(size):
             kept[found] = kept[k]
-            found += (kept[k] >> shift) & ((1 << _DIGIT) - 1) == digit
+            found += (kept[k] - least) >> shift == part
         size = found
-        if size == 1:
-            break
-    return work[0]
+        least += part << shift
+        most = min(most, least + (np.int64(1) << shift) - 1)
+    for k in range(1, size):  # those that are left, by insertion
+        number, place = kept[k], k
+        while place > 0 and kept[place - 1] > number:
+            kept[place] = kept[place - 1]
+            place -= 1
+        kept[place] = number
+    return work[rank] if size <= _FEW else work[0]
