@@ -11,7 +11,7 @@ from planewise.kernels import faces
 from planewise.kernels.labels import CHUNK, FIXED, NONE, WAITING
 from planewise.kernels.splits import halve
 from planewise.runtime.workspace import Workspace
-from planewise.spatial.faces import misfits_of, parted
+from planewise.spatial.faces import LabelPixels, may_be_two, misfits_of, parted
 from planewise.spatial.tame_frame import tame_frame
 
 SIZE = 60, 80
@@ -392,6 +392,12 @@ def test_narrow_faces_of_boxes_are_not_one(room, pair):
         assert (mine & true).sum() > 0.7 * (mine | true).sum()
 
 
+def looked_at(frame, rows, labels):
+    """Pixels of planes that may be two faces."""
+    misfits = misfits_of(frame, 1.0, rows, labels)
+    return LabelPixels.of(labels, may_be_two(1.0, misfits, 30.0, 0.0), misfits[:, 1], Workspace())
+
+
 def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
     depth, truth, camera, sensor = box(8)
     observation = pw.observe(depth, camera, sensor)
@@ -406,8 +412,7 @@ def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
         normal = (terms * p) @ terms.T
         rows[j, :6], rows[j, 6:9] = normal[np.triu_indices(3)], (terms * p) @ w
     labels = truth.copy()
-    misfits = misfits_of(frame, 1.0, rows, labels)
-    out, saved, pixels = parted(frame, 1.0, rows, labels, misfits, 30.0, 0.0, Workspace())
+    out, saved, pixels = parted(frame, 1.0, rows, labels, looked_at(frame, rows, labels), 30.0, 0.0)
     assert_array_equal(out, rows)
     assert_array_equal(labels, truth)
     assert not saved.size
@@ -415,8 +420,7 @@ def test_parted_returns_what_it_was_given_where_nothing_is_two_faces():
 
     both = np.minimum(truth, 2)  # as if the faces of the box were one
     kept, two = both.copy(), np.array([rows[0], rows[1] + rows[2]])
-    misfits = misfits_of(frame, 1.0, two, both)
-    out, saved, pixels = parted(frame, 1.0, two, both, misfits, 30.0, 0.0, Workspace())
+    out, saved, pixels = parted(frame, 1.0, two, both, looked_at(frame, two, both), 30.0, 0.0)
     assert saved.shape == (1,)
     assert saved[0] > 4 * 30
     assert (both[truth == 3] == 3).mean() > 0.9

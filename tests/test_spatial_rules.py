@@ -15,6 +15,7 @@ from planewise.runtime.workspace import Workspace
 from planewise.spatial import folds, labels, search, solution, splitting
 from planewise.spatial.cells import cells_of
 from planewise.spatial.dividing import divided
+from planewise.spatial.faces import LabelPixels
 from planewise.spatial.frame import frame_of
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.information import GroupData
@@ -328,12 +329,12 @@ def test_what_readings_say_of_a_strip(strip, wide, monkeypatch):
         out[0], sides[0] = chi2, (width, (2.9 if wide else 3.1) * width)
 
     monkeypatch.setattr(folds, "kernels", SimpleNamespace(profiles=profiles))
-    image, one = np.ones((30, 100), np.uint16), np.array([[1.0] + [0.0] * 12])
+    one = np.array([[1.0] + [0.0] * 12])
     one[0, [3, 5]] = 1.0
     straight = SimpleNamespace(w=None, p=None, sectors=SimpleNamespace(coordinates=(None, None)))
-    found = folds._strips(
-        straight, 1.0, one, image, np.ones(1, np.bool_), np.array([0.0, 600.0]), Workspace()
-    )
+    image, every = np.ones((30, 100), np.uint16), np.array([False, True])
+    pixels = LabelPixels.of(image, every, np.array([0.0, 600.0]), Workspace())
+    found = folds._strips(straight, 1.0, one, pixels)
     assert found.there.tolist() == [False, not wide]
     assert found.bent.tolist() == [False, bent and not wide]
     assert found.inside.tolist() == [False, inside and not wide]

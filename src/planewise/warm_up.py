@@ -39,7 +39,7 @@ from planewise.kernels.segments import agglomerate, room
 from planewise.runtime.workspace import Workspace
 from planewise.spatial.cells import Cells
 from planewise.spatial.describe import describe_image
-from planewise.spatial.faces import misfits_of, parted
+from planewise.spatial.faces import LabelPixels, misfits_of, parted
 from planewise.spatial.frame import ErrorTable, Frame
 from planewise.spatial.frame_error import FrameError
 from planewise.spatial.gaps import join_through_gaps
@@ -139,8 +139,9 @@ def labelling() -> None:
     label_planes(valley.frame, *of_planes)
     labels = np.ones((_SIZE, _SIZE), np.uint16)
     one, work = valley.rows.sum(axis=0)[None], Workspace()
-    misfits = misfits_of(valley.frame, 1.0, one, labels)
-    _, _, pixels = parted(valley.frame, 1.0, one, labels, misfits, 1.0, 0.0, work)
+    chi2, count = misfits_of(valley.frame, 1.0, one, labels).T
+    doubtful = LabelPixels.of(labels, chi2 > 0.0, count, work)
+    _, _, pixels = parted(valley.frame, 1.0, one, labels, doubtful, 1.0, 0.0)
     marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
     marks.label[:], marks.seen[:] = 0, False

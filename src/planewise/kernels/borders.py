@@ -65,8 +65,8 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
         _write_segments(unit[min(i + 1, rows - 1)], segment, lower)
         for k in range(out.shape[0]):
             line = out[k, i]
-            for j in range(columns):
-                line[j] = -1.0
+            for side in range(columns):
+                line[side] = -1.0
         for n in range(list_apart(here, lower, marked, places)):
             j = np.intp(places[n])
             u = unit[i, j]
@@ -114,7 +114,7 @@ def segment_borders(unit, of_cell, discords, price, wraps, border, ends, units, 
             for k in range(2):
                 row, column = i + k, j + 1 - k
                 if wraps and column == columns:
-                    column = 0
+                    column = np.intp(0)
                 if row >= rows or column >= columns or of_cell[row, column] == u:
                     continue
                 v, cost = of_cell[row, column], border_price(discords[k, i, j], price)

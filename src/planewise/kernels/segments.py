@@ -204,7 +204,7 @@ def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: i
             if u < 0:
                 continue
             if wraps and column == columns:
-                column = 0
+                column = np.intp(0)
             if column < columns:
                 v = unit[i, column]
                 if v >= 0 and v != u:

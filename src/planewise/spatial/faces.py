@@ -22,6 +22,7 @@ from planewise.spatial.frame import Frame
 from planewise.spatial.segments import planes_by_label
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 Index = NDArray[np.int32]
 
 TURN = 0.2
@@ -40,15 +41,23 @@ _MOST_PLANES = np.iinfo(np.int16).max  # of a label while pixels are labelled
 _EVERY = 5  # rows of which one tells whether to look closer
 
 
+def may_be_two(white: float, misfits: Array, price: float, significance: float) -> Bools:
+    """Which labels' planes (N + 1,) may be two faces, by `misfits_of` them; rest as of `parted`."""
+    chi2, count = misfits.T
+    out = np.asarray(_EVERY * (chi2 - white * count) > _least(price, significance) * white)
+    out &= chi2 > 0.5 * (1.0 + _WORSE) * white * count
+    out[0] = False
+    return out
+
+
 def parted(
     frame: Frame,
     white: float,
     rows: Array,
     labels: NDArray[np.uint16],
-    misfits: Array,
+    doubtful: LabelPixels,
     price: float,
     significance: float,
-    workspace: Workspace,
 ) -> tuple[Array, Array, Index]:
     """Part planes that are two faces, in a frame whose error is all but white.
 
@@ -62,14 +71,12 @@ def parted(
         Of the planes (`kernels.cells`).
     labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1. Pixels of a second face are given its label.
-    misfits : ndarray, shape (N + 1, 2)
-        By label: `misfits_of` these planes.
+    doubtful : LabelPixels
+        Pixels of those that are looked at (`may_be_two`).
     price : float
         Nats that a plane takes.
     significance : float
         Nats that it has to save beyond.
-    workspace : Workspace
-        Memory to work in.
 
     Returns
     -------
@@ -80,14 +87,7 @@ def parted(
     pixels : ndarray of int
         Those of second faces, as places in the flattened image.
     """
-    least = max(_CLEAR * price, price + significance)
-    images = frame.w, frame.p, *frame.sectors.coordinates
-    chi2, count = misfits.T
-    doubtful = _EVERY * (chi2 - white * count) > least * white
-    doubtful &= chi2 > 0.5 * (1.0 + _WORSE) * white * count
-    doubtful[0] = False
-    if not doubtful.any():
-        return rows, np.empty(0), np.empty(0, np.int32)
+    least, images = _least(price, significance), (frame.w, frame.p, *frame.sectors.coordinates)
     flat, out, saved, changed = labels.reshape(-1), list(rows.copy()), [], []
 
     planes, information = np.empty((2, 3)), np.empty((2, 9))
@@ -102,7 +102,7 @@ def parted(
         )  # fmt: skip
         return less, [by_face[:larger], by_face[larger:]]
 
-    waiting = list(LabelPixels.of(labels, doubtful, count, workspace))
+    waiting = list(doubtful)
     while waiting and len(out) < _MOST_PLANES:
         label, pixels = waiting.pop()
         part = len(pixels) // _SAMPLE | 1  # odd: an even one may have a factor in common with rows
@@ -121,6 +121,11 @@ def parted(
     if not saved:
         return rows, np.empty(0), np.empty(0, np.int32)
     return np.array(out), np.array(saved), np.concatenate(changed)
+
+
+def _least(price: float, significance: float) -> float:
+    """Nats that two faces have to save."""
+    return max(_CLEAR * price, price + significance)
 
 
 def misfits_of(frame: Frame, white: float, rows: Array, labels: NDArray[np.uint16]) -> Array:
@@ -154,11 +159,13 @@ class LabelPixels:
 
     @classmethod
     def of(
-        cls, image: NDArray[np.uint16], chosen: NDArray[np.bool_], count: Array,
-        workspace: Workspace,
-    ) -> LabelPixels:  # fmt: skip
+        cls, image: NDArray[np.uint16], chosen: Bools, count: Array, workspace: Workspace
+    ) -> LabelPixels:
         """Those of chosen labels; count (labels,): readings of each (`misfits_of`)."""
         (labels,), width = chosen.nonzero(), image.shape[1]
+        if not len(labels):
+            none = np.empty(0, np.int64)
+            return cls(labels, none, none, np.empty(0, np.int32))
         slot = np.full(len(chosen), -1)
         slot[labels] = np.arange(len(labels))
         room = (1.1 * _EVERY * count[labels]).astype(np.int64) + 4 * width
@@ -168,6 +175,11 @@ class LabelPixels:
             if kernels.list_pixels(image, slot, first, stop, pixels):
                 return cls(labels, first, stop, pixels)
             room *= 2
+
+    def only(self, chosen: Bools) -> LabelPixels:
+        """Those of chosen ones of these labels; chosen (labels,): of all."""
+        some = chosen[self.labels]
+        return LabelPixels(self.labels[some], self.first[some], self.stop[some], self.pixels)
 
     def __iter__(self) -> Iterator[tuple[int, Index]]:
         """Each label and its pixels."""

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from planewise.components import components
 from planewise.kernels import folds as kernels
 from planewise.kernels.cells import SIDE, UNIT
-from planewise.runtime.workspace import Workspace
 from planewise.spatial.faces import LabelPixels
 from planewise.spatial.frame import Frame
 from planewise.spatial.segments import affine_planes, narrow_sides
@@ -41,8 +40,17 @@ _ALONG = 0.3  # of the length of the shorter strip: both are side by side
 _AMID = 0.5  # of the border of what is no larger than they: it is a piece of what bends
 
 
+def may_be_strips(rows: Array) -> Bools:
+    """Which labels' planes, of rows (N, 13), are as narrow as strips, going by cells: (N + 1,).
+
+    None where these are too few.
+    """
+    narrow = np.append(False, narrow_sides(rows) < _WIDE)
+    return narrow if np.count_nonzero(narrow) >= _FEWEST else np.zeros_like(narrow)
+
+
 def are_folds(
-    frame: Frame, white: float, rows: Array, labels: Labels, count: Array, workspace: Workspace
+    frame: Frame, white: float, rows: Array, labels: Labels, narrow: LabelPixels
 ) -> Bools:
     """Which planes of a frame whose error is all but white are strips of what bends, shape (N,).
 
@@ -56,19 +64,16 @@ def are_folds(
         Of the planes (`kernels.cells`).
     labels : ndarray of uint16, shape (H, W)
         0 for none, j for row j - 1.
-    count : ndarray, shape (N + 1,)
-        Readings of every label, as `spatial.faces.misfits_of` counts them.
-    workspace : Workspace
-        Memory to work in.
+    narrow : LabelPixels
+        Pixels of those that are looked at (`may_be_strips`).
     """
     none = np.zeros(len(rows), np.bool_)
-    narrow = narrow_sides(rows) < _WIDE  # going by the cells in them
-    if np.count_nonzero(narrow) < _FEWEST:
+    if len(narrow.labels) < _FEWEST:
         return none
-    strips = _strips(frame, white, rows, labels, narrow, count, workspace)
+    strips = _strips(frame, white, rows, narrow)
     if np.count_nonzero(strips.inside) < _FEWEST:
         return none
-    pixels = np.sort(np.concatenate([each for j, each in strips.pixels if strips.there[j]]))
+    pixels = np.sort(np.concatenate([each for j, each in narrow if strips.there[j]]))
     shared = _borders(labels, pixels, len(rows), _REACH)
     shorter = np.minimum(strips.length[:, None], strips.length)
     beside = np.argwhere(shared > _ALONG * UNIT * shorter)
@@ -94,32 +99,20 @@ class _Strips:
         Whether it is a strip, one that bends, and without the pixels beside its border, too.
     length : ndarray
         In units of x and y.
-    pixels : LabelPixels
-        Those of the strips and of what may be one.
     """
 
     there: Bools
     bent: Bools
     inside: Bools
     length: Array
-    pixels: LabelPixels
 
 
-def _strips(
-    frame: Frame,
-    white: float,
-    rows: Array,
-    labels: Labels,
-    chosen: Bools,
-    count: Array,
-    workspace: Workspace,
-) -> _Strips:
-    """What readings say of chosen planes (N,); count (N + 1,): as `are_folds` takes it."""
-    listed = LabelPixels.of(labels, np.append(False, chosen), count, workspace)
+def _strips(frame: Frame, white: float, rows: Array, listed: LabelPixels) -> _Strips:
+    """What readings say of some planes, of rows (N, 13)."""
     chi2, sides = np.empty((len(listed.labels), 2, 3)), np.empty((len(listed.labels), 2))
     kernels.profiles(
         listed.pixels, listed.first, listed.stop, frame.w, frame.p, *frame.sectors.coordinates,
-        white, affine_planes(rows[chosen]), _MANY, _BLURRED, _WIDE, _LONG, chi2, sides,
+        white, affine_planes(rows[listed.labels - 1]), _MANY, _BLURRED, _WIDE, _LONG, chi2, sides,
     )  # fmt: skip
     (width, long), (line, cubic, size) = sides.T, chi2.T
     ratio = (line - cubic) / np.maximum(np.maximum(cubic, size), 1.0)
@@ -130,7 +123,7 @@ def _strips(
     length = np.zeros(len(rows) + 1)
     there[listed.labels], bent[listed.labels], inside[listed.labels] = narrow, *bends
     length[listed.labels] = long
-    return _Strips(there, bent, inside, length, listed)
+    return _Strips(there, bent, inside, length)
 
 
 def _borders(

@@ -17,8 +17,8 @@ from planewise.runtime import threads
 from planewise.runtime.workspace import Workspace
 from planewise.sectors import Sectors
 from planewise.spatial.cells import Cells
-from planewise.spatial.faces import ROUGH, misfits_of, parted
-from planewise.spatial.folds import are_folds
+from planewise.spatial.faces import ROUGH, LabelPixels, may_be_two, misfits_of, parted
+from planewise.spatial.folds import are_folds, may_be_strips
 from planewise.spatial.frame import Frame, Image
 from planewise.spatial.marks import Marks
 from planewise.spatial.segments import kept_planes, planes_by_label, with_none
@@ -104,16 +104,19 @@ def label_planes(
             left[j] = not _is_strip(labels, j, frame.sectors.count)
         if price is not None and left.all():
             misfits = misfits_of(frame, white, rows, labels)
-            left = ~are_folds(frame, white, rows, labels, misfits[:, 1], workspace)
+            two = may_be_two(white, misfits, price, significance)
+            strips = may_be_strips(rows)
+            pixels = LabelPixels.of(labels, two | strips, misfits[:, 1], workspace)
+            left = ~are_folds(frame, white, rows, labels, pixels.only(strips))
         if left.all():
             break
         planes, owner = kept_planes(planes, owner, left.nonzero()[0])
     if price is not None:
-        rows, saved, pixels = parted(
-            frame, white, rows, labels, misfits, price, significance, workspace
+        rows, saved, changed = parted(
+            frame, white, rows, labels, pixels.only(two), price, significance
         )
         if len(saved):
-            _look_again(frame, cells, rows, variance, null, marks, labels, pixels)
+            _look_again(frame, cells, rows, variance, null, marks, labels, changed)
             label_loops.without_margin(marks.label, labels)
     if _put_creases(frame, cells, rows, variance, marks, labels, workspace):
         label_loops.without_margin(marks.label, labels)
