@@ -208,6 +208,62 @@ def test_loops_work_where_they_cannot_be_kept(monkeypatch, failing):
     assert (twice.stats.cache_path is None) == (failing == "no folder")
 
 
+def test_loops_that_make_no_arrays_count_no_references():
+    compiled = njit(pipeline_class=compiler.LoopCompiler)  # nothing kept can be looked into
+
+    @compiled
+    def total(row):
+        out = 0.0
+        for k in range(row.size):
+            out += row[k]
+        return out
+
+    @compiled
+    def alternating(rows):
+        out, last = 0.0, rows[0]
+        for i in range(rows.shape[0]):
+            here = rows[i] if i % 2 else last
+            out += total(here.reshape(-1))
+            last = here
+        return out
+
+    @compiled
+    def with_room(rows):
+        return total(np.ones(3)) + total(rows[0])
+
+    @compiled
+    def first_two(rows):
+        return rows[0], rows[1]
+
+    @compiled
+    def roots(row):
+        return np.sqrt(row).sum() + total(row[row > 1])
+
+    @compiled
+    def last(rows):
+        return rows[-1]
+
+    @compiled
+    def of_last(rows):
+        return total(last(rows))
+
+    rows = np.arange(6.0).reshape(2, 3)
+    before = sys.getrefcount(rows)
+    results = {loop: loop(rows) for loop in (alternating, with_room, of_last)}
+    results |= {loop: loop(rows[1]) for loop in (total, roots)}
+    first, second = first_two(rows)
+    expected = alternating, 15.0, with_room, 6.0, of_last, 12.0, total, 12.0
+    assert dict(zip(expected[::2], expected[1::2], strict=True)).items() <= results.items()
+    assert results[roots] == pytest.approx(np.sqrt(rows[1]).sum() + 12.0)
+    counting = {loop for loop in results if "NRT_incref" in next(iter(loop.inspect_asm().values()))}
+    assert counting.isdisjoint({total, alternating})
+    assert {roots, of_last} <= counting
+    assert sys.getrefcount(rows) > before  # of what was returned
+    assert_array_equal((first, second), rows)
+    del first, second
+    assert sys.getrefcount(rows) == before
+
+
 def test_who_cannot_keep_loops_hears_how_they_can_be(monkeypatch, started, caplog):
     monkeypatch.setattr(compilation, "score_rays", njit(lambda x: x))
     assert not compilation.is_cached("spatial")

@@ -273,7 +273,7 @@ def test_units_inside_labels_their_sums_and_correlations(seed):
     assert_array_equal(count, np.bincount(inside))
 
     table, out = np.vstack((np.zeros((1, 3)), PLANES)), np.full((4, 3), 9.0)
-    units.correlate(grid, rows, inside, table, out)
+    units.correlate(grid, rows, inside, table, np.empty(len(inside)), out)
     assert_allclose(out, oracles.correlation_sums(grid, rows, inside, table), rtol=1e-9)
     assert (out[1:, 2] > 0).all()
 

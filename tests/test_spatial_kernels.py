@@ -390,7 +390,7 @@ def test_join_blocks(seed, limit):
 
     priors, numbers = rng.random((2, count)), np.empty((3, left))
     kept = np.empty((left, 13)), np.empty((left, forms.FORM))
-    arrays = (rows, of, free, *joined, drift, *priors, *kept, numbers)
+    arrays = (rows, of, free, *joined, drift, *priors, np.empty(count, np.int32), *kept, numbers)
     squares.keep_roots(root, square, *arrays)
     assert_array_equal(ids[root], exact_root)
     assert_allclose(kept[0], exact_rows[ids], rtol=1e-6, atol=1e-9)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import add_reading, own_plane
-from planewise.kernels.jit import called, compiled, inlined
+from planewise.kernels.jit import called, compiled, inlined, internal
 from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, halve, sum_side
@@ -30,10 +30,18 @@ def label_misfits(label, w, p, x, y, planes, every, most, out):  # type: ignore[
 
     Sum of (w - plane)^2 p, each `most` at most, and readings; of every so many rows one counts.
     """
+    line = np.empty(label.shape[1], y.dtype)
+    last, places = room_for_runs(line.size)
+    _add_misfits(label, w, p, x, y, planes, every, most, line, last, places, out)
+
+
+@internal
+def _add_misfits(  # type: ignore[no-untyped-def]
+    label, w, p, x, y, planes, every, most, line, last, places, out
+):
+    """`label_misfits`, with room for a row."""
     out[:] = 0.0
-    width, alike = label.shape[1], x.shape[0] == 1
-    last, places = room_for_runs(width)
-    line = np.empty(width, y.dtype)
+    alike = x.shape[0] == 1
     for i in range(every // 2, label.shape[0], every):
         row, stop = label[i], 0
         line[:] = y[i, 0]

@@ -11,6 +11,10 @@ has it, and last bits would depend on which that is. A loop whose number of roun
 is unrolled with all the loops inside: over rows of an array it is ``range(out.shape[0])``. And a
 call costs as much as forty operations where arrays are handed over: what a heap asks ten thousand
 times is `internal`.
+
+A loop that makes no array and returns none counts no references (`kernels.compiler`): each takes as
+long as twenty operations, and Numba leaves many in, as for every row that a loop looks at. So what
+is hot and needs room to work in is given it.
 """
 
 from __future__ import annotations

@@ -187,10 +187,21 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
 
     Most pixels have the label of all their neighbours.
     """
-    height, width = labels.shape
+    width = labels.shape[1]
     keys, raws = np.empty(width, np.uint64), np.empty(width, np.uint16)
     places = np.empty(width + 8, np.uintp)
     seen = np.empty(width + 1, np.uint16)  # labels in a row, one column of margin
+    return _count_rows(
+        labels, p, lines, edge, slots, around, label, times, keys, raws, places, seen
+    )
+
+
+@internal
+def _count_rows(  # type: ignore[no-untyped-def]
+    labels, p, lines, edge, slots, around, label, times, keys, raws, places, seen
+):
+    """`count_labels`, with room for a row."""
+    height, width = labels.shape
     seen[0] = NOWHERE
     found = 0
     for y in range(height):

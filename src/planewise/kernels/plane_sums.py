@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled
+from planewise.kernels.jit import compiled, internal
 from planewise.kernels.masks import list_runs, room_for_runs
 
 _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
@@ -27,9 +27,20 @@ def plane_sums(  # type: ignore[no-untyped-def]
     sums[:] = 0.0
     boxes[:, :2] = _FAR
     boxes[:, 2:] = 0
-    width = labels.shape[1]
-    line = np.empty(width, y.dtype)
-    ends, places = room_for_runs(width)
+    line = np.empty(labels.shape[1], y.dtype)
+    ends, places = room_for_runs(line.size)
+    _add_up(
+        labels, place, w, x, y, straight, planes, solid, ratio, first, last, line, ends, places,
+        ranked, sums, boxes,
+    )  # fmt: skip
+
+
+@internal
+def _add_up(  # type: ignore[no-untyped-def]
+    labels, place, w, x, y, straight, planes, solid, ratio, first, last, line, ends, places,
+    ranked, sums, boxes,
+):  # fmt: skip
+    """`plane_sums`, with room for a row."""
     for i in range(first, last):
         row, stop = labels[i], 0
         line[:] = y[i, 0]

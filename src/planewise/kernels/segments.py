@@ -40,19 +40,18 @@ def tempered(discord, count, tails):  # type: ignore[no-untyped-def]
 
 
 @internal
-def _form_in(facing, segments, forms, home, turns, drift, lean, u, form):  # type: ignore[no-untyped-def]
-    """Write the form of segment u in the coordinates of a sector."""
+def _form_in(facing, segments, forms, home, turns, drift, lean, u, form, row):  # type: ignore[no-untyped-def]
+    """Write the form of segment u in the coordinates of a sector; row (13,): room to work in."""
     if home[u] == facing:
         for e in range(FORM):
             form[e] = forms[u, e]
         return
-    row = np.empty(SEGMENT)
     turn_row(segments[u], turns[home[u], facing], row)
     write_form(row, drift[u], lean, form)
 
 
 @called
-def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope):  # type: ignore[no-untyped-def]
+def _across(segments, forms, home, turns, drift, lean, small, large, offset, slope, work):  # type: ignore[no-untyped-def]
     """`compare_forms` of segments that lie in several sectors, in the one that faces the smaller.
 
     There its readings lie before the sector: P t of its row, in space the sum of p d / r over its
@@ -67,10 +66,9 @@ def _across(segments, forms, home, turns, drift, lean, small, large, offset, slo
             along += of_small[i] * segments[small, 6 + i]
         if along > best:
             facing, best = np.int32(k), along
-    both = np.empty((2, FORM))
-    here, there = both[0], both[1]
-    _form_in(facing, segments, forms, home, turns, drift, lean, small, here)
-    _form_in(facing, segments, forms, home, turns, drift, lean, large, there)
+    here, there, row = work[0], work[1], work[2]
+    _form_in(facing, segments, forms, home, turns, drift, lean, small, here, row)
+    _form_in(facing, segments, forms, home, turns, drift, lean, large, there, row)
     there[LEANING] = here[LEANING]
     return compare_forms(there, here, offset, slope)
 
@@ -102,8 +100,9 @@ def _merge_value(  # type: ignore[no-untyped-def]
     most,
     longest,
     tails,
+    work,
 ):
-    """`_share_left` by joining two segments, and the misfit of the join."""
+    """`_share_left` by joining two segments, and the misfit of the join; work: of `_across`."""
     small = u if segments[u, COUNT] < segments[v, COUNT] else v
     offset, slope = offset_prior[small], slope_prior[small]
     if turns.shape[0] == 1:
@@ -111,7 +110,7 @@ def _merge_value(  # type: ignore[no-untyped-def]
     else:
         large = u + v - small
         discord, evidence = _across(
-            segments, forms, home, turns, drift, lean, small, large, offset, slope
+            segments, forms, home, turns, drift, lean, small, large, offset, slope, work
         )
     misfit = tempered(discord, segments[small, COUNT], tails)
     return _share_left(evidence, boundary, misfit, most, longest), misfit
@@ -136,8 +135,8 @@ def _first_values(  # type: ignore[no-untyped-def]
     misfit,
 ):
     """`_merge_value` of edges (n, 2), all at once: writes current and misfit (n,)."""
-    work = np.empty((4, misfit.size))
-    offset, slope, discord, evidence = work[0], work[1], work[2], work[3]
+    of_each, work = np.empty((4, misfit.size)), np.empty((3, SEGMENT))
+    offset, slope, discord, evidence = of_each[0], of_each[1], of_each[2], of_each[3]
     for edge in range(misfit.size):
         u, v = ends[edge, 0], ends[edge, 1]
         small = u if segments[u, COUNT] < segments[v, COUNT] else v
@@ -152,7 +151,7 @@ def _first_values(  # type: ignore[no-untyped-def]
         else:
             current[edge], misfit[edge] = _merge_value(
                 segments, forms, home, turns, drift, lean, u, v, boundary[edge], offset_prior,
-                slope_prior, most, longest, tails,
+                slope_prior, most, longest, tails, work,
             )  # fmt: skip
 
 
@@ -174,29 +173,31 @@ def _join(segments, forms, drift, lean, u, v, misfit):  # type: ignore[no-untype
 
 
 @inlined
-def _add_side(u, v, nats, latest, place, ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
+def _add_side(u, v, nats, latest, k, place, ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
     """Add a side between segments u and v to the latest edge, or list it as one of its own."""
-    edge = latest[place]
+    edge = latest[k, place]
     if edge >= 0 and ends[edge, 0] == u and ends[edge, 1] == v:
         boundary[edge] += nats
         return sides
     ends[sides, 0], ends[sides, 1] = u, v
     boundary[sides], alive[sides] = nats, 1
-    latest[place] = sides
+    latest[k, place] = sides
     return sides + 1
 
 
-@inlined
-def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: ignore[no-untyped-def]
+@internal
+def _list_sides(  # type: ignore[no-untyped-def]
+    unit, discords, price, wraps, ends, boundary, alive, latest, marked, places
+):
     """Sides between cells of two segments, as edges with the nats that a merge saves there.
 
     A side that goes on where the one above it, or to its left, ended is part of the same edge.
+    latest (2, columns): edges across the last sides in their direction; marked, places:
+    `masks.room_for_runs` of so many.
     """
     rows, columns = unit.shape
     sides = np.intp(0)
-    latest = np.empty((2, columns), np.int32)  # edges across the last sides in their direction
     latest[0, :] = latest[1, 0] = -1
-    marked, places = room_for_runs(columns)
     for i in range(rows):
         for n in range(list_apart(unit[i], unit[min(i + 1, rows - 1)], marked, places)):
             j = np.intp(places[n])
@@ -209,12 +210,12 @@ def _list_sides(unit, discords, price, wraps, ends, boundary, alive):  # type: i
                 v = unit[i, column]
                 if v >= 0 and v != u:
                     nats = border_price(discords[0, i, j], price)
-                    sides = _add_side(u, v, nats, latest[0], j, ends, boundary, alive, sides)
+                    sides = _add_side(u, v, nats, latest, 0, j, ends, boundary, alive, sides)
             if i + 1 < rows:
                 v = unit[i + 1, j]
                 if v >= 0 and v != u:
                     nats = border_price(discords[1, i, j], price)
-                    sides = _add_side(u, v, nats, latest[1], 0, ends, boundary, alive, sides)
+                    sides = _add_side(u, v, nats, latest, 1, 0, ends, boundary, alive, sides)
     return sides
 
 
@@ -228,6 +229,75 @@ def _keep_alive(ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
             boundary[edges], alive[edges] = boundary[side], 1
             edges += 1
     return edges
+
+
+@internal
+def _merge_best_first(  # type: ignore[no-untyped-def]
+    segments, forms, drift, lean, offset_prior, slope_prior, home, turns, most, longest, tails,
+    segment, ends, edges, following, alive, valued, head, tail, degree, version, boundary, misfit,
+    keys, items, place, size, work,
+):  # fmt: skip
+    """The merges of `agglomerate`, once its edges are in the heap; work: of `_across`.
+
+    valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
+    """
+    while True:
+        if size == 0:
+            # What saved nothing may, now that its segments have grown: all are valued again.
+            for edge in range(edges):
+                if alive[edge] and valued[edge] != version[ends[edge, 0]] + version[ends[edge, 1]]:
+                    size = update(keys, items, place, size, np.int32(edge), np.inf)
+            if size == 0:
+                break
+        edge, gain = items[0], 0.0
+        u, v = ends[edge, 0], ends[edge, 1]
+        old = valued[edge] != version[u] + version[v]
+        if old:
+            valued[edge] = version[u] + version[v]
+            gain, misfit[edge] = _merge_value(
+                segments, forms, home, turns, drift, lean, u, v, boundary[edge], offset_prior,
+                slope_prior, most, longest, tails, work,
+            )  # fmt: skip
+        size = update(keys, items, place, size, edge, gain)
+        if old:
+            continue
+        if segments[u, COUNT] < segments[v, COUNT]:
+            u, v = v, u
+        if home[u] != home[v]:
+            turn_row(segments[v], turns[home[v], home[u]], work[2])
+            for e in range(SEGMENT):
+                segments[v, e] = work[2, e]
+        _join(segments, forms, drift, lean, u, v, misfit[edge])
+        version[u] += version[v] + 1
+        segment[v] = u
+        alive[edge] = 0
+        degree[u] -= 1
+        # The edges of v become u's; where both had one to the same neighbour they become one.
+        half = head[v]
+        while half >= 0:
+            after, moved = following[half], half >> 1
+            other = ends[moved, 1 - (half & 1)]
+            if alive[moved]:
+                # An edge between u and the neighbour is in both lists: look into the shorter one.
+                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
+                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
+                if kept >= 0:
+                    boundary[kept] += boundary[moved]
+                    alive[moved] = 0
+                    degree[other] -= 1
+                    # Its gain has risen: it must come up before anything it may now beat.
+                    valued[kept] = version[u] + version[other]
+                    gain, misfit[kept] = _merge_value(
+                        segments, forms, home, turns, drift, lean, u, other, boundary[kept],
+                        offset_prior, slope_prior, most, longest, tails, work,
+                    )  # fmt: skip
+                    size = update(keys, items, place, size, moved, 0.0)
+                    size = update(keys, items, place, size, kept, gain)
+                else:
+                    ends[moved, half & 1] = u
+                    degree[u] += 1
+                    append_half(u, half, head, tail, following)
+            half = after
 
 
 def room(sides: int, segments: int) -> tuple[int, int]:
@@ -286,13 +356,15 @@ def agglomerate(  # type: ignore[no-untyped-def]
     boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
     keys = floats[2 * most_edges :]
     degree[:] = version[:] = 0
-    edges = _list_sides(unit, discords, price, wraps, ends, boundary, alive)
+    edges = _list_sides(
+        unit, discords, price, wraps, ends, boundary, alive,
+        np.empty((2, unit.shape[1]), np.int32), *room_for_runs(unit.shape[1]),
+    )  # fmt: skip
     list_edges(ends, edges, head, tail, following)
     unite_edges(ends, boundary, alive, head, following, seen)
     edges = _keep_alive(ends, boundary, alive, edges)
     list_edges(ends, edges, head, tail, following)
 
-    # valued: versions of both ends when an edge was last valued; misfit: of the two segments then.
     for u in range(count):
         segment[u] = u
     clear(keys, place[:edges])
@@ -308,64 +380,11 @@ def agglomerate(  # type: ignore[no-untyped-def]
             degree[ends[edge, 1]] += 1
             valued[edge] = 0
             size = update(keys, items, place, size, np.int32(edge), gains[edge - start])
-    while True:
-        if size == 0:
-            # What saved nothing may, now that its segments have grown: all are valued again.
-            for edge in range(edges):
-                if alive[edge] and valued[edge] != version[ends[edge, 0]] + version[ends[edge, 1]]:
-                    size = update(keys, items, place, size, np.int32(edge), np.inf)
-            if size == 0:
-                break
-        edge, gain = items[0], 0.0
-        u, v = ends[edge, 0], ends[edge, 1]
-        old = valued[edge] != version[u] + version[v]
-        if old:
-            valued[edge] = version[u] + version[v]
-            gain, misfit[edge] = _merge_value(
-                segments, forms, home, turns, drift, lean, u, v, boundary[edge], offset_prior,
-                slope_prior, most, longest, tails,
-            )  # fmt: skip
-        size = update(keys, items, place, size, edge, gain)
-        if old:
-            continue
-        if segments[u, COUNT] < segments[v, COUNT]:
-            u, v = v, u
-        if home[u] != home[v]:
-            moved_row = np.empty(SEGMENT)
-            turn_row(segments[v], turns[home[v], home[u]], moved_row)
-            for e in range(SEGMENT):
-                segments[v, e] = moved_row[e]
-        _join(segments, forms, drift, lean, u, v, misfit[edge])
-        version[u] += version[v] + 1
-        segment[v] = u
-        alive[edge] = 0
-        degree[u] -= 1
-        # The edges of v become u's; where both had one to the same neighbour they become one.
-        half = head[v]
-        while half >= 0:
-            after, moved = following[half], half >> 1
-            other = ends[moved, 1 - (half & 1)]
-            if alive[moved]:
-                # An edge between u and the neighbour is in both lists: look into the shorter one.
-                walked, wanted = (other, u) if degree[other] < degree[u] else (u, other)
-                kept = find_edge(walked, wanted, ends, alive, head, tail, following)
-                if kept >= 0:
-                    boundary[kept] += boundary[moved]
-                    alive[moved] = 0
-                    degree[other] -= 1
-                    # Its gain has risen: it must come up before anything it may now beat.
-                    valued[kept] = version[u] + version[other]
-                    gain, misfit[kept] = _merge_value(
-                        segments, forms, home, turns, drift, lean, u, other, boundary[kept],
-                        offset_prior, slope_prior, most, longest, tails,
-                    )  # fmt: skip
-                    size = update(keys, items, place, size, moved, 0.0)
-                    size = update(keys, items, place, size, kept, gain)
-                else:
-                    ends[moved, half & 1] = u
-                    degree[u] += 1
-                    append_half(u, half, head, tail, following)
-            half = after
+    _merge_best_first(
+        segments, forms, drift, lean, offset_prior, slope_prior, home, turns, most, longest, tails,
+        segment, ends, edges, following, alive, valued, head, tail, degree, version, boundary,
+        misfit, keys, items, place, size, np.empty((3, SEGMENT)),
+    )  # fmt: skip
     write_roots(segment)
     found = 0
     for u in range(count):

@@ -92,16 +92,15 @@ def join_blocks(  # type: ignore[no-untyped-def]
 
 @compiled
 def keep_roots(  # type: ignore[no-untyped-def]
-    root, square, rows, forms, free, joined, shapes, drift, offset_prior, slope_prior,
+    root, square, rows, forms, free, joined, shapes, drift, offset_prior, slope_prior, place,
     out_rows, out_forms, numbers,
 ):  # fmt: skip
     """Copy what `join_blocks` left, and say in root (n,) where each unit's segment is.
 
-    Writes rows and forms of the segments, as many as there are roots, and numbers (3, .): their
-    drift and priors.
+    place (n,): room to work in. Writes rows and forms of the segments, as many as there are roots,
+    and numbers (3, .): their drift and priors.
     """
     found = 0
-    place = np.empty(root.size, np.int32)
     for k in range(root.size):
         if root[k] == k:
             place[k] = found

@@ -68,13 +68,12 @@ def sum_units(rows, inside, sums, count):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def correlate(grid, rows, inside, planes, out):  # type: ignore[no-untyped-def]
+def correlate(grid, rows, inside, planes, off, out):  # type: ignore[no-untyped-def]
     """Sums over units side by side inside the same label: writes out (labels, 3).
 
     Of their residuals in standard deviations: the product, the mean square; and of pairs. planes
-    (labels, 3): (t0, t1, t2) of w = t0 + t1 x + t2 y.
+    (labels, 3): (t0, t1, t2) of w = t0 + t1 x + t2 y; off (units,): room to work in.
     """
-    off = np.empty(inside.size)
     for k in range(off.size):
         if inside[k] == 0:
             continue

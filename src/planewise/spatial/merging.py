@@ -131,7 +131,7 @@ def _joined_squares(
     numbers = workspace.empty((3, left))
     squares.keep_roots(
         root, square, cells.rows, forms, free, *joined, drift, cells.offset_prior,
-        cells.slope_prior, rows, shapes, numbers,
+        cells.slope_prior, np.empty(count, np.int32), rows, shapes, numbers,
     )  # fmt: skip
     segments = Segments(
         rows=rows,

@@ -85,8 +85,8 @@ def residual_correlation(
     drifts, brings it towards 1. NaN with fewer than ten pairs of cells. inside (units,): label of
     each (`units_inside`), 0 for none; affine (N K, 3): the planes in every sector.
     """
-    sums = np.empty((len(affine) + 1, 3))
-    unit_loops.correlate(cells.grid, cells.rows, inside, with_none(affine), sums)
+    sums, off = np.empty((len(affine) + 1, 3)), np.empty(len(inside))
+    unit_loops.correlate(cells.grid, cells.rows, inside, with_none(affine), off, sums)
     together, apart, pairs = sectors.summed(sums[1:]).T
     told = (pairs >= _FEWEST_PAIRS) & (apart > 0)
     return np.where(told, together / np.where(told, apart, 1.0), np.nan)
