@@ -6,7 +6,7 @@ import numpy as np
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.forms import discord_of
-from planewise.kernels.jit import compiled, in_order, inlined, internal
+from planewise.kernels.jit import called, compiled, in_order, inlined, internal
 from planewise.kernels.masks import list_marked, room_for_runs
 
 
@@ -60,7 +60,7 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
     return _border_discords(unit, whole, segment, forms, right, below, out, lines, marked, places)
 
 
-@internal
+@called
 def _border_discords(  # type: ignore[no-untyped-def]
     unit, whole, segment, forms, right, below, out, lines, marked, places
 ):

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from planewise.kernels.cells import add_reading, own_plane
-from planewise.kernels.jit import called, compiled, inlined, internal
+from planewise.kernels.jit import called, compiled, inlined
 from planewise.kernels.labels import CHUNK, NONE, WAITING
 from planewise.kernels.masks import list_runs, room_for_runs
 from planewise.kernels.splits import SUMS, halve, sum_side
@@ -35,7 +35,7 @@ def label_misfits(label, w, p, x, y, planes, every, most, out):  # type: ignore[
     _add_misfits(label, w, p, x, y, planes, every, most, line, last, places, out)
 
 
-@internal
+@called
 def _add_misfits(  # type: ignore[no-untyped-def]
     label, w, p, x, y, planes, every, most, line, last, places, out
 ):

@@ -69,9 +69,10 @@ internal = _kept(fastmath=_FAST, no_cpython_wrapper=True, forceinline=True)
 """`compiled` for what only other loops call."""
 
 called = _kept(fastmath=_FAST, no_cpython_wrapper=True)
-"""`internal` for what is large and called in several places of one module, which compiles sooner if
-it is not copied into each. Where two loops have it, it depends on which of both was compiled first
-whose copy Numba 0.62 runs: such as is in every loop has to be `internal`."""
+"""`internal` for what is large, which compiles sooner if it is not copied into its callers: what is
+called in several places of one module, or all that a loop does once it has room to work in. Where
+two loops have it, it depends on which of both was compiled first whose copy Numba 0.62 runs: such
+as is in every loop has to be `internal`."""
 
 inlined = _njit(inline="always")
 """Part of its caller: for what is called in one place, or has to be vector code there."""

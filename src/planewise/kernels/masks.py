@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from planewise.kernels.jit import in_order, inlined, internal
+from planewise.kernels.jit import called, in_order, inlined, internal
 
 NONE = 4  # symbol of a label that none of the neighbours has
 SYMBOLS = 5
@@ -196,7 +196,7 @@ def count_labels(labels, p, lines, edge, slots, around, label, times):  # type: 
     )
 
 
-@internal
+@called
 def _count_rows(  # type: ignore[no-untyped-def]
     labels, p, lines, edge, slots, around, label, times, keys, raws, places, seen
 ):

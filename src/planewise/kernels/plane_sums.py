@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled, internal
+from planewise.kernels.jit import called, compiled
 from planewise.kernels.masks import list_runs, room_for_runs
 
 _FAR = 1 << 31  # beyond any row or column: where the box of no pixels begins
@@ -35,7 +35,7 @@ def plane_sums(  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@internal
+@called
 def _add_up(  # type: ignore[no-untyped-def]
     labels, place, w, x, y, straight, planes, solid, ratio, first, last, line, ends, places,
     ranked, sums, boxes,

@@ -185,7 +185,7 @@ def _add_side(u, v, nats, latest, k, place, ends, boundary, alive, sides):  # ty
     return sides + 1
 
 
-@internal
+@called
 def _list_sides(  # type: ignore[no-untyped-def]
     unit, discords, price, wraps, ends, boundary, alive, latest, marked, places
 ):
@@ -231,7 +231,7 @@ def _keep_alive(ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
     return edges
 
 
-@internal
+@called
 def _merge_best_first(  # type: ignore[no-untyped-def]
     segments, forms, drift, lean, offset_prior, slope_prior, home, turns, most, longest, tails,
     segment, ends, edges, following, alive, valued, head, tail, degree, version, boundary, misfit,
