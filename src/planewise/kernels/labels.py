@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from planewise.kernels.cells import SIDE
-from planewise.kernels.jit import called, compiled, internal
+from planewise.kernels.jit import compiled, internal
 from planewise.kernels.tables import reading_variance
 
 NONE = np.int16(-1)
@@ -96,7 +96,7 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, first, last, state, b
     _let_wait(coarse, apart, w, p, x, y, planes, bound, first, last, state, busy, listed)
 
 
-@called
+@internal
 def _let_wait(  # type: ignore[no-untyped-def]
     coarse, apart, w, p, x, y, planes, bound, first, last, state, busy, listed
 ):
