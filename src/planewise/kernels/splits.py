@@ -75,7 +75,7 @@ def _try_lines(points, step, angle, fewest, bins, sides, best):  # type: ignore[
     scale = _BINS / (high - low) if high > low else 0.0
     bins[:] = 0.0
     for k in range(0, points.shape[0], step):
-        x, y, w, p = points[k]
+        x, y, w, p = points[k, 0], points[k, 1], points[k, 2], points[k, 3]
         b = min(int((cos * x + sin * y - low) * scale), _BINS - 1)
         add_reading(bins[b], p, x, y, w)
         bins[b, SUMS] += step
@@ -151,14 +151,14 @@ def correlate(points, part, sides, sums, out):  # type: ignore[no-untyped-def]
     """
     sums[:] = 0.0
     for k in range(part.size):
-        x, y, w, p = points[k]
+        x, y, w, p = points[k, 0], points[k, 1], points[k, 2], points[k, 3]
         add_reading(sums[part[k]], p, x, y, w)
     off, planes = np.empty(part.size), np.empty((out.shape[0], 5))
     for j in range(out.shape[0]):
         cx, cy, mean, tx, ty, _, _, _, _ = own_plane(sums[j])
         planes[j, 0], planes[j, 1], planes[j, 2], planes[j, 3], planes[j, 4] = cx, cy, mean, tx, ty
     for k in range(part.size):
-        x, y, w, p = points[k]
+        x, y, w, p = points[k, 0], points[k, 1], points[k, 2], points[k, 3]
         t = planes[part[k]]
         off[k] = math.sqrt(p) * (w - t[2] - t[3] * (x - t[0]) - t[4] * (y - t[1]))
     out[:] = 0.0
