@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,6 +13,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import planewise as pw
 from planewise.enlarged.interpolated import Knots
 from planewise.enlarged.own_pixels import own_pixels
+from planewise.kernels import knots
 from tests.enlarging import along, camera_of, interpolated, places
 from tests.test_frame_error import smooth
 
@@ -170,3 +173,43 @@ OTHERS = {
 def test_other_images_are_searched_as_they_are(room, name):
     depth = OTHERS[name](np.random.default_rng(0))
     assert own_pixels(depth, room.camera) is None
+
+
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([np.uint16, np.float32, np.float64]),
+    st.integers(1, 5),
+)
+def test_second_differences_show_how_they_go_on(seed, kind, step):  # fmt: skip
+    rng = np.random.default_rng(seed)
+    image = rng.integers(500, 4000, (40, 30)).astype(kind)
+    image[rng.random(image.shape) < 0.1] = 0
+    image[3] = 0
+    if kind != np.uint16:
+        image[rng.random(image.shape) < 0.1] = rng.choice([np.nan, np.inf, -np.inf])
+    some = image[:, step // 2 :: step].astype(float)
+    some[~(np.isfinite(some) & (some != 0))] = np.nan
+    bend = np.diff(some, 2, axis=0)
+    counts = np.isfinite(some).sum(), np.isfinite(bend).sum()
+    bend = np.nan_to_num(bend)
+    energy = (bend**2).sum(axis=1) + np.finfo(float).tiny
+    two, product = energy[1:] + energy[:-1], (bend[1:] * bend[:-1]).sum(axis=1)
+    signals = np.empty((2, 36))
+    assert knots.bends_along(image, step // 2, step, signals) == counts
+    assert_allclose(signals[0], (2 * product / two)[:-1], rtol=1e-12, atol=1e-12)
+    assert_allclose(signals[1], energy[1:-1] / (two[:-1] + energy[2:]), rtol=1e-12)
+
+
+@given(st.integers(0, 2**32 - 1), st.booleans(), st.sampled_from([np.uint16, np.float32]))
+def test_lines_that_are_alike_or_empty_are_seen(seed, down, kind):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 2, (9, 12)).astype(kind)
+    if kind != np.uint16:
+        image[rng.random(image.shape) < 0.2] = np.nan
+    line = rng.integers(9)
+    image[line] = [image[line - 1], 0, image[line]][rng.integers(3)]
+    lines = image[2:7]
+    given = image.T.copy() if down else image
+    alike = [np.array_equal(a, b, equal_nan=kind != np.uint16) for a, b in pairwise(lines)]
+    empty = [not (np.isfinite(each) & (each != 0)).any() for each in lines]
+    assert knots.lines_tell(given, down, 2, 5) == (any(alike), any(empty))

@@ -27,8 +27,13 @@ def middle_rows(image: NDArray[Any], count: int) -> NDArray[Any]:
 
 def spread_rows(image: NDArray[Any], count: int) -> NDArray[Any]:
     """So many rows of an image, or a few more, as far apart as may be."""
-    step = max(1, image.shape[0] // count)
+    step = spread(image.shape[0], count)
     return image[step // 2 :: step]
+
+
+def spread(rows: int, count: int) -> int:
+    """How far apart `spread_rows` are; the first is half as far from the edge."""
+    return max(1, rows // count)
 
 
 def cell_counts(there: Mask, side: int) -> NDArray[np.intp]:

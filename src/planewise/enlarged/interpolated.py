@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planewise.density import has_reading, spread_rows
+from planewise.density import has_reading, spread, spread_rows
 from planewise.enlarged.lines import Index, Lines
 
 Array = NDArray[np.float64]
@@ -147,7 +147,7 @@ def _some_columns(image: Image, count: int) -> Array:
 
 def _knots(image: Image) -> tuple[Knots, float] | None:
     """Own rows of an image, and what they leave of others; None where it was not interpolated."""
-    period = _period(_some_columns(image, _COLUMNS[0]))
+    period = _period(image)
     if period is None:
         return None
     some = _some_columns(image, _COLUMNS[1])
@@ -173,14 +173,13 @@ def _candidates(size: int, period: float) -> Iterator[Knots]:
                     yield from Knots.of(size, own)
 
 
-def _period(image: Array) -> float | None:
+def _period(image: Image) -> float | None:
     """After how many rows the same comes again in the second differences along columns."""
     if len(image) < 2 * _FEWEST:
         return None
-    bend = _second_differences(image)
-    if 2 * np.count_nonzero(np.isfinite(bend)) < np.count_nonzero(np.isfinite(image)):
+    signals, readings, bends = _bends(image, _COLUMNS[0])
+    if 2 * bends < readings:
         return None  # lines through readings far apart leave nothing
-    signals = np.stack(_bends(bend))
     signals -= signals.sum(axis=1, keepdims=True) / signals.shape[1]
     waves = np.fft.rfft(signals)
     power = (waves.real**2 + waves.imag**2).sum(axis=0)
@@ -190,28 +189,18 @@ def _period(image: Array) -> float | None:
     return signals.shape[1] / best if regular else None
 
 
-def _second_differences(image: Array) -> Array:
-    """Those along columns, shape (H - 2, W); NaN where a reading is missing."""
-    slope = image[1:] - image[:-1]
-    return np.asarray(slope[1:] - slope[:-1])
+def _bends(image: Image, columns: int) -> tuple[Array, int, int]:
+    """What second differences along so many columns, or a few more, show (`kernels.knots`)."""
+    from planewise.kernels import knots as kernels  # loads Numba
 
-
-def _bends(bend: Array) -> tuple[Array, Array]:
-    """What second differences along columns show, two arrays of shape (H - 4,); sets NaN to 0.
-
-    How alike those of every row and the one before are, -1 to 1; and what share of the energy of
-    three rows is that of the middle one.
-    """
-    bend[np.isnan(bend)] = 0
-    energy = np.einsum("ij,ij->i", bend, bend) + np.finfo(float).tiny
-    product, two = np.einsum("ij,ij->i", bend[1:-1], bend[:-2]), energy[1:] + energy[:-1]
-    return 2 * product / two[:-1], energy[1:-1] / (two[:-1] + energy[2:])
+    signals, step = np.empty((2, len(image) - 4)), spread(image.shape[1], columns)
+    return signals, *kernels.bends_along(np.ascontiguousarray(image), step // 2, step, signals)
 
 
 def _is_smooth(image: Array) -> bool:
     """Whether errors of neighbours are alike; else their second differences are opposed."""
-    bends = (_second_differences(_some_columns(each, _COLUMNS[1])) for each in (image, image.T))
-    return sum(float(_bends(bend)[0].mean()) for bend in bends) > 0
+    both = (_bends(each, _COLUMNS[1])[0] for each in (image, image.T))
+    return sum(float(signals[0].mean()) for signals in both) > 0
 
 
 def _left(image: Array, knots: Knots) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.camera import Camera, PinholeCamera
-from planewise.density import Mask, has_reading, middle_rows
+from planewise.density import Mask, has_reading
 from planewise.enlarged.filled import filled
 from planewise.enlarged.interpolated import interpolated
 from planewise.enlarged.lines import Index, Lines
@@ -134,7 +134,14 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
         return None
     if depth.dtype.kind not in "fiu":
         return None
-    lines = _repeated(depth) or _sparse(depth)
+    (rows_alike, row_empty), (columns_alike, column_empty) = (
+        _lines_tell(depth, down=down) for down in (False, True)
+    )
+    lines = None
+    if rows_alike and columns_alike:
+        lines = _repeated(depth)
+    if lines is None and (row_empty or column_empty):
+        lines = _sparse(depth)
     if lines is not None:
         own = depth[np.ix_(lines[0].first, lines[1].first)]
     elif not camera.radial and (blocks := filled(depth, camera)) is not None:
@@ -147,24 +154,26 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
     return OwnPixels.of(depth, camera, *lines, own)
 
 
+def _lines_tell(image: Image, *, down: bool) -> tuple[bool, bool]:
+    """Whether two of the middle rows, or columns, are equal, and whether one has no readings."""
+    from planewise.kernels.knots import lines_tell  # loads Numba
+
+    size = image.shape[1 if down else 0]
+    first = max(0, size // 2 - _LOOKED_AT // 2)
+    alike, empty = lines_tell(
+        np.ascontiguousarray(image), down, first, min(_LOOKED_AT, size - first)
+    )
+    return bool(alike), bool(empty)
+
+
 def _repeated(image: Image) -> tuple[Lines, Lines] | None:
     """Own rows and columns of an image that repeats them."""
-    if not (
-        _equal(middle_rows(image, _LOOKED_AT)).any()
-        and _equal(middle_rows(image.T, _LOOKED_AT)).any()
-    ):
-        return None
     rows, columns = _own_rows(image), _own_rows(image.T)
     return None if rows is None or columns is None else (rows, columns)
 
 
 def _sparse(image: Image) -> tuple[Lines, Lines] | None:
     """Own rows and columns of an image of which others have no readings."""
-    if (
-        _has_readings(middle_rows(image, _LOOKED_AT)).all()
-        and _has_readings(middle_rows(image.T, _LOOKED_AT)).all()
-    ):
-        return None
     rows, columns = _rows_with_readings(image), _rows_with_readings(image.T)
     if rows is None or columns is None:
         return None

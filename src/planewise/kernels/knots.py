@@ -1,12 +1,77 @@
-"""Loop over lines of an image that was interpolated: what they were before, by least squares."""
+"""Loops over lines of an image: whether it may have been enlarged, and what it was before.
+
+image (H, W): what is 0 or not finite is no reading.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.jit import compiled
+from planewise.kernels.jit import compiled, in_order, inlined
 
 _LEAST = 1e-6  # pivot of what the readings tell
+_TINY = float(np.finfo(np.float64).tiny)
+
+
+@inlined
+def _is_reading(value):  # type: ignore[no-untyped-def]
+    """Whether a pixel has a reading."""
+    return value != 0 and np.isfinite(value)
+
+
+@in_order
+def lines_tell(image, down, first, count):  # type: ignore[no-untyped-def]
+    """Whether any of so many lines side by side is like the one before, and whether any is empty.
+
+    Columns or rows: down or not. Missing readings are alike as far as they are marked alike.
+    """
+    alike = empty = False
+    for line in range(first, first + count):
+        same, some, k = line > first, False, 0
+        while (same or not some) and k < image.shape[0 if down else 1]:
+            value = image[k, line] if down else image[line, k]
+            some |= _is_reading(value)
+            if same:
+                other = image[k, line - 1] if down else image[line - 1, k]
+                same = value == other or (value != value and other != other)  # NaN, too
+            k += 1
+        alike |= same
+        empty |= not some
+    return alike, empty
+
+
+@in_order
+def bends_along(image, first, step, signals):  # type: ignore[no-untyped-def]
+    """What second differences along columns show, of every `step`-th column.
+
+    Writes signals (2, H - 4): how alike those of every row and the one before are, -1 to 1; and
+    what share of the energy of three rows is that of the middle one. Returns how many readings
+    there are, and how many second differences.
+    """
+    height = image.shape[0]
+    energy, product = np.empty(height), np.empty(height)
+    for i in range(height):
+        energy[i], product[i] = _TINY, 0.0
+    readings = bends = 0
+    for column in range(first, image.shape[1], step):
+        above = slope = bend = np.nan
+        for i in range(height):
+            value = image[i, column]
+            here = np.float64(value) if _is_reading(value) else np.nan
+            last_slope, last_bend, slope = slope, bend, here - above
+            bend, above = slope - last_slope, here
+            readings += np.isfinite(here)
+            if np.isfinite(bend):
+                bends += 1
+                energy[i] += bend * bend
+                if np.isfinite(last_bend):
+                    product[i] += bend * last_bend
+    for k in range(signals.shape[1]):
+        i = k + 3
+        two = energy[i] + energy[i - 1]
+        signals[0, k] = 2.0 * product[i] / two
+        signals[1, k] = energy[i] / (two + energy[i + 1])
+    return readings, bends
 
 
 @compiled
