@@ -209,7 +209,7 @@ def test_lines_that_are_alike_or_empty_are_seen(seed, down, kind):
     line = rng.integers(9)
     image[line] = [image[line - 1], 0, image[line]][rng.integers(3)]
     lines = image[2:7]
-    given = image.T.copy() if down else image
+    pixels, of_each = (image.T.ravel(), (12, 1, 9)) if down else (image.ravel(), (12, 12, 1))
     alike = [np.array_equal(a, b, equal_nan=kind != np.uint16) for a, b in pairwise(lines)]
     empty = [not (np.isfinite(each) & (each != 0)).any() for each in lines]
-    assert knots.lines_tell(given, down, 2, 5) == (any(alike), any(empty))
+    assert knots.lines_tell(pixels, 2, 5, *of_each) == (any(alike), any(empty))

@@ -131,26 +131,29 @@ def valuing() -> None:
 
 
 def labelling() -> None:
-    """Label pixels, and part both planes of the valley, as if they were one."""
+    """Part both planes of the valley, as if they were one, and label pixels; the last loops first.
+
+    Here the call may come up: it should not have to compile a loop that takes seconds, too.
+    """
     valley = _valley()
-    cells, both = valley.cells, np.arange(2)
-    limits: Any = SimpleNamespace(range=_LIMITS[0], resolution=_LIMITS[1])
-    of_planes = cells, valley.of_unit, both, valley.rows[None], both, limits, None, 1.0
-    label_planes(valley.frame, *of_planes)
     labels = np.ones((_SIZE, _SIZE), np.uint16)
     one, work = valley.rows.sum(axis=0)[None], Workspace()
     chi2, count = misfits_of(valley.frame, 1.0, one, labels).T
     doubtful = LabelPixels.of(labels, chi2 > 0.0, count, work)
     _, _, pixels = parted(valley.frame, 1.0, one, labels, doubtful, 1.0, 0.0)
+    images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
+    ends = np.zeros(1, np.int64), np.array([len(pixels)])
+    out, sides = np.empty((1, 2, 3)), np.empty((1, 2))
+    profiles(pixels, *ends, *images, 1.0, np.zeros((1, 3)), 1, 0.0, 1.0, 1.0, out, sides)
     marks = Marks.of(labels.shape, work)
     named = np.ones(3, np.bool_)
     marks.label[:], marks.seen[:] = 0, False
     wait_about(pixels, labels, named, marks.label, marks.state, marks.busy, marks.seen)
-    images = valley.frame.w, valley.frame.p, *valley.frame.sectors.coordinates
     give_back(labels, marks.label, marks.seen, named, *images, 1.0)
-    ends = np.zeros(1, np.int64), np.array([len(pixels)])
-    out, sides = np.empty((1, 2, 3)), np.empty((1, 2))
-    profiles(pixels, *ends, *images, 1.0, np.zeros((1, 3)), 1, 0.0, 1.0, 1.0, out, sides)
+    cells, both = valley.cells, np.arange(2)
+    limits: Any = SimpleNamespace(range=_LIMITS[0], resolution=_LIMITS[1])
+    of_planes = cells, valley.of_unit, both, valley.rows[None], both, limits, None, 1.0
+    label_planes(valley.frame, *of_planes)
 
 
 def surfaces() -> None:

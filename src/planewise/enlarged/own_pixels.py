@@ -158,11 +158,11 @@ def _lines_tell(image: Image, *, down: bool) -> tuple[bool, bool]:
     """Whether two of the middle rows, or columns, are equal, and whether one has no readings."""
     from planewise.kernels.knots import lines_tell  # loads Numba
 
-    size = image.shape[1 if down else 0]
-    first = max(0, size // 2 - _LOOKED_AT // 2)
-    alike, empty = lines_tell(
-        np.ascontiguousarray(image), down, first, min(_LOOKED_AT, size - first)
-    )
+    height, width = image.shape
+    lines, of_each = (width, (height, 1, width)) if down else (height, (width, width, 1))
+    first = max(0, lines // 2 - _LOOKED_AT // 2)
+    count, pixels = min(_LOOKED_AT, lines - first), np.ascontiguousarray(image).reshape(-1)
+    alike, empty = lines_tell(pixels, first, count, *of_each)
     return bool(alike), bool(empty)
 
 

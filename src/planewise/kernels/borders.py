@@ -6,7 +6,7 @@ import numpy as np
 
 from planewise.kernels.cells import SIDE
 from planewise.kernels.forms import discord_of
-from planewise.kernels.jit import called, compiled, in_order, inlined, internal
+from planewise.kernels.jit import compiled, in_order, inlined, internal
 from planewise.kernels.masks import list_marked, room_for_runs
 
 
@@ -55,17 +55,9 @@ def border_discords(unit, whole, segment, forms, right, below, out):  # type: ig
     of the units; right, below: discords of units that are whole (units,), from `square_discords`;
     out (2, rows, columns). Returns how many sides are not -1.
     """
-    lines = np.empty((2, unit.shape[1]), np.int32)
-    marked, places = room_for_runs(unit.shape[1])
-    return _border_discords(unit, whole, segment, forms, right, below, out, lines, marked, places)
-
-
-@called
-def _border_discords(  # type: ignore[no-untyped-def]
-    unit, whole, segment, forms, right, below, out, lines, marked, places
-):
-    """`border_discords`; lines (2, columns): room for the segments of a row, and of the next."""
     rows, columns = unit.shape
+    lines = np.empty((2, columns), np.int32)  # segments of the cells of a row, and of the next
+    marked, places = room_for_runs(columns)
     _write_segments(unit[0], segment, lines[0])
     found = 0
     for i in range(rows):

@@ -200,7 +200,7 @@ def _add_to_tiles(row, new, logs, out):  # type: ignore[no-untyped-def]
     product = row[PRODUCT]
     for k in range(logs.size):
         logs[k] = logarithm(product[k])
-    for e in range(MOMENTS + 1):
+    for e in range(out.shape[0]):
         s, t = logs if e == PRODUCT else row[e], out[e]
         for j in range(t.size):
             t[j] = s[3 * j] + s[3 * j + 1] + s[3 * j + 2] + (0.0 if new else t[j])

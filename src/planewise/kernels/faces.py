@@ -30,18 +30,9 @@ def label_misfits(label, w, p, x, y, planes, every, most, out):  # type: ignore[
 
     Sum of (w - plane)^2 p, each `most` at most, and readings; of every so many rows one counts.
     """
-    line = np.empty(label.shape[1], y.dtype)
-    last, places = room_for_runs(line.size)
-    _add_misfits(label, w, p, x, y, planes, every, most, line, last, places, out)
-
-
-@called
-def _add_misfits(  # type: ignore[no-untyped-def]
-    label, w, p, x, y, planes, every, most, line, last, places, out
-):
-    """`label_misfits`, with room for a row."""
     out[:] = 0.0
-    alike = x.shape[0] == 1
+    alike, line = x.shape[0] == 1, np.empty(label.shape[1], y.dtype)
+    last, places = room_for_runs(line.size)
     for i in range(every // 2, label.shape[0], every):
         row, stop = label[i], 0
         line[:] = y[i, 0]

@@ -1,6 +1,6 @@
 """Loops over lines of an image: whether it may have been enlarged, and what it was before.
 
-image (H, W): what is 0 or not finite is no reading.
+What is 0 or not finite is no reading.
 """
 
 from __future__ import annotations
@@ -20,21 +20,24 @@ def _is_reading(value):  # type: ignore[no-untyped-def]
 
 
 @in_order
-def lines_tell(image, down, first, count):  # type: ignore[no-untyped-def]
+def lines_tell(pixels, first, count, size, apart, step):  # type: ignore[no-untyped-def]
     """Whether any of so many lines side by side is like the one before, and whether any is empty.
 
-    Columns or rows: down or not. Missing readings are alike as far as they are marked alike.
+    pixels (H W,): of an image; `size` of a line, `step` apart, lines `apart`. Missing readings are
+    alike as far as they are marked alike.
     """
     alike = empty = False
     for line in range(first, first + count):
-        same, some, k = line > first, False, 0
-        while (same or not some) and k < image.shape[0 if down else 1]:
-            value = image[k, line] if down else image[line, k]
+        same, some, at = line > first, False, line * apart
+        for _ in range(size):
+            value = pixels[at]
             some |= _is_reading(value)
             if same:
-                other = image[k, line - 1] if down else image[line - 1, k]
+                other = pixels[at - apart]
                 same = value == other or (value != value and other != other)  # NaN, too
-            k += 1
+            elif some:
+                break
+            at += step
         alike |= same
         empty |= not some
     return alike, empty
@@ -42,7 +45,7 @@ def lines_tell(image, down, first, count):  # type: ignore[no-untyped-def]
 
 @in_order
 def bends_along(image, first, step, signals):  # type: ignore[no-untyped-def]
-    """What second differences along columns show, of every `step`-th column.
+    """What second differences along columns of image (H, W) show, of every `step`-th column.
 
     Writes signals (2, H - 4): how alike those of every row and the one before are, -1 to 1; and
     what share of the energy of three rows is that of the middle one. Returns how many readings

@@ -92,17 +92,9 @@ def find_waiting(coarse, apart, w, p, x, y, planes, bound, first, last, state, b
     Those off it have (w - plane)^2 p / 2 > bound. coarse, apart, state as in `lay_out`; sets busy
     for chunks that hold pixels that wait.
     """
-    listed = np.empty(apart.shape[1], np.uintp)
-    _let_wait(coarse, apart, w, p, x, y, planes, bound, first, last, state, busy, listed)
-
-
-@internal
-def _let_wait(  # type: ignore[no-untyped-def]
-    coarse, apart, w, p, x, y, planes, bound, first, last, state, busy, listed
-):
-    """`find_waiting`, with room for a row of cells."""
     height, width = w.shape
     columns, alike = apart.shape[1], x.shape[0] == 1
+    listed = np.empty(columns, np.uintp)
     for r in range(first, last):
         found, others = 0, apart[r]
         for c in range(columns):
