@@ -220,6 +220,23 @@ def test_any_array_is_looked_at(room):
         assert pw.detect_planes(given, camera, room.sensor).information == wanted.information
 
 
+@pytest.mark.parametrize(
+    ("kind", "plain"),
+    [(">u2", "u2"), (">i4", "i4"), (">f4", "f4"), (">f8", "f8"), ("g", "f8"), ("f2", "f8")],
+)
+def test_numbers_may_be_of_any_kind(room, kind, plain):
+    shape = (240, 320)
+    depth, camera = repeated(room.depth, shape), camera_of(room.camera, SIZE, shape)
+    for image, its in ((depth, camera), (room.depth, room.camera)):
+        given = (image if plain in ("u2", "i4") else 0.001 * image).astype(kind)
+        found, wanted = (
+            pw.detect_planes(each, its, room.sensor) for each in (given, given.astype(plain))
+        )
+        assert found.settings.get("own_size") == wanted.settings.get("own_size")
+        assert_array_equal(found.labels, wanted.labels)
+        assert found.information == wanted.information
+
+
 @pytest.mark.parametrize("how", [repeated, interpolated])
 def test_every_door_looks(room, how):
     shape = (240, 320)

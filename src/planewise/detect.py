@@ -147,9 +147,6 @@ def observe_and_find(
 
     with stage("observe"):
         if options.objective == SPATIAL and options.partition is None:
-            from planewise import compilation  # loads Numba
-
-            compilation.announce("depth image")
             depth = unmasked("depth", depth)
             own = own_pixels(within_range(depth, checked_sensor(sensor), depth_scale), camera)
         if own is not None:

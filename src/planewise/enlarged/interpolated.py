@@ -194,7 +194,14 @@ def _bends(image: Image, columns: int) -> tuple[Array, int, int]:
     from planewise.kernels import knots as kernels  # loads Numba
 
     signals, step = np.empty((2, len(image) - 4)), spread(image.shape[1], columns)
-    return signals, *kernels.bends_along(np.ascontiguousarray(image), step // 2, step, signals)
+    return signals, *kernels.bends_along(as_loops_take(image), step // 2, step, signals)
+
+
+def as_loops_take(image: Image) -> Image:
+    """An image in one piece, of numbers that compiled loops know: itself, as a rule."""
+    kind = image.dtype.newbyteorder("=")
+    known = kind.kind != "f" or kind.itemsize in (4, 8)
+    return np.ascontiguousarray(image, kind if known else np.float64)
 
 
 def _is_smooth(image: Array) -> bool:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from planewise.camera import Camera, PinholeCamera
 from planewise.density import Mask, has_reading
 from planewise.enlarged.filled import filled
-from planewise.enlarged.interpolated import interpolated
+from planewise.enlarged.interpolated import as_loops_take, interpolated
 from planewise.enlarged.lines import Index, Lines
 from planewise.enlarged.scattered import Scattered, scattered
 from planewise.model import Plane, PlaneModel
@@ -156,12 +156,14 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
 
 def _lines_tell(image: Image, *, down: bool) -> tuple[bool, bool]:
     """Whether two of the middle rows, or columns, are equal, and whether one has no readings."""
-    from planewise.kernels.knots import lines_tell  # loads Numba
+    from planewise import compilation  # loads Numba
+    from planewise.kernels.knots import lines_tell
 
+    compilation.announce("depth image")
     height, width = image.shape
     lines, of_each = (width, (height, 1, width)) if down else (height, (width, width, 1))
     first = max(0, lines // 2 - _LOOKED_AT // 2)
-    count, pixels = min(_LOOKED_AT, lines - first), np.ascontiguousarray(image).reshape(-1)
+    pixels, count = as_loops_take(image).reshape(-1), min(_LOOKED_AT, lines - first)
     alike, empty = lines_tell(pixels, first, count, *of_each)
     return bool(alike), bool(empty)
 
