@@ -118,10 +118,8 @@ def test_profile_is_the_least_squares_fit_across(seed, alike, width):
             rest = rest - columns @ np.linalg.lstsq(columns, rest, rcond=None)[0]
             assert_allclose(chi2, rest @ rest, rtol=1e-3, atol=1e-6)
         assert row[2] == inside.sum()
-    for wide, longer in (
-        (across, 0.0),
-        (np.inf, 1.01 * along / across),
-    ):  # as wide, or hardly longer
+    # As wide, or not as long: no strip.
+    for wide, longer in ((across, 0.0), (np.inf, 1.01 * along / across)):
         profiles(*given, wide, longer, out, sides_of)
         assert_array_equal(out[1], 0.0)
         assert_allclose(sides_of[1], (across, along))

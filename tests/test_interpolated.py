@@ -180,7 +180,7 @@ def test_other_images_are_searched_as_they_are(room, name):
     st.sampled_from([np.uint16, np.float32, np.float64]),
     st.integers(1, 5),
 )
-def test_second_differences_show_how_they_go_on(seed, kind, step):  # fmt: skip
+def test_second_differences_show_how_they_go_on(seed, kind, step):
     rng = np.random.default_rng(seed)
     image = rng.integers(500, 4000, (40, 30)).astype(kind)
     image[rng.random(image.shape) < 0.1] = 0

@@ -96,8 +96,7 @@ def inner_units(grid, of_unit, out):  # type: ignore[no-untyped-def]
     grid (rows, columns): unit of every cell, -1 for none; of_unit (m,): segments of units.
     """
     rows, columns = grid.shape
-    for unit in range(out.size):
-        out[unit] = of_unit[unit]
+    out[:] = of_unit
     for i in range(rows):
         for j in range(columns):
             u = grid[i, j]

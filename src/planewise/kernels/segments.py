@@ -8,9 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from planewise.kernels.borders import border_price, list_apart
 from planewise.kernels.cells import COUNT, MISFIT, SEGMENT
-from planewise.kernels.edges import append_half, find_edge, list_edges, unite_edges, write_roots
+from planewise.kernels.edges import (
+    append_half,
+    find_edge,
+    keep_alive,
+    list_edges,
+    list_sides,
+    unite_edges,
+    write_roots,
+)
 from planewise.kernels.elementary import logarithm
 from planewise.kernels.forms import (
     FORM,
@@ -172,65 +179,6 @@ def _join(segments, forms, drift, lean, u, v, misfit):  # type: ignore[no-untype
     write_form(segments[u], drift[u], lean, forms[u])
 
 
-@inlined
-def _add_side(u, v, nats, latest, k, place, ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
-    """Add a side between segments u and v to the latest edge, or list it as one of its own."""
-    edge = latest[k, place]
-    if edge >= 0 and ends[edge, 0] == u and ends[edge, 1] == v:
-        boundary[edge] += nats
-        return sides
-    ends[sides, 0], ends[sides, 1] = u, v
-    boundary[sides], alive[sides] = nats, 1
-    latest[k, place] = sides
-    return sides + 1
-
-
-@called
-def _list_sides(  # type: ignore[no-untyped-def]
-    unit, discords, price, wraps, ends, boundary, alive, latest, marked, places
-):
-    """Sides between cells of two segments, as edges with the nats that a merge saves there.
-
-    A side that goes on where the one above it, or to its left, ended is part of the same edge.
-    latest (2, columns): edges across the last sides in their direction; marked, places:
-    `masks.room_for_runs` of so many.
-    """
-    rows, columns = unit.shape
-    sides = np.intp(0)
-    latest[0, :] = latest[1, 0] = -1
-    for i in range(rows):
-        for n in range(list_apart(unit[i], unit[min(i + 1, rows - 1)], marked, places)):
-            j = np.intp(places[n])
-            u, column = unit[i, j], j + 1
-            if u < 0:
-                continue
-            if wraps and column == columns:
-                column = np.intp(0)
-            if column < columns:
-                v = unit[i, column]
-                if v >= 0 and v != u:
-                    nats = border_price(discords[0, i, j], price)
-                    sides = _add_side(u, v, nats, latest, 0, j, ends, boundary, alive, sides)
-            if i + 1 < rows:
-                v = unit[i + 1, j]
-                if v >= 0 and v != u:
-                    nats = border_price(discords[1, i, j], price)
-                    sides = _add_side(u, v, nats, latest, 1, 0, ends, boundary, alive, sides)
-    return sides
-
-
-@inlined
-def _keep_alive(ends, boundary, alive, sides):  # type: ignore[no-untyped-def]
-    """Move the edges that are left to the front. Returns how many there are."""
-    edges = np.intp(0)
-    for side in range(sides):
-        if alive[side]:
-            ends[edges, 0], ends[edges, 1] = ends[side, 0], ends[side, 1]
-            boundary[edges], alive[edges] = boundary[side], 1
-            edges += 1
-    return edges
-
-
 @called
 def _merge_best_first(  # type: ignore[no-untyped-def]
     segments, forms, drift, lean, offset_prior, slope_prior, home, turns, most, longest, tails,
@@ -356,13 +304,13 @@ def agglomerate(  # type: ignore[no-untyped-def]
     boundary, misfit = floats[:most_edges], floats[most_edges : 2 * most_edges]
     keys = floats[2 * most_edges :]
     degree[:] = version[:] = 0
-    edges = _list_sides(
+    edges = list_sides(
         unit, discords, price, wraps, ends, boundary, alive,
         np.empty((2, unit.shape[1]), np.int32), *room_for_runs(unit.shape[1]),
     )  # fmt: skip
     list_edges(ends, edges, head, tail, following)
     unite_edges(ends, boundary, alive, head, following, seen)
-    edges = _keep_alive(ends, boundary, alive, edges)
+    edges = keep_alive(ends, boundary, alive, edges)
     list_edges(ends, edges, head, tail, following)
 
     for u in range(count):
