@@ -16,6 +16,7 @@ from planewise.model import Curve, Move
 from planewise.objective import PAPER as PAPER_OBJECTIVE
 from planewise.observation import RayObservation
 from planewise.outlines.outlines import Surface
+from planewise.paper import rank
 from planewise.paper.evaluate import Assignment, evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.paper.rank import merge_found, merge_into_better
@@ -375,6 +376,27 @@ def test_readings_that_were_merged_go_on_to_a_still_better_plane(roof, camera):
     assert_array_equal(merged.assignment.labels, on_first < 0)
     assert_array_equal(merged.assignment.best, on_first)
     assert merged.phi == problem.phi(1, merged.assignment.gain)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 6])
+def test_earlier_planes_explain_no_reading_of_planes_found_in_turn(monkeypatch, seed):
+    scene = pw.scenes.room(seed, size=(240, 320))
+    merged = []
+
+    def of_all_planes(problem, solution, *, in_turn):
+        assert in_turn
+        merged.extend(merge_into_better(problem, solution, in_turn=way) for way in (True, False))
+        return merged[0]
+
+    monkeypatch.setattr(rank, "merge_into_better", of_all_planes)
+    arguments = scene.depth, scene.camera, scene.sensor
+    model = pw.detect_planes(*arguments, search="sequential", inlier_ratio=0.25)
+    some, every = merged
+    assert some.phi == every.phi
+    assert_array_equal(some.parameters, every.parameters)
+    assert_array_equal(some.assignment.labels, every.assignment.labels)
+    assert_array_equal(some.assignment.best, every.assignment.best)
+    assert ("merge" in {move.kind for move in model.curve.moves}) == (seed != 2)
 
 
 def test_a_search_of_next_to_no_confidence_takes_one_sample_a_plane(roof, camera):

@@ -179,12 +179,13 @@ def test_cell_moments_solve_the_linear_least_squares_of_each_cell():
         assert_allclose(moments[cell, 9], target @ target)
 
 
+@pytest.mark.parametrize("run", [1, 60])
 @pytest.mark.parametrize("k", [400, kernels.PART + 400])
-def test_summarise(k):
+def test_summarise(k, run):
     rng = np.random.default_rng(1)
     width = 25
     index = np.sort(rng.choice(2 * k, k, replace=False))
-    labels = rng.integers(0, 4, k).astype(np.uint16)
+    labels = rng.integers(0, 4, k).astype(np.uint16).repeat(run)[:k]
     gain, square, depth, solid = rng.uniform(1, 2, size=(4, k))
     direction = rng.normal(size=(3, k))
     sums, box = np.empty((parts(k), 3, 7)), np.empty((parts(k), 3, 4), np.int64)

@@ -354,25 +354,41 @@ def summarise(label, gain, square, direction, depth, solid, index, width, first,
     """Sums over the readings of every plane in parts first <= p < last.
 
     A reading is at direction * depth (n, k) and covers depth^3 solid / distance of its plane;
-    square is its squared residual. Writes sums (parts, N, 4 + n): count, gain, delta^2, depth^3
-    solid, position; and box (parts, N, 4): first row and column, last row and column + 1.
+    square is its squared residual; index, its place in the image, ascends. Writes sums (parts, N,
+    4 + n): count, gain, delta^2, depth^3 solid, position; and box (parts, N, 4): first row and
+    column, last row and column + 1.
     """
     sums[first:last] = 0.0
     box[first:last, :, :2] = np.iinfo(np.int64).max
     box[first:last, :, 2:] = 0
-    for i in range(first * PART, min(last * PART, label.size)):
-        if label[i] == 0:
-            continue
-        total, extent, z = sums[i // PART, label[i] - 1], box[i // PART, label[i] - 1], depth[i]
-        total[0] += 1.0
-        total[1] += gain[i]
-        total[2] += square[i]
-        total[3] += z * z * z * solid[i]
-        for axis in range(direction.shape[0]):
-            total[4 + axis] += direction[axis, i] * z
-        row = index[i] // width
-        column = index[i] - row * width
-        extent[0] = min(extent[0], row)
-        extent[1] = min(extent[1], column)
-        extent[2] = max(extent[2], row + 1)
-        extent[3] = max(extent[3], column + 1)
+    start, stop = first * PART, min(last * PART, label.size)
+    while start < stop:
+        # A run of one label in one row of the image: all its sums are taken at once.
+        of, part = label[start], start // PART
+        row = index[start] // width
+        before, end = (row + 1) * width, start + 1
+        until = min((part + 1) * PART, stop)
+        while end < until and label[end] == of and index[end] < before:
+            end += 1
+        if of > 0:
+            z, total, extent = depth[start:end], sums[part, of - 1], box[part, of - 1]
+            saved, square_of, area = gain[start:end], square[start:end], solid[start:end]
+            s0 = s1 = s2 = 0.0
+            for i in range(z.size):
+                s0 += saved[i]
+                s1 += square_of[i]
+                s2 += z[i] * z[i] * z[i] * area[i]
+            total[0] += z.size
+            total[1] += s0
+            total[2] += s1
+            total[3] += s2
+            for axis in range(direction.shape[0]):
+                along, s3 = direction[axis, start:end], 0.0
+                for i in range(z.size):
+                    s3 += along[i] * z[i]
+                total[4 + axis] += s3
+            extent[0] = min(extent[0], row)
+            extent[1] = min(extent[1], index[start] - row * width)
+            extent[2] = max(extent[2], row + 1)
+            extent[3] = max(extent[3], index[end - 1] - row * width + 1)
+        start = end

@@ -71,7 +71,7 @@ def separable_model(
     elif options.search == "sequential":
         trials = trial_count(options.confidence, options.inlier_ratio, observation.dimension)
         solution, curve = sequential_search(problem, trials=trials, rng=rng)
-        solution, curve = merge_found(problem, solution, curve)
+        solution, curve = merge_found(problem, solution, curve, in_turn=True)
     else:
         candidates = propose(observation, readings, rng)
         solution, curve = joint_search(problem, candidates, rng=rng)

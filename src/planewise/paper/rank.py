@@ -13,10 +13,12 @@ from planewise.paper.describe import describe
 from planewise.paper.evaluate import Assignment, Evaluator
 from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
-from planewise.runtime.threads import beside, halves
+from planewise.runtime.threads import halves
+
+Array = NDArray[np.float64]
 
 
-def merge_into_better(problem: Problem, solution: Solution) -> Solution:
+def merge_into_better(problem: Problem, solution: Solution, *, in_turn: bool = False) -> Solution:
     """Give a plane's readings to a better plane wherever that lowers Phi (paper, sec. III-C).
 
     Readings that the better plane does not explain become outliers.
@@ -27,6 +29,9 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
         Readings and objective.
     solution : Solution
         Any labelling, optimal for its planes or not.
+    in_turn : bool
+        Whether the planes took readings one after the other, each all that it explains: then an
+        earlier plane explains none of a later one's, and is not asked.
 
     Returns
     -------
@@ -35,32 +40,33 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
-    of_plane: list[NDArray[np.intp]] = []
-
-    def list_readings() -> None:
-        ends = np.cumsum(np.bincount(labels, minlength=len(planes) + 1))
-        of_plane.extend(np.split(np.argsort(labels, kind="stable"), ends[:-1])[1:])
-
-    with beside(list_readings):
+    since = np.arange(len(planes)) if in_turn else np.zeros(len(planes), np.intp)
+    if in_turn:
+        worth: Array = np.diff(solution.assignment.cumulative)
+    else:
         worth = np.bincount(labels, gains, len(planes) + 1)[1:]
     alive = list(np.argsort(worth, kind="stable"))
     merged = False
     for worse in alive[:0:-1]:
-        mine = of_plane[worse]
-        readings = problem.evaluator.subset(mine)
-        better = alive[: alive.index(worse)]
-        pick = int(np.argmin(readings.scores(planes[better])))
-        offer = readings.assign(planes[better[pick]][None])
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        if problem.weight * (offer.gain - worth[worse]) < saved:
+        # Planes before `since` explain none of its readings.
+        better = [j for j in alive[: alive.index(worse)] if j >= since[worse]]
+        if not better and problem.weight * -worth[worse] >= saved:
+            continue
+        mine = np.flatnonzero(labels == worse + 1)
+        on_better, gain, heir = np.zeros(mine.size), 0.0, worse
+        if better:
+            readings = problem.evaluator.subset(mine)
+            heir = better[int(np.argmin(readings.scores(planes[better])))]
+            offer = readings.assign(planes[heir][None])
+            on_better, gain = offer.best, offer.gain
+        if problem.weight * (gain - worth[worse]) < saved:
             if not merged:
                 labels, gains = labels.copy(), gains.copy()
-            gains[mine] = offer.best
-            explained = offer.best < 0
-            labels[mine] = np.where(explained, better[pick] + 1, 0)
-            both = of_plane[better[pick]], mine[explained]
-            of_plane[better[pick]] = np.sort(np.concatenate(both))
-            worth[better[pick]] += offer.gain
+            gains[mine] = on_better
+            labels[mine] = np.where(on_better < 0, heir + 1, 0)
+            worth[heir] += gain
+            since[heir] = min(since[heir], since[worse])
             alive.remove(worse)
             merged = True
     if not merged:
@@ -72,7 +78,9 @@ def merge_into_better(problem: Problem, solution: Solution) -> Solution:
     return Solution(planes[keep], assignment, phi)
 
 
-def merge_found(problem: Problem, solution: Solution, curve: Curve) -> tuple[Solution, Curve]:
+def merge_found(
+    problem: Problem, solution: Solution, curve: Curve, *, in_turn: bool = False
+) -> tuple[Solution, Curve]:
     """Merge planes found one after the other, and leave out the last ones that do not pay then.
 
     Parameters
@@ -81,6 +89,8 @@ def merge_found(problem: Problem, solution: Solution, curve: Curve) -> tuple[Sol
         Readings and objective.
     solution, curve
         From `sequential_search`.
+    in_turn : bool
+        As of `merge_into_better`.
 
     Returns
     -------
@@ -89,7 +99,7 @@ def merge_found(problem: Problem, solution: Solution, curve: Curve) -> tuple[Sol
     curve : Curve
         The same if nothing was merged; else that of the planes that were left, and what was done.
     """
-    merged = merge_into_better(problem, solution)
+    merged = merge_into_better(problem, solution, in_turn=in_turn)
     if merged is solution:
         return solution, curve
     curve = curve.then("merge", len(merged), merged.phi)
@@ -141,4 +151,4 @@ def rank(
     planes = describe(observation, rows, covariances, labels, gains, square, evaluator.threads)
     order = np.argsort([plane.information for plane in planes], kind="stable")
     place = ranks(order, len(solution))
-    return tuple(planes[j] for j in order), place[labels]
+    return tuple(planes[j] for j in order), place.take(labels)

@@ -80,8 +80,7 @@ class RayEvaluator(Evaluator):
         """Row of the plane that saves most and its score, by branch and bound: see `Runs`."""
         if self._runs is None:
             self._runs = Runs.of(self.a, self.s, self.tau, self.threads)
-        sample = self.subset(self._runs.sample)
-        return self._runs.lowest(parameters, sample.scores(parameters))
+        return self._runs.lowest(parameters)
 
     def scores(self, parameters: Array, floor: Array | None = None) -> Array:
         """Sum over readings of min(0, gain - floor) for every plane."""

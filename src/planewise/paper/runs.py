@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planewise.kernels import runs as kernels
+from planewise.kernels.readings import score_rays
 from planewise.runtime import threads
 
 Array = NDArray[np.float64]
@@ -23,8 +24,7 @@ Single = NDArray[np.float32]
 
 _SAMPLE = 1024  # readings on which planes compete to be scored first
 _FIRST = 8  # planes scored first
-_FEWEST_RUNS = 128  # that are worth a thread to put them together ...
-_FEWEST_BOUNDS = 200_000  # ... and times planes, to bound them
+_FEWEST_BOUNDS = 200_000  # runs times planes that are worth a thread
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Runs:
 
     Attributes
     ----------
-    sample : ndarray of int, shape (about 1024,)
-        Readings from all runs alike.
+    sample : ndarray of float32, shape (5, about 1024)
+        a, s and tau of readings from all runs alike.
     data : ndarray of float32, shape (R, 5, RUN)
         a, s and tau of the readings of every run (see `planewise.kernels.readings`).
     box : ndarray of float32, shape (8, R)
@@ -45,7 +45,7 @@ class Runs:
         Threads.
     """
 
-    sample: NDArray[np.int64]
+    sample: Single
     data: Single
     box: Single
     worth: NDArray[np.int32]
@@ -54,42 +54,42 @@ class Runs:
     @classmethod
     def of(cls, a: Array, s: Array, tau: Array, workers: int) -> Runs:
         """Put readings in runs: a (3, k), s (k,), tau (k,)."""
-        order = np.empty(s.size, np.int32)
-        flat = _flattened(a)
-        threads.over_chunks(
-            lambda first, last: kernels.order_rays(flat, s, first, last, order),
-            -(-s.size // kernels.STRIP),
-            workers,
-        )
-        count = -(-s.size // kernels.RUN)
+        order, flat = np.empty(s.size, np.int32), _flattened(a)
+        count, of_strip = -(-s.size // kernels.RUN), kernels.STRIP // kernels.RUN
         data = np.empty((count, 5, kernels.RUN), np.float32)
         box, worth = np.empty((8, count), np.float32), np.empty(count, np.int32)
-        threads.over_chunks(
-            lambda first, last: kernels.pack_rays(a, s, tau, order, first, last, data, box, worth),
-            count,
-            workers,
-            _FEWEST_RUNS,
-        )
-        sample = order[:: max(1, s.size // _SAMPLE)].astype(np.int64)
-        return cls(sample, data, box, worth, workers)
 
-    def lowest(self, parameters: Array, guess: Array) -> tuple[int, float]:
+        def put_in_runs(first: int, last: int) -> None:
+            kernels.order_rays(flat, s, first, last, order)
+            runs = first * of_strip, min(last * of_strip, count)
+            kernels.pack_rays(a, s, tau, order, *runs, data, box, worth)
+
+        threads.over_chunks(put_in_runs, -(-s.size // kernels.STRIP), workers)
+        run, place = np.divmod(np.arange(0, s.size, max(1, s.size // _SAMPLE)), kernels.RUN)
+        return cls(np.ascontiguousarray(data[run, :, place].T), data, box, worth, workers)
+
+    def lowest(self, parameters: Array, guess: Array | None = None) -> tuple[int, float]:
         """Row of the plane of the lowest score (the first of equal ones), and that score.
 
         Parameters
         ----------
         parameters : ndarray, shape (T, 3)
             theta of each plane; NaN scores zero.
-        guess : ndarray, shape (T,)
-            Whose lowest values tell the planes to score first; the result does not depend on it.
+        guess : ndarray, shape (T,), optional
+            Whose lowest values tell the planes to score first; those on the sample if ``None``.
+            The result does not depend on it.
         """
         theta = parameters.astype(np.float32)
         rest, total = np.empty(len(theta), np.int64), np.zeros(len(theta))
+        likely = np.empty(len(theta)) if guess is None else guess
+
+        def bound(first: int, last: int) -> None:
+            kernels.bound_rays(theta, self.box, self.worth, first, last, rest)
+            if guess is None:
+                score_rays(theta, self.sample[:3], *self.sample[3:], first, last, likely)
+
         threads.over_chunks(
-            lambda first, last: kernels.bound_rays(theta, self.box, self.worth, first, last, rest),
-            len(theta),
-            self.workers,
-            max(1, _FEWEST_BOUNDS // len(self.worth)),
+            bound, len(theta), self.workers, max(1, _FEWEST_BOUNDS // len(self.worth))
         )
 
         def score(chosen: NDArray[np.int64], best: float) -> None:
@@ -102,7 +102,7 @@ class Runs:
                 _FIRST,
             )
 
-        score(np.argpartition(guess, min(_FIRST, len(guess) - 1))[:_FIRST], np.inf)
+        score(np.argpartition(likely, min(_FIRST, len(likely) - 1))[:_FIRST], np.inf)
         best = float(total.min())
         score(np.flatnonzero((rest > 0) & (total - rest <= best)), best)
         # A plane that is out has a total above best, as its rest is not negative.
