@@ -15,8 +15,6 @@ from planewise.paper.problem import Problem, Solution
 from planewise.ranks import ranks
 from planewise.runtime.threads import halves
 
-Array = NDArray[np.float64]
-
 
 def merge_into_better(problem: Problem, solution: Solution, *, in_turn: bool = False) -> Solution:
     """Give a plane's readings to a better plane wherever that lowers Phi (paper, sec. III-C).
@@ -42,9 +40,9 @@ def merge_into_better(problem: Problem, solution: Solution, *, in_turn: bool = F
     planes = solution.parameters
     since = np.arange(len(planes)) if in_turn else np.zeros(len(planes), np.intp)
     if in_turn:
-        worth: Array = np.diff(solution.assignment.cumulative)
+        worth = np.diff(solution.assignment.cumulative)
     else:
-        worth = np.bincount(labels, gains, len(planes) + 1)[1:]
+        worth = np.asarray(np.bincount(labels, gains, len(planes) + 1)[1:], np.float64)
     alive = list(np.argsort(worth, kind="stable"))
     merged = False
     for worse in alive[:0:-1]:
