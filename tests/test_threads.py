@@ -10,6 +10,7 @@ from numpy.testing import assert_array_equal
 
 import planewise as pw
 from planewise import scenes
+from planewise.kernels import waiting
 from planewise.runtime import threads
 
 
@@ -31,6 +32,15 @@ def test_a_helper_works_beside_where_two_threads_are_allowed():
 def test_one_thread_does_all_one_after_the_other():
     (worker,), here = names(1)
     assert worker is here
+
+
+def test_who_waits_for_a_helper_looks_for_a_while_and_sees_what_another_thread_writes():
+    done = np.zeros(1, np.int64)
+    assert waiting.look_until(done, 1, 1000, 10) == 0  # then a lock is waited for
+    late = threading.Timer(0.05, done.__setitem__, (0, 3))
+    late.start()
+    assert waiting.look_until(done, 3, 1 << 40, 10) == 3
+    late.join()
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,8 @@ from itertools import islice, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+import numpy as np
+
 from planewise.runtime.forks import in_child
 
 if TYPE_CHECKING:
@@ -27,6 +29,7 @@ MOST = 256
 """Threads that are started at most, however many are asked for."""
 
 _PARTS = 4  # a thread, where there is enough to do
+_LOOKS, _MORE = 250_000, 3_000  # for a helper that is not done: some 60 us; and when it is: 1 us
 _ALLOWED: ContextVar[int] = ContextVar("planewise_threads", default=1)
 _QUOTAS = (  # of a container: files that hold microseconds of processors' time, and of what period
     ("/sys/fs/cgroup/cpu.max",),
@@ -60,12 +63,18 @@ def chosen(asked: int | None) -> int:
 
 
 class _Helper:
-    """A thread that waits for work; a lock wakes it sooner than a pool's queue would."""
+    """A thread that waits for work; a lock wakes it sooner than a pool's queue would.
+
+    Who waits for it looks for a while whether it is done, as it will be soon: waking takes longer.
+    """
 
     def __init__(self) -> None:
+        from planewise.kernels.waiting import look_until  # loads Numba, as who has work for it did
+
         self._work: Callable[[], None] | None = None
         self._error: BaseException | None = None
-        self._started = self._finished = 0  # pieces of work
+        self._started, self._finished = 0, np.zeros(1, np.int64)  # pieces of work
+        self._look_until = look_until
         self._given, self._done = threading.Lock(), threading.Lock()
         self._given.acquire()
         self._done.acquire()
@@ -82,7 +91,7 @@ class _Helper:
             self._work = None
             work = self._started
             self._done.release()
-            self._finished = work
+            self._finished[0] = work  # last of all: then the interpreter's lock is free, too
 
     def start(self, work: Callable[[], None]) -> None:
         """Let it work."""
@@ -97,10 +106,11 @@ class _Helper:
         """
         interrupt: BaseException | None = None
         try:
+            self._look_until(self._finished, self._started, _LOOKS, _MORE)
             self._done.acquire()
         except KeyboardInterrupt as pressed:  # before the lock was taken, or just after
             interrupt = pressed
-            while self._finished < self._started:
+            while self._finished[0] < self._started:
                 time.sleep(0.0005)
             self._done.acquire(blocking=False)
         error, self._error = interrupt or self._error, None
