@@ -22,9 +22,10 @@ from planewise.runtime import threads
 Array = NDArray[np.float64]
 Single = NDArray[np.float32]
 
-_SAMPLE = 1024  # readings on which planes compete to be scored first
-_FIRST = 8  # planes scored first
-_FEWEST_BOUNDS = 200_000  # runs times planes that are worth a thread
+_SAMPLE = 512  # readings on which planes compete to be scored first
+_FIRST = 16  # planes scored first
+_FEWEST_SCORED = 8  # planes that are worth a thread to score, ...
+_FEWEST_BOUNDS = 200_000  # ... and runs times planes to bound
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Runs:
 
     Attributes
     ----------
-    sample : ndarray of float32, shape (5, about 1024)
+    sample : ndarray of float32, shape (5, about 512)
         a, s and tau of readings from all runs alike.
     data : ndarray of float32, shape (R, 5, RUN)
         a, s and tau of the readings of every run (see `planewise.kernels.readings`).
@@ -99,7 +100,7 @@ class Runs:
                 ),
                 chosen.size,
                 self.workers,
-                _FIRST,
+                _FEWEST_SCORED,
             )
 
         score(np.argpartition(likely, min(_FIRST, len(likely) - 1))[:_FIRST], np.inf)
