@@ -172,11 +172,15 @@ def group_data(  # type: ignore[no-untyped-def]
                 wide = 1.0 + (wavy * common[k] + side[k]) * m0[k]
                 chi2 = max(chi2 + m6[k] / wide, least[k])
                 fitted[k] = 0.5 * (chi2 + logarithm(determinant * wide)) + norm[k]
+            on_none = alone[start:stop]
+            for k in range(n):
+                either = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), on_none[k])
+                fitted[k] = either if count[k] > 0.0 else 0.0
             for k in range(n):
                 g, j = start + k, label[start + k]
                 nats = alone[g]
-                if j > 0 and count[k] > 0.0:
-                    nats = of_either(_LN2 + min(fitted[k], count[k] * prior[2]), nats)
+                if j > 0:
+                    nats = fitted[k]
                     worth[v, j] += nats - alone[g]
                     if v == 0:
                         saved[j] += nats - count[k] * prior[2]

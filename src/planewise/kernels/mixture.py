@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from planewise.kernels.elementary import exponential, logarithm
 from planewise.kernels.jit import inlined
 
 OWN = 0.05  # that probability
@@ -16,6 +17,4 @@ def of_either(on, alone):  # type: ignore[no-untyped-def]
     """-ln(0.95 exp(-on) + 0.05 exp(-alone))."""
     odds = (_ON_ITS_OWN - alone) - (_IN_COMMON - on)
     nats = alone - _ON_ITS_OWN if odds > 0.0 else on - _IN_COMMON
-    if abs(odds) < CERTAIN:
-        nats -= math.log1p(math.exp(-abs(odds)))
-    return nats
+    return nats - logarithm(1.0 + exponential(-abs(odds)))
