@@ -164,6 +164,18 @@ def test_of_planes_that_hardly_pay_those_go_without_which_phi_is_lower(book):
     assert_array_equal(pays, [False, True, False, True])
 
 
+def test_planes_that_lower_phi_do_not_go_with_one_before_them_that_raises_it(monkeypatch):
+    curve = np.array([0.0, -50.0, -90.0, -80.0, -85.0])
+    monkeypatch.setattr(solution, "book_of", lambda *_: SimpleNamespace(curve=curve))
+    cost = plane_information(3, 10.0, 0.001)
+    worth = -cost * np.array([2.0, 3.0, 1.5, 2.5])
+    data = GroupData(0.0, worth, worth, worth, np.zeros(5))
+    pays = solution._paying(None, data, None, 10.0, 0.001, cost, cost)
+    assert_array_equal(pays, [False, True, True, True])  # the third by worth raises it
+    curve[4] = -95.0  # with the fourth Phi is lower than without both
+    assert solution._paying(None, data, None, 10.0, 0.001, cost, cost).all()
+
+
 def test_where_all_planes_clearly_pay_no_list_of_them_is_looked_at(book):
     worth = np.full(3, -1e6)
     data = GroupData(0.0, worth, worth, worth, np.zeros(4))

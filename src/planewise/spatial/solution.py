@@ -298,9 +298,10 @@ def _paying(
     """
     pays = (data.even < -least) | (data.worth < -own)
     if (data.worth[pays] > -_SURE * least).any():
-        # Phi is lower without some of these, maybe: the last of them by worth.
+        # Phi is lower without some of these, maybe: of the last of them by worth.
         order = np.lexsort((data.worth, ~pays))
         book = book_of(groups, data.copy(), mask, range, resolution, order)
-        best = int(book.curve[: np.count_nonzero(pays) + 1].argmin())
-        pays[order[best:]] = False
+        curve = book.curve[: np.count_nonzero(pays) + 1]
+        best = int(curve.argmin())
+        pays[order[best : len(curve) - 1][np.diff(curve[best:]) > 0.0]] = False
     return pays
