@@ -208,7 +208,7 @@ class DepthImage:
         """Place in the flattened image and depth in metres of every reading, in raster order."""
         flat = self.values.reshape(-1)
         index = np.flatnonzero((flat >= self.low) & (flat <= self.high))
-        return index, flat[index] * np.float64(self.scale)
+        return index, flat.take(index) * np.float64(self.scale)
 
     def steps(self) -> Array:
         """Quantisation step at every level in metres; 0 where readings are too few to tell."""

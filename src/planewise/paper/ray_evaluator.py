@@ -24,7 +24,7 @@ from planewise.paper.runs import Runs
 from planewise.runtime.threads import over_chunks
 
 _FEWEST_SAMPLES = 2048  # whose planes are worth a thread
-_FEWEST_OFFERED = 8  # parts whose sums for one plane take as long as a thread to begin with them
+_FEWEST_OFFERED = 4  # parts whose sums for one plane take longer than a thread to begin
 
 
 class RayEvaluator(Evaluator):
