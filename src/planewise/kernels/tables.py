@@ -13,8 +13,9 @@ from planewise.kernels.jit import inlined
 def between(table, row, last):  # type: ignore[no-untyped-def]
     """Value of a table at a row, linear between rows; at `last`, the last but one, beyond it."""
     row = min(row, last)
-    below = int(row)
-    return table[below] + (row - below) * (table[below + 1] - table[below])
+    whole = int(row)
+    below = np.uintp(whole)
+    return table[below] + (row - whole) * (table[below + np.uintp(1)] - table[below])
 
 
 @inlined
