@@ -34,7 +34,7 @@ class Runs:
 
     Attributes
     ----------
-    sample : ndarray of float32, shape (5, about 512)
+    sample : ndarray of float32, shape (5, 256 to 512, or all if fewer)
         a, s and tau of readings from all runs alike.
     data : ndarray of float32, shape (R, 5, RUN)
         a, s and tau of the readings of every run (see `planewise.kernels.readings`).
@@ -66,8 +66,10 @@ class Runs:
             kernels.pack_rays(a, s, tau, order, *runs, data, box, worth)
 
         threads.over_chunks(put_in_runs, -(-s.size // kernels.STRIP), workers)
-        run, place = np.divmod(np.arange(0, s.size, max(1, s.size // _SAMPLE)), kernels.RUN)
-        return cls(np.ascontiguousarray(data[run, :, place].T), data, box, worth, workers)
+        every, of_run = -(-count // _SAMPLE), -(-kernels.RUN * count // _SAMPLE)
+        some = data[::every, :, ::of_run]
+        sample = np.ascontiguousarray(some.swapaxes(0, 1).reshape(5, -1))
+        return cls(sample, data, box, worth, workers)
 
     def lowest(self, parameters: Array, guess: Array | None = None) -> tuple[int, float]:
         """Row of the plane of the lowest score (the first of equal ones), and that score.
