@@ -134,8 +134,12 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
         return None
     if depth.dtype.kind not in "fiu":
         return None
+    from planewise import compilation  # loads Numba
+
+    compilation.announce("depth image")
+    pixels = as_loops_take(depth)
     (rows_alike, row_empty), (columns_alike, column_empty) = (
-        _lines_tell(depth, down=down) for down in (False, True)
+        _lines_tell(pixels, down=down) for down in (False, True)
     )
     lines = None
     if rows_alike and columns_alike:
@@ -155,16 +159,17 @@ def own_pixels(depth: object, camera: Camera) -> OwnPixels | Scattered | None:
 
 
 def _lines_tell(image: Image, *, down: bool) -> tuple[bool, bool]:
-    """Whether two of the middle rows, or columns, are equal, and whether one has no readings."""
-    from planewise import compilation  # loads Numba
-    from planewise.kernels.knots import lines_tell
+    """Whether two of the middle rows, or columns, are equal, and whether one has no readings.
 
-    compilation.announce("depth image")
+    image: as loops take it.
+    """
+    from planewise.kernels.knots import lines_tell  # loads Numba
+
     height, width = image.shape
     lines, of_each = (width, (height, 1, width)) if down else (height, (width, width, 1))
     first = max(0, lines // 2 - _LOOKED_AT // 2)
-    pixels, count = as_loops_take(image).reshape(-1), min(_LOOKED_AT, lines - first)
-    alike, empty = lines_tell(pixels, first, count, *of_each)
+    count = min(_LOOKED_AT, lines - first)
+    alike, empty = lines_tell(image.reshape(-1), first, count, *of_each)
     return bool(alike), bool(empty)
 
 

@@ -38,16 +38,16 @@ def merge_into_better(problem: Problem, solution: Solution, *, in_turn: bool = F
     """
     labels, gains = solution.assignment.labels, solution.assignment.best
     planes = solution.parameters
-    since = np.arange(len(planes)) if in_turn else np.zeros(len(planes), np.intp)
+    # Planes before `since` explain none of a plane's readings.
     if in_turn:
-        worth = np.diff(solution.assignment.cumulative)
+        since, worth = np.arange(len(planes)), np.diff(solution.assignment.cumulative)
     else:
+        since = np.zeros(len(planes), np.intp)
         worth = np.asarray(np.bincount(labels, gains, len(planes) + 1)[1:], np.float64)
     alive = list(np.argsort(worth, kind="stable"))
     merged = False
     for worse in alive[:0:-1]:
         saved = problem.structure[len(alive)] - problem.structure[len(alive) - 1]
-        # Planes before `since` explain none of its readings.
         better = [j for j in alive[: alive.index(worse)] if j >= since[worse]]
         if not better and problem.weight * -worth[worse] >= saved:
             continue

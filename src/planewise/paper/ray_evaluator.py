@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -128,8 +126,7 @@ class RayEvaluator(Evaluator):
         )
         moved = np.empty((1, 3))
         kernels.gauss_newton(theta, sums, np.empty((1, 3, 3)), moved)
-        told = all(map(math.isfinite, moved[0].tolist()))
-        return float(saved.sum()), moved[0] if told else plane
+        return float(saved.sum()), moved[0] if np.isfinite(moved).all() else plane
 
     def coefficients(self, parameters: Array) -> Array:
         """normal = -theta / |theta|, distance = 1 / |theta|: the normal faces the sensor."""

@@ -67,29 +67,27 @@ class Runs:
 
         threads.over_chunks(put_in_runs, -(-s.size // kernels.STRIP), workers)
         every, of_run = -(-count // _SAMPLE), -(-kernels.RUN * count // _SAMPLE)
-        some = data[::every, :, ::of_run]
+        some = data[::every, :, ::of_run]  # a few of each run, or one of some
         sample = np.ascontiguousarray(some.swapaxes(0, 1).reshape(5, -1))
         return cls(sample, data, box, worth, workers)
 
-    def lowest(self, parameters: Array, guess: Array | None = None) -> tuple[int, float]:
+    def lowest(self, parameters: Array) -> tuple[int, float]:
         """Row of the plane of the lowest score (the first of equal ones), and that score.
+
+        Planes of low scores on the sample are scored first; the result does not depend on these.
 
         Parameters
         ----------
         parameters : ndarray, shape (T, 3)
             theta of each plane; NaN scores zero.
-        guess : ndarray, shape (T,), optional
-            Whose lowest values tell the planes to score first; those on the sample if ``None``.
-            The result does not depend on it.
         """
         theta = parameters.astype(np.float32)
         rest, total = np.empty(len(theta), np.int64), np.zeros(len(theta))
-        likely = np.empty(len(theta)) if guess is None else guess
+        likely = np.empty(len(theta))
 
         def bound(first: int, last: int) -> None:
             kernels.bound_rays(theta, self.box, self.worth, first, last, rest)
-            if guess is None:
-                score_rays(theta, self.sample[:3], *self.sample[3:], first, last, likely)
+            score_rays(theta, self.sample[:3], *self.sample[3:], first, last, likely)
 
         threads.over_chunks(
             bound, len(theta), self.workers, max(1, _FEWEST_BOUNDS // len(self.worth))
